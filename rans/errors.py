@@ -1,0 +1,17 @@
+"""What can go wrong, as sentences a user can act on."""
+
+
+class RansError(Exception):
+    """Base of every error RANS raises on purpose; its text is one sentence for the user."""
+
+
+class ConfigError(RansError):
+    """A value the user gave cannot work: the message names it, its bound and the usual cause."""
+
+
+class NonFiniteState(RansError):
+    """A state, reward or weight became NaN or infinite; the message says where it was dumped."""
+
+
+class SolverFailed(RansError):
+    """An optimal control problem ended without a solution; the message gives the solver's status."""

@@ -1,0 +1,125 @@
+"""Starts and goals from counter-based random numbers.
+
+A scenario is a function of (seed, episode) alone: scenario 7 of seed 3 is the same in the fast
+engine, in Drake and in an optimal control problem, on every device, however many spacecraft fly.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from rans.dynamics import PlanarState, SpatialState, State
+from rans.fields import Field, Heading, Quat, Vec2, Vec3, cos, map_leaves, sin, sqrt
+
+if TYPE_CHECKING:
+    from rans.tasks.base import Task
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """Where an episode starts and where it should end."""
+
+    start: State
+    goal: State
+
+
+def scenario(task: Task, dimension: Literal[2, 3], seed: int, episode: int) -> Scenario:
+    """Scenario number ``episode`` of a seed, as float64 numbers."""
+    random = Random(dimension, *seed_words(seed), np.array([episode], dtype=np.int32), np.float64)
+    start, goal = task.sample(random)
+    return Scenario(*(map_leaves(lambda x: float(np.squeeze(x)), s) for s in (start, goal)))
+
+
+def seed_words(seed: int) -> tuple[int, int]:
+    """A 64-bit seed as two signed 32-bit words (low, high)."""
+    bits = np.array([seed & 0xFFFFFFFF, (seed >> 32) & 0xFFFFFFFF], dtype=np.uint32)
+    low, high = bits.view(np.int32)
+    return int(low), int(high)
+
+
+def hash4(a: Field, b: Field, c: Field, d: Field) -> tuple[Field, ...]:
+    """Four random 32-bit words from four counters, each an int32 field with wrap-around arithmetic.
+
+    PCG4D of Jarzynski and Olano, "Hash Functions for GPU Rendering", JCGT 9(3), 2020: the cheapest
+    of their hashes that passes the statistical tests at four words in, four words out.
+    """
+    a, b, c, d = (x * 1664525 + 1013904223 for x in (a, b, c, d))
+    a, b, c, d = _mix(a, b, c, d)
+    a, b, c, d = (x ^ ((x >> 16) & 0xFFFF) for x in (a, b, c, d))
+    return _mix(a, b, c, d)
+
+
+def _mix(a: Field, b: Field, c: Field, d: Field) -> tuple[Field, ...]:
+    a = a + b * d
+    b = b + c * a
+    c = c + a * b
+    d = d + b * c
+    return a, b, c, d
+
+
+class Random:
+    """Draws for one episode (of many spacecraft at once); each call takes the next numbers.
+
+    Args:
+        dimension: 2 or 3; decides what `direction` and `attitude` return.
+        low: low word of the seed, an int or an int32 field.
+        high: high word of the seed.
+        episode: number of the episode, int32 field.
+        dtype: floating dtype of the draws, of the episode's library.
+    """
+
+    def __init__(self, dimension: Literal[2, 3], low: Field, high: Field, episode: Field,
+                 dtype: object) -> None:
+        self.dimension = dimension
+        self._key = (low, high)
+        self._episode = episode
+        self._dtype = dtype
+        self._words: tuple[Field, ...] = ()
+        self._blocks = 0
+
+    def unit(self) -> Field:
+        """Uniform in [0, 1), a multiple of 2^-24 and so the same in float32 and float64."""
+        if not self._words:
+            low, high = (self._episode * 0 + word for word in self._key)
+            self._words = hash4(self._episode, self._episode * 0 + self._blocks, low, high)
+            self._blocks += 1
+        word, self._words = self._words[0], self._words[1:]
+        bits = (word >> 8) & 0xFFFFFF
+        real = bits.astype(self._dtype) if isinstance(bits, np.ndarray) else bits.to(self._dtype)
+        return real * 2.0**-24
+
+    def uniform(self, low: float, high: float) -> Field:
+        """Uniform between two bounds."""
+        return low + (high - low) * self.unit()
+
+    def direction(self) -> Vec2 | Vec3:
+        """A unit vector, uniform on the circle or the sphere (Archimedes' cylinder)."""
+        angle = self.uniform(-math.pi, math.pi)
+        if self.dimension == 2:
+            return Vec2(cos(angle), sin(angle))
+        z = self.uniform(-1.0, 1.0)
+        r = sqrt(1.0 - z * z)
+        return Vec3(r * cos(angle), r * sin(angle), z)
+
+    def attitude(self) -> Heading | Quat:
+        """A rotation, uniform over the full circle or over SO(3) (Shoemake, Graphics Gems III)."""
+        if self.dimension == 2:
+            return Heading(self.uniform(-math.pi, math.pi))
+        u = self.unit()
+        first, second = self.uniform(-math.pi, math.pi), self.uniform(-math.pi, math.pi)
+        a, b = sqrt(1.0 - u), sqrt(u)
+        return Quat(b * cos(second), a * sin(first), a * cos(first), b * sin(second))
+
+    def at_rest(self, p: Vec2 | Vec3, attitude: Heading | Quat) -> State:
+        """The state at this place with no velocity."""
+        if isinstance(p, Vec2):
+            return PlanarState(p, attitude, Vec2(0.0, 0.0), 0.0)  # type: ignore[arg-type]
+        return SpatialState(p, attitude, Vec3(0.0, 0.0, 0.0), Vec3(0.0, 0.0, 0.0))  # type: ignore[arg-type]
+
+    def origin(self) -> Vec2 | Vec3:
+        """The origin of W."""
+        return Vec2(0.0, 0.0) if self.dimension == 2 else Vec3(0.0, 0.0, 0.0)

@@ -1,0 +1,182 @@
+"""What a spacecraft is made of: masses and thruster geometry, and nothing derived by hand.
+
+A spacecraft is described in a body-fixed frame G whose origin the author chooses; the body frame B
+used by the equations has the same axes and its origin at the centre of mass.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+
+from rans.errors import ConfigError
+
+ThrustSharing = Literal["none", "split"]
+
+_PLANE_TOLERANCE = 1e-9
+"""Out-of-plane part of a position (m) or unit direction taken for rounding in the file."""
+
+
+@dataclass(frozen=True)
+class Thruster:
+    """One on/off nozzle, rigidly attached."""
+
+    position: tuple[float, float, float]
+    """Where the force acts, in G, m."""
+    direction: tuple[float, float, float]
+    """Unit vector of the force on the spacecraft (the exhaust leaves the other way), in G."""
+    force: float
+    """Thrust when fully on, N."""
+
+
+@dataclass(frozen=True)
+class Spacecraft:
+    """A rigid body with thrusters, moving in a plane (dimension 2) or in space (dimension 3).
+
+    Raises:
+        ConfigError: a value is not physical; the message names the spacecraft, the key and the
+            bound.
+    """
+
+    name: str
+    dimension: Literal[2, 3]
+    """2: x, y and heading (3DoF); 3: position and attitude (6DoF)."""
+    mass: float
+    """kg."""
+    inertia: tuple[tuple[float, float, float], ...]
+    """Inertia tensor about the centre of mass, axes of G, kg m^2; the plane uses its zz entry."""
+    thrusters: tuple[Thruster, ...]
+    centre_of_mass: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """In G, m."""
+    thrust_sharing: ThrustSharing = "none"
+    """"none": each open thruster gives its full force. "split": the supply gives one thruster's
+    worth, shared by the open ones: F_i = F_max a_i / max(sum a, 1) (facts of the original system's
+    2024 platform)."""
+    radius: float = 0.31
+    """Outer radius for drawings, m."""
+    shape: Literal["sphere", "cylinder"] = "sphere"
+    """For drawings."""
+
+    def __post_init__(self) -> None:
+        check(self)
+
+    @cached_property
+    def wrench_map(self) -> tuple[tuple[float, ...], ...]:
+        """Per thruster, its full-on wrench on B about the centre of mass.
+
+        Plane: (F_x, F_y, tau_z); space: (F_x, F_y, F_z, tau_x, tau_y, tau_z); N and N m, axes of B.
+        """
+        return tuple(self._wrench(t) for t in self.thrusters)
+
+    def _wrench(self, thruster: Thruster) -> tuple[float, ...]:
+        force = np.array(thruster.direction) * thruster.force
+        arm = np.array(thruster.position) - np.array(self.centre_of_mass)
+        torque = np.cross(arm, force)
+        if self.dimension == 2:
+            return (float(force[0]), float(force[1]), float(torque[2]))
+        return tuple(float(x) for x in (*force, *torque))
+
+    @property
+    def degrees_of_freedom(self) -> int:
+        """3 in the plane, 6 in space."""
+        return 3 if self.dimension == 2 else 6
+
+
+def check(craft: Spacecraft) -> None:
+    """Refuse what cannot exist, warn about what cannot be controlled.
+
+    Raises:
+        ConfigError: see `Spacecraft`.
+    """
+    _require(craft.dimension in (2, 3), craft, "dimension", craft.dimension, "2 (plane) or 3 (space)")
+    _require(craft.thrust_sharing in ("none", "split"), craft, "thrust_sharing",
+             craft.thrust_sharing, '"none" or "split"')
+    _require(craft.shape in ("sphere", "cylinder"), craft, "shape", craft.shape,
+             '"sphere" or "cylinder"')
+    _require(_positive(craft.mass), craft, "mass", craft.mass, "a finite number > 0 kg")
+    _require(_positive(craft.radius), craft, "radius", craft.radius, "a finite number > 0 m")
+    _require(_finite(craft.centre_of_mass, 3), craft, "centre_of_mass", craft.centre_of_mass,
+             "three finite numbers in m")
+    _require(len(craft.thrusters) > 0, craft, "thruster", "none", "at least one thruster")
+    _check_inertia(craft)
+    for index, thruster in enumerate(craft.thrusters):
+        _check_thruster(craft, index, thruster)
+    _warn_if_uncontrollable(craft)
+
+
+def _require(holds: bool, craft: Spacecraft, key: str, value: object, bound: str) -> None:
+    if not holds:
+        raise ConfigError(f"spacecraft {craft.name!r}: {key} must be {bound}, got {value}.")
+
+
+def _positive(x: float) -> bool:
+    return math.isfinite(x) and x > 0
+
+
+def _finite(vector: tuple[float, ...], length: int) -> bool:
+    return len(vector) == length and all(math.isfinite(x) for x in vector)
+
+
+def _check_inertia(craft: Spacecraft) -> None:
+    """A rigid body's principal moments are positive and none exceeds the sum of the other two."""
+    rows = craft.inertia
+    _require(len(rows) == 3 and all(_finite(row, 3) for row in rows), craft, "inertia", rows,
+             "a finite 3x3 tensor in kg m^2")
+    tensor = np.array(rows)
+    _require(bool(np.allclose(tensor, tensor.T, rtol=1e-9, atol=0)), craft, "inertia", rows,
+             "symmetric (I_xy = I_yx, ...)")
+    low, middle, high = np.linalg.eigvalsh(tensor)
+    _require(low > 0, craft, "inertia", rows,
+             f"positive definite, but its smallest principal moment is {low:.4g} kg m^2")
+    _require(high <= (low + middle) * (1 + 1e-9), craft, "inertia", rows,
+             f"that of a rigid body: the largest principal moment {high:.4g} may not exceed the sum "
+             f"of the other two, {low + middle:.4g} kg m^2")
+
+
+def _check_thruster(craft: Spacecraft, index: int, thruster: Thruster) -> None:
+    key = f"thruster {index} "
+    _require(_finite(thruster.position, 3), craft, key + "position", thruster.position,
+             "three finite numbers in m")
+    _require(_finite(thruster.direction, 3), craft, key + "direction", thruster.direction,
+             "three finite numbers")
+    length = math.hypot(*thruster.direction)
+    _require(abs(length - 1) < 1e-9, craft, key + "direction", thruster.direction,
+             f"a unit vector (its length is {length:.4g}; a zero direction has none)")
+    _require(_positive(thruster.force), craft, key + "force", thruster.force,
+             "a finite number > 0 N")
+    if craft.dimension == 2:
+        lift = thruster.position[2] - craft.centre_of_mass[2]
+        _require(abs(lift) <= _PLANE_TOLERANCE and abs(thruster.direction[2]) <= _PLANE_TOLERANCE,
+                 craft, key.strip(), f"position {thruster.position}, direction {thruster.direction}",
+                 "in the plane of the centre of mass (z = 0) when dimension = 2")
+
+
+def _warn_if_uncontrollable(craft: Spacecraft) -> None:
+    if not controls_every_direction(craft):
+        warnings.warn(
+            f"spacecraft {craft.name!r}: its {len(craft.thrusters)} thrusters cannot push and turn "
+            f"it in every direction of its {craft.degrees_of_freedom} degrees of freedom, so most "
+            "tasks cannot be solved; the usual cause is a missing or reversed thruster.",
+            stacklevel=4,
+        )
+
+
+def controls_every_direction(craft: Spacecraft) -> bool:
+    """Whether the thrusters' wrenches positively span all degrees of freedom.
+
+    They do if and only if they span the space and zero is a combination of them with strictly
+    positive factors (Davis, "Theory of positive linear dependence", 1954).
+    """
+    from scipy.optimize import nnls
+
+    columns = np.array(craft.wrench_map).T
+    columns = columns / np.abs(columns).max()
+    if np.linalg.matrix_rank(columns, tol=1e-9) < craft.degrees_of_freedom:
+        return False
+    opposite = -columns.sum(axis=1)
+    return bool(nnls(columns, opposite)[1] < 1e-9)

@@ -1,0 +1,34 @@
+"""The tasks: what a spacecraft is asked to do. One line here enrols a task everywhere."""
+
+from __future__ import annotations
+
+from rans.errors import ConfigError
+from rans.tasks.base import Task, observation, observation_columns, observation_width, reached
+from rans.tasks.go_to_pose import GoToPose
+
+TASKS: dict[str, type] = {
+    "go-to-pose": GoToPose,
+}
+"""Every task by the name the command line uses."""
+
+GYMNASIUM_IDS: dict[str, tuple[str, str]] = {
+    "go-to-pose": ("rans/GoToPose2D-v0", "rans/GoToPose3D-v0"),
+}
+"""Gymnasium ids of every task: (plane, space)."""
+
+
+def task_class(name: str) -> type:
+    """The task of this name.
+
+    Raises:
+        ConfigError: there is none.
+    """
+    if name not in TASKS:
+        raise ConfigError(f"there is no task named {name!r}; known are {', '.join(sorted(TASKS))}.")
+    return TASKS[name]
+
+
+__all__ = [
+    "GYMNASIUM_IDS", "TASKS", "GoToPose", "Task", "observation", "observation_columns",
+    "observation_width", "reached", "task_class",
+]

@@ -1,0 +1,122 @@
+"""What a task is, and the observation every task shares."""
+
+from __future__ import annotations
+
+from typing import Any, Literal, Protocol
+
+from rans.dynamics import State
+from rans.fields import Field
+from rans.scenario import Random
+
+Dimension = Literal[2, 3]
+
+
+class Task(Protocol):
+    """A frozen dataclass of settings with pure functions over fields; no engine inside.
+
+    The same object serves the plane and space, and torch, NumPy and CasADi. A task never truncates:
+    time belongs to the engine.
+    """
+
+    @property
+    def flag(self) -> int:
+        """The paper's task flag tf, by which a policy knows its task."""
+        ...
+
+    def sample(self, random: Random) -> tuple[State, State]:
+        """Start and goal of one episode."""
+        ...
+
+    def residual(self, state: Any, goal: Any) -> tuple[Field, ...]:
+        """The paper's task data td (Table 1), smooth: observed by policies, driven to
+        `residual_target` by optimal controllers."""
+        ...
+
+    def residual_target(self, dimension: Dimension) -> tuple[float, ...]:
+        """Value of `residual` at the goal."""
+        ...
+
+    def residual_columns(self, dimension: Dimension) -> tuple[Column, ...]:
+        """One row of the observation table per entry of `residual`."""
+        ...
+
+    def errors(self, state: Any, goal: Any) -> dict[str, Field]:
+        """Distance from the goal by quantity; the names are keys of `UNITS`."""
+        ...
+
+    def tolerances(self) -> dict[str, float]:
+        """The error below which each quantity counts as reached, in the units of `errors`."""
+        ...
+
+    def reward(self, state: Any, goal: Any, thrust: tuple[Field, ...]) -> dict[str, Field]:
+        """Named terms; their sum is the reward of arriving in this state with this thrust."""
+        ...
+
+    def failed(self, state: Any, goal: Any) -> Field:
+        """Whether the episode ends here as a failure."""
+        ...
+
+
+Column = tuple[str, str, str]
+"""(what, unit, frame) of one column of the observation."""
+
+UNITS = {"position": "m", "attitude": "rad", "velocity": "m/s", "spin": "rad/s"}
+"""Units of the errors a task may name."""
+
+_TASK_DATA = {2: 4, 3: 9}
+"""Columns kept for task data, so that every task's observation has the same width (Table 1)."""
+
+
+def observation_width(dimension: Dimension) -> int:
+    """10 columns in the plane, 22 in space (paper, section 3.2)."""
+    return len(_BODY_COLUMNS[dimension]) + 1 + _TASK_DATA[dimension]
+
+
+def observation(task: Task, state: Any, goal: Any) -> tuple[Field, ...]:
+    """The paper's observation (section 3.2): attitude, velocity, spin, task flag, task data.
+
+    Unused task data is zero. `observation_columns` names every column.
+    """
+    body = (*state.attitude.columns(), *state.v.columns(), *state.spin())
+    data = task.residual(state, goal)
+    zero = body[0] * 0.0
+    padding = (zero,) * (observation_width(state_dimension(state)) - len(body) - 1 - len(data))
+    return (*body, zero + float(task.flag), *data, *padding)
+
+
+def observation_columns(task: Task, dimension: Dimension) -> tuple[Column, ...]:
+    """What each column of `observation` holds."""
+    data = task.residual_columns(dimension)
+    padding = (("unused", "-", "-"),) * (_TASK_DATA[dimension] - len(data))
+    return (*_BODY_COLUMNS[dimension], ("task flag", "-", "-"), *data, *padding)
+
+
+def state_dimension(state: Any) -> Dimension:
+    """2 for a planar state, 3 for a spatial one."""
+    return 2 if len(state.p.columns()) == 2 else 3
+
+
+def reached(task: Task, state: Any, goal: Any) -> Field:
+    """Whether every error is within its tolerance."""
+    errors, tolerances = task.errors(state, goal), task.tolerances()
+    inside = [errors[name] < tolerances[name] for name in tolerances]
+    result = inside[0]
+    for condition in inside[1:]:
+        result = result & condition
+    return result
+
+
+_BODY_COLUMNS: dict[int, tuple[Column, ...]] = {
+    2: (
+        ("cos heading", "-", "W"),
+        ("sin heading", "-", "W"),
+        ("v_x", "m/s", "W"),
+        ("v_y", "m/s", "W"),
+        ("w_z", "rad/s", "B"),
+    ),
+    3: (
+        *((f"R_WB[{i},{j}]", "-", "W") for i in (0, 1) for j in (0, 1, 2)),
+        *((f"v_{axis}", "m/s", "W") for axis in "xyz"),
+        *((f"w_{axis}", "rad/s", "B") for axis in "xyz"),
+    ),
+}

@@ -1,0 +1,94 @@
+"""Go to a pose and stay there, in the plane (GoToPose-2D) or in space (GoToPose-3D)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from rans.dynamics import State
+from rans.fields import Field, exp
+from rans.scenario import Random
+from rans.tasks.base import Column, Dimension
+
+
+@dataclass(frozen=True)
+class GoToPose:
+    """Go to a pose and stay there (paper: Table 1, rows "Go to pose"; sections 3.2 and 4.1).
+
+    Goal: the origin of W with any attitude. Start: at rest, any bearing, any attitude.
+
+    Observed task data, plane: p_goal - p in W (2 columns, m), cos and sin of goal heading - heading.
+    Space: p_goal - p in W (3 columns, m), first two rows of R_WB^T R_WGoal (6 columns).
+    """
+
+    spawn_distance: tuple[float, float] = (0.5, 4.5)
+    """Range of the start's distance from the goal, m. The paper evaluates on 3 to 4 m."""
+    position_scale: float = 0.25
+    """Error at which the position reward has fallen to 1/e, m (original system, 2023)."""
+    attitude_scale: float = 0.25
+    """Error at which the attitude reward has fallen to 1/e, rad (original system, 2023)."""
+    thrust_weight: float = 0.0
+    """Reward lost per step and open thruster."""
+    position_tolerance: float = 0.05
+    """Distance that counts as reached, m."""
+    attitude_tolerance: float = math.radians(5.0)
+    """Attitude error that counts as reached, rad."""
+    fail_distance: float = 8.0
+    """An episode fails beyond this distance, m (original system)."""
+    fail_spin: float = 4.0
+    """A spatial episode fails beyond this rate, rad/s: without it policies spin up for good."""
+
+    flag = 1
+
+    def sample(self, random: Random) -> tuple[State, State]:
+        """Start around the goal, goal at the origin."""
+        direction, distance = random.direction(), random.uniform(*self.spawn_distance)
+        start = random.at_rest(direction.scale(distance), random.attitude())
+        return start, random.at_rest(random.origin(), random.attitude())
+
+    def residual(self, state: Any, goal: Any) -> tuple[Field, ...]:
+        """Position and attitude still to go."""
+        return (*(goal.p - state.p).columns(), *state.attitude.to(goal.attitude).columns())
+
+    def residual_target(self, dimension: Dimension) -> tuple[float, ...]:
+        """No way to go and no rotation left."""
+        if dimension == 2:
+            return (0.0, 0.0, 1.0, 0.0)
+        return (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
+
+    def residual_columns(self, dimension: Dimension) -> tuple[Column, ...]:
+        """See the class."""
+        way = tuple((f"d{axis}", "m", "W") for axis in "xyz"[:dimension])
+        if dimension == 2:
+            return (*way, ("cos dheading", "-", "-"), ("sin dheading", "-", "-"))
+        return (*way, *((f"dR[{i},{j}]", "-", "B") for i in (0, 1) for j in (0, 1, 2)))
+
+    def errors(self, state: Any, goal: Any) -> dict[str, Field]:
+        """Distance and angle to the goal."""
+        return {
+            "position": (goal.p - state.p).norm(),
+            "attitude": state.attitude.to(goal.attitude).magnitude(),
+        }
+
+    def tolerances(self) -> dict[str, float]:
+        """See the settings."""
+        return {"position": self.position_tolerance, "attitude": self.attitude_tolerance}
+
+    def reward(self, state: Any, goal: Any, thrust: tuple[Field, ...]) -> dict[str, Field]:
+        """exp(-distance / scale) + exp(-angle / scale), less the thrust's price."""
+        errors = self.errors(state, goal)
+        terms = {
+            "position": exp(errors["position"] * (-1.0 / self.position_scale)),
+            "attitude": exp(errors["attitude"] * (-1.0 / self.attitude_scale)),
+        }
+        if self.thrust_weight > 0:
+            terms["thrust"] = sum(thrust[1:], start=thrust[0]) * -self.thrust_weight
+        return terms
+
+    def failed(self, state: Any, goal: Any) -> Field:
+        """Too far away, or in space spinning too fast."""
+        lost = (goal.p - state.p).norm() > self.fail_distance
+        if len(state.spin()) == 1:
+            return lost
+        return lost | (state.w.norm() > self.fail_spin)
