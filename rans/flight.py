@@ -109,7 +109,7 @@ def fly(craft: Spacecraft, task: Task, controller: Controller, starts: Scenario,
         seen = np.stack(observation(task, state, goal), axis=1).astype(np.float32)
         command = np.asarray(controller.act(state, goal, seen), dtype=np.float64)
         state = advance(state, wrench(craft, tuple(command.T)), body, timing.control_period,
-                        timing.substeps).normalised()
+                        timing.substeps_in(craft.dimension)).normalised()
         states.append(state)
         commands.append(command)
     track = unflatten(state, [np.stack(x) for x in zip(*(leaves(s) for s in states), strict=True)])

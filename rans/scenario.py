@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from rans.dynamics import PlanarState, SpatialState, State
+from rans.errors import ConfigError
 from rans.fields import Field, Heading, Quat, Vec2, Vec3, cos, map_leaves, sin, sqrt
 
 if TYPE_CHECKING:
@@ -28,14 +29,26 @@ class Scenario:
 
 
 def scenario(task: Task, dimension: Literal[2, 3], seed: int, episode: int) -> Scenario:
-    """Scenario number ``episode`` of a seed, as float64 numbers."""
+    """Scenario number ``episode`` of a seed, as float64 numbers.
+
+    Raises:
+        ConfigError: the seed has more than 64 bits or the episode more than 31.
+    """
+    if not 0 <= episode < 2**31:
+        raise ConfigError(f"the episode must be a whole number from 0 to {2**31 - 1}, got {episode}.")
     random = Random(dimension, *seed_words(seed), np.array([episode], dtype=np.int32), np.float64)
     start, goal = task.sample(random)
     return Scenario(*(map_leaves(lambda x: float(np.squeeze(x)), s) for s in (start, goal)))
 
 
 def seed_words(seed: int) -> tuple[int, int]:
-    """A 64-bit seed as two signed 32-bit words (low, high)."""
+    """A 64-bit seed, signed or not, as two signed 32-bit words (low, high).
+
+    Raises:
+        ConfigError: the seed has more than 64 bits.
+    """
+    if not -(2**63) <= seed < 2**64:
+        raise ConfigError(f"the seed must be a whole number of at most 64 bits, got {seed}.")
     bits = np.array([seed & 0xFFFFFFFF, (seed >> 32) & 0xFFFFFFFF], dtype=np.uint32)
     low, high = bits.view(np.int32)
     return int(low), int(high)
@@ -73,7 +86,7 @@ class Random:
     """
 
     def __init__(self, dimension: Literal[2, 3], low: Field, high: Field, episode: Field,
-                 dtype: object) -> None:
+                 dtype: Any) -> None:
         self.dimension = dimension
         self._key = (low, high)
         self._episode = episode

@@ -18,6 +18,12 @@ from rans.errors import ConfigError
 
 ThrustSharing = Literal["none", "split"]
 
+_SMALLEST, _LARGEST = 1e-9, 1e9
+"""Range of a mass, force, radius or principal moment, and bound of a coordinate (SI): their products
+and the inertia tensor's determinant then stay within float32."""
+_POSITIVE = f"a number from {_SMALLEST:g} to {_LARGEST:g}"
+_TRIPLE = f"three numbers within +-{_LARGEST:g}"
+
 _PLANE_TOLERANCE = 1e-9
 """Out-of-plane part of a position (m) or unit direction taken for rounding in the file."""
 
@@ -93,15 +99,16 @@ def check(craft: Spacecraft) -> None:
     Raises:
         ConfigError: see `Spacecraft`.
     """
-    _require(craft.dimension in (2, 3), craft, "dimension", craft.dimension, "2 (plane) or 3 (space)")
+    _require(type(craft.dimension) is int and craft.dimension in (2, 3), craft, "dimension",
+             craft.dimension, "2 (plane) or 3 (space)")
     _require(craft.thrust_sharing in ("none", "split"), craft, "thrust_sharing",
              craft.thrust_sharing, '"none" or "split"')
     _require(craft.shape in ("sphere", "cylinder"), craft, "shape", craft.shape,
              '"sphere" or "cylinder"')
-    _require(_positive(craft.mass), craft, "mass", craft.mass, "a finite number > 0 kg")
-    _require(_positive(craft.radius), craft, "radius", craft.radius, "a finite number > 0 m")
-    _require(_finite(craft.centre_of_mass, 3), craft, "centre_of_mass", craft.centre_of_mass,
-             "three finite numbers in m")
+    _require(_positive(craft.mass), craft, "mass", craft.mass, f"{_POSITIVE} kg")
+    _require(_positive(craft.radius), craft, "radius", craft.radius, f"{_POSITIVE} m")
+    _require(_triple(craft.centre_of_mass), craft, "centre_of_mass", craft.centre_of_mass,
+             f"{_TRIPLE} m")
     _require(len(craft.thrusters) > 0, craft, "thruster", "none", "at least one thruster")
     _check_inertia(craft)
     for index, thruster in enumerate(craft.thrusters):
@@ -111,28 +118,35 @@ def check(craft: Spacecraft) -> None:
 
 def _require(holds: bool, craft: Spacecraft, key: str, value: object, bound: str) -> None:
     if not holds:
-        raise ConfigError(f"spacecraft {craft.name!r}: {key} must be {bound}, got {value}.")
+        raise ConfigError(f"spacecraft {craft.name!r}: {key} must be {bound}, got {value!r}.")
+
+
+def _number(x: object) -> bool:
+    """Whether this is a real number in range; NaN is in no range, a truth value is no number."""
+    return isinstance(x, int | float) and not isinstance(x, bool) and -_LARGEST <= x <= _LARGEST
 
 
 def _positive(x: float) -> bool:
-    return math.isfinite(x) and x > 0
+    return _number(x) and x >= _SMALLEST
 
 
-def _finite(vector: tuple[float, ...], length: int) -> bool:
-    return len(vector) == length and all(math.isfinite(x) for x in vector)
+def _triple(vector: tuple[float, ...]) -> bool:
+    return isinstance(vector, tuple) and len(vector) == 3 and all(_number(x) for x in vector)
 
 
 def _check_inertia(craft: Spacecraft) -> None:
     """A rigid body's principal moments are positive and none exceeds the sum of the other two."""
     rows = craft.inertia
-    _require(len(rows) == 3 and all(_finite(row, 3) for row in rows), craft, "inertia", rows,
-             "a finite 3x3 tensor in kg m^2")
+    _require(isinstance(rows, tuple) and len(rows) == 3 and all(map(_triple, rows)), craft, "inertia",
+             rows, f"three rows of {_TRIPLE} kg m^2")
     tensor = np.array(rows)
-    _require(bool(np.allclose(tensor, tensor.T, rtol=1e-9, atol=0)), craft, "inertia", rows,
+    asymmetry = np.abs(tensor - tensor.T).max()
+    _require(asymmetry <= 1e-9 * np.abs(tensor).max(), craft, "inertia", rows,
              "symmetric (I_xy = I_yx, ...)")
     low, middle, high = np.linalg.eigvalsh(tensor)
-    _require(low > 0, craft, "inertia", rows,
-             f"positive definite, but its smallest principal moment is {low:.4g} kg m^2")
+    _require(low >= _SMALLEST, craft, "inertia", rows,
+             f"positive definite: its smallest principal moment is {low:.4g} kg m^2, the bound "
+             f"{_SMALLEST:g}")
     _require(high <= (low + middle) * (1 + 1e-9), craft, "inertia", rows,
              f"that of a rigid body: the largest principal moment {high:.4g} may not exceed the sum "
              f"of the other two, {low + middle:.4g} kg m^2")
@@ -140,20 +154,18 @@ def _check_inertia(craft: Spacecraft) -> None:
 
 def _check_thruster(craft: Spacecraft, index: int, thruster: Thruster) -> None:
     key = f"thruster {index} "
-    _require(_finite(thruster.position, 3), craft, key + "position", thruster.position,
-             "three finite numbers in m")
-    _require(_finite(thruster.direction, 3), craft, key + "direction", thruster.direction,
-             "three finite numbers")
+    _require(_triple(thruster.position), craft, key + "position", thruster.position, f"{_TRIPLE} m")
+    _require(_triple(thruster.direction), craft, key + "direction", thruster.direction, _TRIPLE)
     length = math.hypot(*thruster.direction)
     _require(abs(length - 1) < 1e-9, craft, key + "direction", thruster.direction,
              f"a unit vector (its length is {length:.4g}; a zero direction has none)")
-    _require(_positive(thruster.force), craft, key + "force", thruster.force,
-             "a finite number > 0 N")
+    _require(_positive(thruster.force), craft, key + "force", thruster.force, f"{_POSITIVE} N")
     if craft.dimension == 2:
-        lift = thruster.position[2] - craft.centre_of_mass[2]
+        height = craft.centre_of_mass[2]
+        lift = thruster.position[2] - height
         _require(abs(lift) <= _PLANE_TOLERANCE and abs(thruster.direction[2]) <= _PLANE_TOLERANCE,
-                 craft, key.strip(), f"position {thruster.position}, direction {thruster.direction}",
-                 "in the plane of the centre of mass (z = 0) when dimension = 2")
+                 craft, key.strip(), (thruster.position, thruster.direction),
+                 f"in the plane of the centre of mass (z = {height:g} m) when dimension = 2")
 
 
 def _warn_if_uncontrollable(craft: Spacecraft) -> None:
@@ -175,7 +187,7 @@ def controls_every_direction(craft: Spacecraft) -> bool:
     from scipy.optimize import nnls
 
     columns = np.array(craft.wrench_map).T
-    columns = columns / np.abs(columns).max()
+    columns = columns / np.linalg.norm(columns, axis=0)
     if np.linalg.matrix_rank(columns, tol=1e-9) < craft.degrees_of_freedom:
         return False
     opposite = -columns.sum(axis=1)

@@ -68,8 +68,10 @@ def parse_spacecraft(text: str, source: str) -> Spacecraft:
 
 def _read_toml(text: str) -> dict[str, Any]:
     try:
-        return tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        table = tomllib.loads(text)
+        repr(table)  # fails on an integer with too many digits to print: refuse it here
+        return table
+    except (ValueError, RecursionError) as error:
         raise ConfigError(f"this is not valid TOML: {error}.") from error
 
 
@@ -80,16 +82,17 @@ def _build(table: dict[str, Any]) -> Spacecraft:
             raise ConfigError(f"the key {key!r} is missing.")
     thrusters = table["thruster"]
     if not isinstance(thrusters, list) or not all(isinstance(t, dict) for t in thrusters):
-        raise ConfigError("thruster must be a list of [[thruster]] tables.")
+        raise ConfigError(f"thruster must be [[thruster]] tables, got {thrusters!r}.")
+    lengths = (3,) if table["dimension"] == 3 else (2, 3)
     values: dict[str, Any] = {
         "name": _text(table, "name"),
         "dimension": table["dimension"],
         "mass": _number(table["mass"], "mass"),
         "inertia": _inertia(table["inertia"]),
-        "thrusters": tuple(_thruster(t, i) for i, t in enumerate(thrusters)),
+        "thrusters": tuple(_thruster(t, i, lengths) for i, t in enumerate(thrusters)),
     }
     if "centre_of_mass" in table:
-        values["centre_of_mass"] = _vector(table["centre_of_mass"], "centre_of_mass")
+        values["centre_of_mass"] = _vector(table["centre_of_mass"], "centre_of_mass", lengths)
     if "radius" in table:
         values["radius"] = _number(table["radius"], "radius")
     for key in ("thrust_sharing", "shape"):
@@ -98,17 +101,17 @@ def _build(table: dict[str, Any]) -> Spacecraft:
     return Spacecraft(**values)
 
 
-def _thruster(table: dict[str, Any], index: int) -> Thruster:
+def _thruster(table: dict[str, Any], index: int, lengths: tuple[int, ...]) -> Thruster:
     _check_keys(table, _THRUSTER_KEYS, f"thruster {index}")
     for key in sorted(_THRUSTER_KEYS):
         if key not in table:
             raise ConfigError(f"thruster {index}: the key {key!r} is missing.")
-    direction = _vector(table["direction"], f"thruster {index} direction")
+    direction = _vector(table["direction"], f"thruster {index} direction", lengths)
     length = math.hypot(*direction)
     if not (math.isfinite(length) and length > 0):
         raise ConfigError(f"thruster {index} direction must be finite and not zero, got {direction}.")
     return Thruster(
-        position=_vector(table["position"], f"thruster {index} position"),
+        position=_vector(table["position"], f"thruster {index} position", lengths),
         direction=(direction[0] / length, direction[1] / length, direction[2] / length),
         force=_number(table["force"], f"thruster {index} force"),
     )
@@ -136,9 +139,11 @@ def _number(value: Any, key: str) -> float:
         raise ConfigError(f"{key} is too large for a 64-bit float, got {value}.") from error
 
 
-def _vector(value: Any, key: str) -> tuple[float, float, float]:
-    if not isinstance(value, list) or len(value) not in (2, 3):
-        raise ConfigError(f"{key} must be a list of two or three numbers, got {value!r}.")
+def _vector(value: Any, key: str, lengths: tuple[int, ...]) -> tuple[float, float, float]:
+    """Three numbers; where two are allowed, the third is zero."""
+    if not isinstance(value, list) or len(value) not in lengths:
+        count = " or ".join(map(str, lengths))
+        raise ConfigError(f"{key} must be a list of {count} numbers, got {value!r}.")
     numbers = [_number(x, key) for x in value]
     return (numbers[0], numbers[1], numbers[2] if len(numbers) == 3 else 0.0)
 
@@ -150,4 +155,4 @@ def _inertia(value: Any) -> tuple[tuple[float, float, float], ...]:
         return ((moment, 0.0, 0.0), (0.0, moment, 0.0), (0.0, 0.0, moment))
     if len(value) != 3 or not all(isinstance(row, list) and len(row) == 3 for row in value):
         raise ConfigError(f"inertia must be one number or three rows of three, got {value!r}.")
-    return tuple(_vector(row, "inertia") for row in value)
+    return tuple(_vector(row, "inertia", (3,)) for row in value)

@@ -13,21 +13,30 @@ class Timing:
     """Control rate, accuracy of the motion between two commands, and length of an episode.
 
     Raises:
-        ConfigError: a value is not positive.
+        ConfigError: a value is not a positive number, or a count is not whole.
     """
 
     control_period: float = 0.2
     """Time a command is held, s: 5 Hz, as in the paper (section 3.1)."""
-    substeps: int = 2
-    """Integration steps a control period. In the plane one is exact to rounding already; in space two
-    are more accurate than ten 50 Hz steps of the original system."""
+    substeps: int | None = None
+    """Integration steps a control period; by default 1 in the plane, where that is exact to rounding,
+    and 2 in space: both are more accurate than the original system's ten steps at 50 Hz."""
     episode_steps: int = 125
     """Control periods until an episode is cut off: 25 s."""
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.control_period) and self.control_period > 0):
-            raise ConfigError(f"control_period must be a finite number > 0 s, got {self.control_period}.")
+        period = self.control_period
+        if isinstance(period, bool) or not isinstance(period, int | float) or not 0 < period < math.inf:
+            raise ConfigError(f"control_period must be a finite number > 0 s, got {period!r}.")
         for key in ("substeps", "episode_steps"):
             value = getattr(self, key)
+            if key == "substeps" and value is None:
+                continue
             if isinstance(value, bool) or not isinstance(value, int) or value < 1:
                 raise ConfigError(f"{key} must be a whole number >= 1, got {value!r}.")
+
+    def substeps_in(self, dimension: int) -> int:
+        """Integration steps a control period for a planar (2) or spatial (3) spacecraft."""
+        if self.substeps is not None:
+            return self.substeps
+        return 1 if dimension == 2 else 2

@@ -1,0 +1,56 @@
+"""``rans compare``: an agent beside an LQR and beside what is possible."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+
+@dataclass(frozen=True)
+class Compare:
+    """Fly an agent and an LQR from the same starts and find the optimal trajectories from them.
+
+    Writes compare.json into the run folder. Exit code 1 if the optimiser found no trajectory from
+    some start.
+    """
+
+    run_folder: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RUN")]
+    """Run folder of the agent, as `rans train` made it."""
+    episodes: int = 16
+    """Number of starts."""
+    seed: int = 0
+    """Of the starts."""
+    spawn_distance: tuple[float, float] = (3.0, 4.0)
+    """Least and greatest distance of the starts from the goal, m; the paper's are 3 and 4."""
+
+    def run(self) -> int:
+        """Print a table of the starts and a summary."""
+        from rich.console import Console
+        from rich.progress import Progress
+
+        from rans.errors import ConfigError
+        from rans.evaluation.agent import load_agent
+        from rans.evaluation.compare import bounds, compare
+        from rans.optimal.lqr import LQR
+
+        if self.episodes < 1:
+            raise ConfigError(f"--episodes must be at least 1, got {self.episodes}.")
+        agent, craft, task, timing = load_agent(self.run_folder)
+        task = replace(task, spawn_distance=self.spawn_distance)
+        objectives = bounds(timing)
+        with Progress(console=Console(stderr=True), transient=True) as progress:
+            bar = progress.add_task("optimal trajectories", total=len(objectives) * self.episodes)
+            comparison = compare([agent, LQR(craft, timing)], craft, task, timing, self.seed,
+                                 self.episodes, objectives, progress=lambda: progress.advance(bar))
+        console = Console()
+        for table in comparison.tables():
+            console.print(table)
+        comparison.write(self.run_folder / "compare.json")
+        console.print(f"Written to {self.run_folder / 'compare.json'}.")
+        return 1 if comparison.unsolved else 0
+
+
+COMMAND = Compare

@@ -1,0 +1,226 @@
+"""``rans list``: the spacecraft and tasks there are, and what one of them is made of."""
+
+from __future__ import annotations
+
+import ast
+import dataclasses
+import inspect
+import itertools
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from tyro import conf
+
+from rans.errors import ConfigError
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from rans.spacecraft import Spacecraft
+
+_ARROWS = "→↗↑↖←↙↓↘"
+_TOWARDS, _AWAY = "⊙", "⊗"
+_COLUMNS = ("column", "what", "unit", "frame")
+
+
+@dataclass(frozen=True)
+class List:
+    """Show the spacecraft and tasks there are; with a name, one of them in detail."""
+
+    name: Annotated[str | None, conf.Positional, conf.arg(metavar="[NAME]")] = None
+    """A spacecraft, a task, or the .toml file of your own spacecraft."""
+    picture: Annotated[Path | None, conf.arg(metavar="FILE")] = None
+    """Save a drawing of the spacecraft's thrusters here (.png, .svg or .pdf)."""
+
+    def run(self) -> int:
+        """Print; 0 unless the name or the picture's file is wrong, which raises `ConfigError`."""
+        from rich.console import Console
+
+        console = Console(markup=False, highlight=False)
+        for part in self._parts():
+            console.print(part, soft_wrap=isinstance(part, str))
+        return 0
+
+    def _parts(self) -> Iterable[str | Table]:
+        from rans.spacecraft_file import load_spacecraft, spacecraft_names
+        from rans.tasks import TASKS
+
+        crafts = spacecraft_names()
+        if self.name in TASKS:
+            self._refuse_picture()
+            return _task_details(self.name)
+        if self.name is None:
+            self._refuse_picture()
+            return (_all_spacecraft(), _all_tasks())
+        if self.name not in crafts and not self.name.endswith(".toml"):
+            raise ConfigError(
+                f"there is no spacecraft or task named {self.name!r}; known spacecraft are "
+                f"{', '.join(crafts)}; known tasks are {', '.join(TASKS)}; your own spacecraft's file "
+                "must end in .toml.")
+        craft = load_spacecraft(self.name)
+        if self.picture is None:
+            return _spacecraft_details(craft)
+        save_picture(craft, self.picture)
+        return (*_spacecraft_details(craft), f"Picture: {self.picture}")
+
+    def _refuse_picture(self) -> None:
+        if self.picture is not None:
+            raise ConfigError(f"--picture {self.picture} draws one spacecraft: name it, for example "
+                              f"rans list floating-platform --picture {self.picture}.")
+
+
+COMMAND = List
+
+
+def save_picture(craft: Spacecraft, file: Path) -> None:
+    """Save the layout of a spacecraft's thrusters as .png, .svg or .pdf.
+
+    Raises:
+        ConfigError: another ending, or the file cannot be written.
+    """
+    if file.suffix not in (".png", ".svg", ".pdf"):
+        raise ConfigError(f"a picture's name must end in .png, .svg or .pdf, got {str(file)!r}.")
+    from rans.drawing import draw_layout
+
+    try:
+        draw_layout(craft).savefig(file, dpi=150)
+    except OSError as error:
+        raise ConfigError(f"cannot write the picture {str(file)!r}: {error}.") from error
+
+
+def layout_text(craft: Spacecraft) -> str:
+    """The thrusters of a spacecraft seen along z, drawn with characters.
+
+    Each thruster is its index with the direction of its force: an arrow, or ⊙ towards the viewer and
+    ⊗ away; + is the centre of mass and the dots are the outer radius.
+    """
+    cells: dict[tuple[int, int], str] = {}
+    for angle in range(0, 360, 6):
+        outline = (math.cos(math.radians(angle)), math.sin(math.radians(angle)))
+        cells[_cell(outline, 1.0)] = "·"
+    _put(cells, (0.0, 0.0), "+")
+    for index, thruster in enumerate(craft.thrusters):
+        (dx, dy, dz), position = thruster.direction, thruster.position
+        place = [(p - c) / craft.radius for p, c in zip(position, craft.centre_of_mass, strict=True)]
+        mark = _ARROWS[round(math.atan2(dy, dx) / (math.pi / 4)) % 8]
+        if abs(dz) > math.hypot(dx, dy):
+            mark = _TOWARDS if dz > 0 else _AWAY
+        _put(cells, (place[0] + 0.35 * dx, place[1] + 0.35 * dy), f"{index}{mark}")
+    rows, columns = zip(*cells, strict=True)
+    return "\n".join(
+        "".join(cells.get((row, column), " ") for column in range(min(columns) - 2, max(columns) + 1))
+        for row in range(min(rows), max(rows) + 1))
+
+
+def _cell(place: Sequence[float], width: float) -> tuple[int, int]:
+    """Row and first column of a text centred at a place given in outer radii; characters are 1 x 2."""
+    return round(-8.0 * place[1]), round(16.0 * place[0] - (width - 1) / 2)
+
+
+def _put(cells: dict[tuple[int, int], str], place: Sequence[float], text: str) -> None:
+    """Write the text at its place, or in the first free row below."""
+    row, column = _cell(place, len(text))
+    span = range(column, column + len(text))
+    while any(cells.get((row, c), "·") != "·" for c in span):
+        row += 1
+    cells.update({(row, c): letter for c, letter in zip(span, text, strict=True)})
+
+
+def _all_spacecraft() -> Table:
+    from rans.spacecraft_file import load_spacecraft, spacecraft_names
+
+    crafts = [load_spacecraft(name) for name in spacecraft_names()]
+    return _table("Spacecraft", ("name", "moves in", "mass", "thrusters", "thrust sharing"), [
+        (c.name, _space(c), f"{c.mass:g} kg", f"{len(c.thrusters)} x {_forces(c)}", c.thrust_sharing)
+        for c in crafts])
+
+
+def _all_tasks() -> Table:
+    from rans.tasks import GYMNASIUM_IDS, TASKS
+
+    return _table("Tasks", ("name", "Gymnasium ids (plane, space)", "flag", "what"), [
+        (name, "\n".join(GYMNASIUM_IDS[name]), str(task.flag), _summary(task))
+        for name, task in TASKS.items()])
+
+
+def _spacecraft_details(craft: Spacecraft) -> Iterable[str | Table]:
+    axes = craft.dimension
+    moments = "\n".join(_vector(row, 4) for row in craft.inertia)
+    yield _table(craft.name, ("property", "value"), [
+        ("moves in", _space(craft)),
+        ("mass", f"{craft.mass:g} kg"),
+        ("inertia about the centre of mass, kg m²", moments),
+        ("centre of mass, m", _vector(craft.centre_of_mass[:axes], 4)),
+        ("outer radius", f"{craft.radius:g} m"),
+        ("thrust sharing", craft.thrust_sharing)])
+    yield _table("Thrusters", ("", "position, m", "direction", "force, N", "torque, N m"), [
+        (str(i), *(_vector(v) for v in (t.position[:axes], t.direction[:axes], (t.force,), w[axes:])))
+        for i, (t, w) in enumerate(zip(craft.thrusters, craft.wrench_map, strict=True))])
+    yield f"\n{layout_text(craft)}\n"
+    yield f"x to the right, y up; arrows are forces on the craft; {_TOWARDS} towards you, {_AWAY} away."
+
+
+def _task_details(name: str) -> Iterable[str | Table]:
+    from rans.tasks import GYMNASIUM_IDS, TASKS, observation_columns
+
+    task = TASKS[name]()
+    yield f"{name}: {_summary(TASKS[name])}"
+    yield f"Gymnasium: {', '.join(GYMNASIUM_IDS[name])}; task flag {task.flag}"
+    meanings = _field_meanings(TASKS[name])
+    yield _table("Settings", ("name", "default", "meaning"), [
+        (f.name, _setting(getattr(task, f.name)), meanings.get(f.name, ""))
+        for f in dataclasses.fields(task)])
+    yield _table("Observation in the plane", _COLUMNS, _numbered(observation_columns(task, 2)))
+    yield _table("Observation in space", _COLUMNS, _numbered(observation_columns(task, 3)))
+
+
+def _numbered(columns: Iterable[tuple[str, ...]]) -> list[tuple[str, ...]]:
+    return [(str(index), *column) for index, column in enumerate(columns)]
+
+
+def _field_meanings(described: type) -> dict[str, str]:
+    """The texts under a dataclass's fields, which Python itself does not keep."""
+    body = ast.parse(inspect.getsource(described)).body[0].body  # type: ignore[attr-defined]
+    meanings = {}
+    for field, text in itertools.pairwise(body):
+        match field, text:
+            case ast.AnnAssign(ast.Name(name)), ast.Expr(ast.Constant(str(meaning))):
+                meanings[name] = " ".join(meaning.split())
+    return meanings
+
+
+def _setting(value: object) -> str:
+    if isinstance(value, tuple):
+        return ", ".join(_setting(x) for x in value)
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def _table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]]) -> Table:
+    from rich.table import Table
+
+    table = Table(*columns, title=title, title_justify="left")
+    table.columns[0].no_wrap = True
+    for row in rows:
+        table.add_row(*row)
+    return table
+
+
+def _space(craft: Spacecraft) -> str:
+    return "plane, 3DoF" if craft.dimension == 2 else "space, 6DoF"
+
+
+def _forces(craft: Spacecraft) -> str:
+    forces = sorted({t.force for t in craft.thrusters})
+    return f"{forces[0]:g} N" if len(forces) == 1 else f"{forces[0]:g} to {forces[-1]:g} N"
+
+
+def _vector(numbers: Iterable[float], digits: int = 3) -> str:
+    # Rounding first and adding zero turns -0 and rounding errors into 0.
+    return "  ".join(f"{round(x, 9) + 0.0:.{digits}g}" for x in numbers)
+
+
+def _summary(described: type) -> str:
+    return (described.__doc__ or "").strip().splitlines()[0]

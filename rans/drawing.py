@@ -1,0 +1,214 @@
+"""Pictures of spacecraft: their thruster layout, and frames of their motion."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle
+from PIL import Image, ImageDraw, ImageFont
+
+from rans.fields import Vec2, Vec3
+from rans.spacecraft import Spacecraft
+
+_BODY, _EDGE, _NOZZLE, _FLAME = "#DCE6F0", "#1F2933", "#52606D", "#E69F00"
+_GRID, _SHADOW, _TRAIL, _GOAL = "#E4E7EB", "#B8C0CA", "#0072B2", "#009E73"
+_BODY_AXES = ("#D55E00", "#009E73", "#0072B2")
+
+_SMOOTHING = 2
+"""Frames are drawn this many times larger and averaged down, which smooths edges."""
+
+_AZIMUTH, _ELEVATION = math.radians(-60.0), math.radians(25.0)
+"""Where space is looked at from."""
+
+
+class Scene:
+    """Draws frames of one spacecraft: from above in the plane, obliquely in space.
+
+    The view is an orthographic projection, so a sphere is a disc; the body is drawn as one of its
+    outer radius, with its great circles in space. The view holds the goal, the craft and its trail.
+    Grid lines are 1 m apart; in space they lie in the plane z = z of the goal, and a thin line drops
+    from the craft onto it. The body's axes x, y, z are red, green, blue; the goal is green, on top.
+
+    Args:
+        craft: the spacecraft.
+        width: of a frame, pixels.
+        height: of a frame, pixels.
+    """
+
+    def __init__(self, craft: Spacecraft, width: int = 640, height: int = 480) -> None:
+        self.craft = craft
+        self.width, self.height = width, height
+        self._view = _view(craft.dimension)
+        self._nozzles = np.array([t.position for t in craft.thrusters]) - craft.centre_of_mass
+        self._exhausts = -np.array([t.direction for t in craft.thrusters])
+        self._font = ImageFont.load_default(13 * _SMOOTHING)
+
+    def render(self, state: Any, goal: Any, command: Sequence[float] | np.ndarray,
+               trail: Sequence[Sequence[float]] | np.ndarray = ()) -> np.ndarray:
+        """One frame.
+
+        Args:
+            state: `PlanarState` or `SpatialState` of numbers.
+            goal: the same.
+            command: one value per thruster, 0 (shut) to 1 (open); flames are as long.
+            trail: earlier positions in W, (K, 2 or 3) m.
+
+        Returns:
+            (height, width, 3) uint8: red, green, blue.
+        """
+        (here, turn), (target, target_turn) = _pose(state), _pose(goal)
+        way = [np.resize([*point, 0.0], 3) for point in trail] + [here]
+        self._look_at([*way, target])
+        image = Image.new("RGB", (self.width * _SMOOTHING, self.height * _SMOOTHING), "white")
+        draw = ImageDraw.Draw(image)
+        self._draw_grid(draw, target)
+        self._line(draw, way, _TRAIL, 2.0)
+        if self.craft.dimension == 3:
+            self._line(draw, [here, np.array([here[0], here[1], target[2]])], _SHADOW, 1.0)
+        self._draw_craft(draw, here, turn, np.asarray(command, dtype=float))
+        self._disc(draw, target, None, _GOAL)
+        self._draw_axes(draw, target, target_turn, (True, False), _GOAL)
+        return np.asarray(image.reduce(_SMOOTHING))
+
+    def _look_at(self, points: list[np.ndarray]) -> None:
+        """Choose the centre and the scale of the picture that hold these points of W."""
+        flat = np.array(points) @ self._view.T[:, :2]
+        low, high = flat.min(axis=0), flat.max(axis=0)
+        self._centre = (low + high) / 2.0
+        self._reach = np.maximum((high - low) / 2.0 + 3.0 * self.craft.radius, 5.0 * self.craft.radius)
+        self._scale = _SMOOTHING * 0.5 * float(np.min((self.width, self.height) / self._reach))
+
+    def _pixels(self, points: Sequence[np.ndarray]) -> list[tuple[float, float]]:
+        """Points of W, K of (3,) m, as pixels; their y axis points down."""
+        flat = (np.array(points) @ self._view.T[:, :2] - self._centre) * self._scale
+        x, y = _SMOOTHING * self.width / 2.0 + flat[:, 0], _SMOOTHING * self.height / 2.0 - flat[:, 1]
+        return list(zip(x.tolist(), y.tolist(), strict=True))
+
+    def _line(self, draw: ImageDraw.ImageDraw, points: Sequence[np.ndarray], colour: str,
+              width: float) -> None:
+        draw.line(self._pixels(points), fill=colour, width=round(width * _SMOOTHING), joint="curve")
+
+    def _disc(self, draw: ImageDraw.ImageDraw, centre: np.ndarray, fill: str | None, edge: str) -> None:
+        radius = self.craft.radius * self._scale
+        place = self._pixels([centre])[0]
+        draw.circle(place, radius, fill=fill, outline=edge, width=round(1.5 * _SMOOTHING))
+
+    def _draw_grid(self, draw: ImageDraw.ImageDraw, target: np.ndarray) -> None:
+        """Lines of whole metres; in the plane they run out of the picture."""
+        visible = _SMOOTHING * max(self.width, self.height) / self._scale
+        half = math.ceil(visible if self.craft.dimension == 2 else float(self._reach.max()))
+        x, y = np.round(target[:2])
+        for k in range(-half, half + 1):
+            for a, b in (((k, -half), (k, half)), ((-half, k), (half, k))):
+                ends = [np.array([x + end[0], y + end[1], target[2]]) for end in (a, b)]
+                self._line(draw, ends, _GRID, 1.0)
+        corner = (8 * _SMOOTHING, (self.height - 22) * _SMOOTHING)
+        draw.text(corner, "grid 1 m", fill=_NOZZLE, font=self._font)
+
+    def _draw_axes(self, draw: ImageDraw.ImageDraw, centre: np.ndarray, turn: np.ndarray,
+                   sides: tuple[bool, ...], colour: str | None = None) -> None:
+        """The heading, or in space the body axes that point to the viewer (True) or away (False)."""
+        count = 1 if self.craft.dimension == 2 else 3
+        for axis, own in zip(turn.T[:count], _BODY_AXES, strict=False):
+            if bool(axis @ self._view[2] >= 0.0) in sides:
+                self._line(draw, [centre, centre + 1.5 * self.craft.radius * axis], colour or own, 2.5)
+
+    def _draw_great_circles(self, draw: ImageDraw.ImageDraw, centre: np.ndarray,
+                            turn: np.ndarray) -> None:
+        """The visible halves of the sphere's sections by the body's coordinate planes."""
+        angle = np.linspace(0.0, math.tau, 49)[:, None]
+        for first, second in ((0, 1), (1, 2), (2, 0)):
+            ring = self.craft.radius * (np.cos(angle) * turn[:, first] + np.sin(angle) * turn[:, second])
+            in_front = ring @ self._view[2] > 0.0
+            for start in np.flatnonzero(in_front[:-1] & in_front[1:]):
+                self._line(draw, list(centre + ring[start:start + 2]), _SHADOW, 1.0)
+
+    def _draw_craft(self, draw: ImageDraw.ImageDraw, here: np.ndarray, turn: np.ndarray,
+                    command: np.ndarray) -> None:
+        """Back to front: what is behind the body, the body, what is before it."""
+        nozzles, exhausts = self._nozzles @ turn.T, self._exhausts @ turn.T
+        in_front = nozzles @ self._view[2] >= -1e-9
+        for near in (False, True):
+            if near:
+                self._disc(draw, here, _BODY, _EDGE)
+                if self.craft.dimension == 3:
+                    self._draw_great_circles(draw, here, turn)
+            self._draw_axes(draw, here, turn, (near,))
+            for index in np.flatnonzero(in_front == near):
+                self._draw_thruster(draw, here + nozzles[index], exhausts[index], command[index])
+
+    def _draw_thruster(self, draw: ImageDraw.ImageDraw, place: np.ndarray, exhaust: np.ndarray,
+                       opening: float) -> None:
+        radius = self.craft.radius
+        mouth = place + 0.3 * radius * exhaust
+        if opening > 0.0:
+            side = np.cross(exhaust, self._view[2]) * 0.13 * radius
+            tip = mouth + opening * 1.1 * radius * exhaust
+            draw.polygon(self._pixels([mouth - side, tip, mouth + side]), fill=_FLAME)
+        self._line(draw, [place, mouth], _NOZZLE, 0.16 * radius * self._scale / _SMOOTHING)
+
+
+def _view(dimension: int) -> np.ndarray:
+    """Unit vectors of the picture in W, by row: right, up, towards the viewer."""
+    if dimension == 2:
+        return np.eye(3)
+    (c, s), (ce, se) = ((math.cos(a), math.sin(a)) for a in (_AZIMUTH, _ELEVATION))
+    return np.array([(-s, c, 0.0), (-se * c, -se * s, ce), (ce * c, ce * s, se)])
+
+
+def _pose(state: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Position in W, (3,) m, and rotation matrix R_WB, (3, 3), of a planar or spatial state."""
+    position, turn = np.zeros(3), np.eye(3)
+    dimension = len(state.p.columns())
+    position[:dimension] = state.p.columns()
+    vector = Vec2 if dimension == 2 else Vec3
+    for column in range(dimension):
+        axis = vector(*np.eye(dimension)[column])
+        turn[:dimension, column] = state.attitude.rotate(axis).columns()
+    return position, turn
+
+
+def draw_layout(craft: Spacecraft) -> Figure:
+    """Thrusters with the force each exerts, outline and centre of mass, in the file's frame G.
+
+    Arrows show the force on the spacecraft, the longest for the strongest thruster.
+    """
+    figure = Figure(figsize=(6.0, 6.0), layout="constrained")
+    axes = figure.add_subplot(projection="3d" if craft.dimension == 3 else None)
+    positions = np.array([t.position for t in craft.thrusters])[:, :craft.dimension]
+    forces = np.array([np.array(t.direction) * t.force for t in craft.thrusters])[:, :craft.dimension]
+    arrows = forces * (0.5 * craft.radius / np.linalg.norm(forces, axis=1).max())
+    axes.plot(*positions.T, "o", color=_NOZZLE, markersize=5, label="thruster")
+    axes.plot(*([x] for x in craft.centre_of_mass[:craft.dimension]), "P", color=_FLAME, markersize=9,
+              label="centre of mass")
+    _outline(axes, craft)
+    if craft.dimension == 2:
+        axes.quiver(*positions.T, *arrows.T, color=_TRAIL, angles="xy", scale_units="xy", scale=1.0)
+        axes.update_datalim(positions + 1.4 * arrows)
+    else:
+        axes.quiver(*positions.T, *arrows.T, color=_TRAIL)
+        axes.set_zlabel("z, m")  # type: ignore[attr-defined]
+    for index, tip in enumerate(positions + 1.25 * arrows):
+        axes.text(*tip, str(index), ha="center", va="center", color=_EDGE)  # type: ignore[call-arg]
+    axes.set(title=f"{craft.name}: force of each thruster", xlabel="x, m", ylabel="y, m", aspect="equal")
+    axes.legend(loc="upper left", bbox_to_anchor=(0.0, -0.08), ncols=2, frameon=False)
+    return figure
+
+
+def _outline(axes: Axes, craft: Spacecraft) -> None:
+    """The outer radius, around the centre of mass."""
+    centre = craft.centre_of_mass
+    if craft.dimension == 2:
+        axes.grid(color=_GRID)
+        axes.set_axisbelow(True)
+        axes.add_patch(Circle(centre[:2], craft.radius, facecolor=_BODY, edgecolor=_EDGE, zorder=0.6))
+        return
+    around, down = np.meshgrid(np.linspace(0.0, math.tau, 25), np.linspace(0.0, math.pi, 13))
+    unit = (np.sin(down) * np.cos(around), np.sin(down) * np.sin(around), np.cos(down))
+    sphere = [c + craft.radius * u for c, u in zip(centre, unit, strict=True)]
+    axes.plot_wireframe(*sphere, color=_SHADOW, linewidth=0.4)  # type: ignore[attr-defined]

@@ -1,0 +1,1 @@
+"""What a flight is worth: metrics, figures and reports."""

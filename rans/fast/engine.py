@@ -1,0 +1,222 @@
+"""Batched episodes on one device: the state lives in tensors, one call steps every spacecraft."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from rans.errors import ConfigError
+from rans.fast.episode import Episodes, Outcome, Simulation
+from rans.fields import leaves, map_leaves, unflatten
+from rans.scenario import seed_words
+from rans.spacecraft import Spacecraft
+from rans.tasks.base import Task, observation, observation_width
+from rans.timing import Timing
+
+_NUMPY_DTYPES = {torch.float32: np.float32, torch.float64: np.float64}
+
+
+class Step(NamedTuple):
+    """What one step gave to N environments; tensors on the engine's device."""
+
+    observation: Tensor
+    """(N, width): first of the new episode where the old one ended."""
+    reward: Tensor
+    """(N,)."""
+    terminated: Tensor
+    """(N,) bool: the task failed."""
+    truncated: Tensor
+    """(N,) bool: time is up without failure."""
+    final_observation: Tensor
+    """(N, width) of the state arrived in: the last of the old episode where it ended."""
+    reached: Tensor
+    """(N,) bool: within the task's tolerances on arrival."""
+    terms: Tensor
+    """(terms, N): reward by term, in the order of `Engine.term_names`."""
+
+
+class Engine:
+    """N copies of one spacecraft flying one task.
+
+    Args:
+        craft: the spacecraft.
+        task: the task.
+        num_envs: number of spacecraft stepped together.
+        timing: control period, accuracy and length of an episode.
+        seed: decides all starts and goals, with the episode's number.
+        device: torch device of the state.
+        dtype: torch.float32, or torch.float64 for comparisons.
+        compiled: whether a step is one compiled kernel. By default on a GPU only: a CPU step then
+            runs the same source on NumPy, whose operations on a few thousand numbers start four
+            times faster than torch's and need no compiler.
+
+    Raises:
+        ConfigError: num_envs is not a positive whole number.
+    """
+
+    def __init__(self, craft: Spacecraft, task: Task, num_envs: int, timing: Timing | None = None, *,
+                 seed: int = 0, device: str | torch.device = "cpu",
+                 dtype: torch.dtype = torch.float32, compiled: bool | None = None) -> None:
+        if isinstance(num_envs, bool) or not isinstance(num_envs, int) or num_envs < 1:
+            raise ConfigError(f"the number of environments must be a whole number >= 1, got {num_envs!r}.")
+        self.craft, self.task, self.timing = craft, task, timing or Timing()
+        self.num_envs, self.dtype, self.device = num_envs, dtype, torch.device(device)
+        self.compiled = self.device.type == "cuda" if compiled is None else compiled
+        self.observation_width = observation_width(craft.dimension)
+        self._on_numpy = self.device.type == "cpu" and not self.compiled
+        self._simulation = Simulation(
+            craft, task, self.timing, _NUMPY_DTYPES[dtype] if self._on_numpy else dtype)
+        step = _step_tensors
+        self._step = torch.compile(step, fullgraph=True, dynamic=False) if self.compiled else step
+        self._seed = tuple(self._int32(word) for word in (0, 0))
+        self._episodes: Episodes = self._allocate(seed)
+        self.reset(seed)
+
+    def _int32(self, value: int) -> Any:
+        return value if self._on_numpy else torch.tensor(value, dtype=torch.int32, device=self.device)
+
+    @property
+    def term_names(self) -> tuple[str, ...]:
+        """Names of the reward terms, in the order of `Step.terms`."""
+        e = self._episodes
+        nothing = (leaves(e.state)[0] * 0.0,) * len(self.craft.thrusters)
+        return tuple(self.task.reward(e.state, e.goal, nothing))
+
+    @property
+    def state(self) -> Any:
+        """The current `State`; its fields are views that the next step overwrites."""
+        return self._episodes.state
+
+    @property
+    def goal(self) -> Any:
+        """The current goals; fields that never vary are floats."""
+        return self._episodes.goal
+
+    def reset(self, seed: int | None = None) -> Tensor:
+        """Start a new episode everywhere.
+
+        Args:
+            seed: episodes count from zero under this seed; by default they go on counting.
+
+        Returns:
+            Observation (N, width).
+        """
+        number = self._episodes.number
+        if seed is None:
+            number += self.num_envs
+        else:
+            self._set_seed(seed)
+            self._write(number, self._count())
+        start, goal = self._simulation.begin(self._seed, number)
+        for buffer, value in zip(self._buffers(), (*leaves(start), *_varying(goal)), strict=False):
+            self._write(buffer, value)
+        self._episodes.steps[:] = 0
+        return self.observe()
+
+    def stagger(self, generator: torch.Generator | None = None) -> None:
+        """Pretend the episodes started at random times, so that they do not all end together."""
+        limit = self.timing.episode_steps
+        steps = torch.randint(0, limit, (self.num_envs,), generator=generator, dtype=torch.int32)
+        self._write(self._episodes.steps, steps.numpy() if self._on_numpy else steps.to(self.device))
+
+    def observe(self) -> Tensor:
+        """The current observation, (N, width)."""
+        return self._stack(observation(self.task, self._episodes.state, self._episodes.goal)).T
+
+    def step(self, action: Tensor) -> Step:
+        """Hold the thrusters for one control period.
+
+        Args:
+            action: (N, thrusters), 0 (shut) or 1 (open); any dtype.
+        """
+        if self._on_numpy:
+            return self._step_numpy(action)
+        return self._step(self._simulation, self._episodes, action, self._seed, self.num_envs)
+
+    def _step_numpy(self, action: Tensor) -> Step:
+        command = tuple(np.ascontiguousarray(action.numpy().T).astype(self._simulation.dtype))
+        after, outcome = self._simulation.step(self._episodes, command, self._seed, self.num_envs)
+        for buffer, value in zip(self._buffers(), _memory(after), strict=True):
+            np.copyto(buffer, value)
+        return _results(outcome, lambda rows: torch.from_numpy(np.stack(rows)), torch.from_numpy)
+
+    def save_state(self) -> dict[str, Any]:
+        """Everything a later `load_state` needs to go on bit-identically."""
+        buffers = [torch.as_tensor(b).clone() for b in self._buffers()]
+        return {"buffers": buffers, "seed": [int(w) for w in self._seed]}
+
+    def load_state(self, saved: dict[str, Any]) -> None:
+        """Continue from what `save_state` gave."""
+        for buffer, value in zip(self._buffers(), saved["buffers"], strict=True):
+            self._write(buffer, value.numpy() if self._on_numpy else value.to(self.device))
+        self._seed = tuple(self._int32(w) for w in saved["seed"])
+
+    def _set_seed(self, seed: int) -> None:
+        words = seed_words(seed)
+        if self._on_numpy:
+            self._seed = words
+        else:
+            for tensor, word in zip(self._seed, words, strict=True):
+                tensor.fill_(word)
+
+    def _count(self) -> Any:
+        if self._on_numpy:
+            return np.arange(self.num_envs, dtype=np.int32)
+        return torch.arange(self.num_envs, dtype=torch.int32, device=self.device)
+
+    def _allocate(self, seed: int) -> Episodes:
+        """Buffers of the right shape; their content is written by `reset`."""
+        self._set_seed(seed)
+        number = self._count()
+        start, goal = self._simulation.begin(self._seed, number)
+        zeros = np.zeros if self._on_numpy else lambda n, dtype: torch.zeros(n, dtype=dtype, device=self.device)
+        buffer = lambda _: zeros(self.num_envs, dtype=self._simulation.dtype)  # noqa: E731
+        return Episodes(
+            state=map_leaves(buffer, start),
+            goal=map_leaves(lambda x: x if isinstance(x, float) else buffer(x), goal),
+            steps=self._count() * 0,
+            number=number,
+        )
+
+    def _buffers(self) -> list[Any]:
+        return _memory(self._episodes)
+
+    def _write(self, buffer: Any, value: Any) -> None:
+        buffer[:] = value
+
+    def _stack(self, rows: tuple[Any, ...]) -> Tensor:
+        return torch.from_numpy(np.stack(rows)) if self._on_numpy else torch.stack(rows)
+
+
+def _varying(tree: Any) -> list[Any]:
+    return [x for x in leaves(tree) if not isinstance(x, float)]
+
+
+def _memory(episodes: Episodes) -> list[Any]:
+    """Every buffer of the episodes, in a fixed order."""
+    return [*leaves(episodes.state), *_varying(episodes.goal), episodes.steps, episodes.number]
+
+
+def _step_tensors(simulation: Simulation, episodes: Episodes, action: Tensor,
+                  seed: tuple[Tensor, Tensor], stride: int) -> Step:
+    """One step on tensors, writing the episodes' buffers in place; this is what is compiled."""
+    command = tuple(action[:, i].to(simulation.dtype) for i in range(action.shape[1]))  # type: ignore[call-overload]
+    after, outcome = simulation.step(episodes, command, seed, stride)
+    for buffer, value in zip(_memory(episodes), _memory(after), strict=True):
+        buffer.copy_(value)
+    return _results(outcome, torch.stack, lambda x: x)
+
+
+def _results(outcome: Outcome, stack: Any, wrap: Any) -> Step:
+    return Step(
+        observation=stack(outcome.observation).T,
+        reward=wrap(outcome.reward),
+        terminated=wrap(outcome.terminated),
+        truncated=wrap(outcome.truncated),
+        final_observation=stack(outcome.final_observation).T,
+        reached=wrap(outcome.reached),
+        terms=stack(tuple(outcome.terms.values())),
+    )

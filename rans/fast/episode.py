@@ -1,0 +1,110 @@
+"""One control period of many episodes at once, as a pure function over fields.
+
+Dynamics, named reward terms, termination, truncation, final observation, automatic reset and next
+observation are one expression without branches, so that it compiles into one kernel.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from rans.dynamics import MassProperties, advance, thrust, wrench
+from rans.fields import Field, map_leaves, where
+from rans.scenario import Random
+from rans.spacecraft import Spacecraft
+from rans.tasks.base import Task, observation, reached
+from rans.timing import Timing
+
+
+@dataclass(frozen=True)
+class Episodes:
+    """What the engine remembers of N running episodes."""
+
+    state: Any
+    """`State` of fields (N,)."""
+    goal: Any
+    """`State` of fields (N,), or of floats where the task's goal never varies."""
+    steps: Field
+    """Control periods since the episode's start, int32."""
+    number: Field
+    """Number of the episode: with the seed it decides start and goal, int32."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What one control period gave, before any reset where it matters."""
+
+    observation: tuple[Field, ...]
+    """Of the next state to act in: the first of a new episode where the old one ended."""
+    final_observation: tuple[Field, ...]
+    """Of the state arrived in."""
+    terms: dict[str, Field]
+    """Reward by name."""
+    reward: Field
+    """Sum of the terms."""
+    terminated: Field
+    """The task failed."""
+    truncated: Field
+    """Time is up, and the task did not fail in the same step."""
+    reached: Field
+    """Every error is within the task's tolerance."""
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """Everything about the episodes that does not change while they run."""
+
+    craft: Spacecraft
+    task: Task
+    timing: Timing
+    dtype: object
+    """Floating dtype of the fields, of their library."""
+
+    def begin(self, seed: tuple[Field, Field], number: Field) -> tuple[Any, Any]:
+        """Start and goal of the episodes with these numbers."""
+        return self.task.sample(Random(self.craft.dimension, *seed, number, self.dtype))
+
+    def step(self, episodes: Episodes, command: tuple[Field, ...], seed: tuple[Field, Field],
+             stride: int) -> tuple[Episodes, Outcome]:
+        """Hold the command for one control period; start anew where an episode ended.
+
+        Args:
+            episodes: as they run.
+            command: one field per thruster, 0 (shut) to 1 (open).
+            seed: its two words (`rans.scenario.seed_words`).
+            stride: number of environments: how far the next episode's number is.
+        """
+        task, goal = self.task, episodes.goal
+        state = advance(
+            episodes.state, wrench(self.craft, command), MassProperties.of(self.craft),
+            self.timing.control_period, self.timing.substeps_in(self.craft.dimension),
+        ).normalised()
+        steps = episodes.steps + 1
+        terms = task.reward(state, goal, thrust(self.craft, command))
+        terminated = task.failed(state, goal)
+        truncated = (steps >= self.timing.episode_steps) & ~terminated
+        ended = terminated | truncated
+        number = where(ended, episodes.number + stride, episodes.number)
+        after = self._restart(ended, state, goal, steps, number, seed)
+        return after, Outcome(
+            observation=observation(task, after.state, after.goal),
+            final_observation=observation(task, state, goal),
+            terms=terms,
+            reward=sum(terms.values()),
+            terminated=terminated,
+            truncated=truncated,
+            reached=reached(task, state, goal),
+        )
+
+    def _restart(self, ended: Field, state: Any, goal: Any, steps: Field, number: Field,
+                 seed: tuple[Field, Field]) -> Episodes:
+        start, new_goal = self.begin(seed, number)
+        choose = lambda new, old: old if new is old else where(ended, new, old)  # noqa: E731
+        return Episodes(
+            state=map_leaves(choose, start, state),
+            goal=map_leaves(lambda new, old: old if isinstance(old, float) else choose(new, old),
+                            new_goal, goal),
+            steps=where(ended, steps * 0, steps),
+            number=number,
+        )

@@ -1,0 +1,147 @@
+"""The actor-critic network in SB3's terms, and on/off thrusters evaluated all at once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import gymnasium
+import torch
+from stable_baselines3.common.policies import ActorCriticPolicy
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+from torch import Tensor, nn
+from torch.nn import functional
+
+ACTIVATIONS: dict[str, type[nn.Module]] = {"tanh": nn.Tanh, "elu": nn.ELU, "relu": nn.ReLU}
+
+
+class BodyFrame(nn.Module):
+    """Turns the vectors of an observation from the world frame W into the body frame B.
+
+    The paper's observation gives velocity and way to go in W, but thrusters push in B: a network
+    would have to learn the rotation, and to learn it again for every heading. Without gravity or
+    floor nothing else depends on W, so the attitude itself is dropped (docs/decisions/004-body-frame-policy.md).
+
+    Plane, 10 columns to 8: v_B (2), w, task flag, first vector of the task data in B (2), rest (2).
+    Space, 22 columns to 16: v_B (3), w (3), task flag, first vector in B (3), rest (6).
+    """
+
+    def __init__(self, width: int) -> None:
+        super().__init__()
+        self.dimension = 2 if width == 10 else 3
+        self.width = width - (2 if self.dimension == 2 else 6)
+
+    def forward(self, observation: Tensor) -> Tensor:
+        """(N, width) with vectors in W to (N, self.width) with vectors in B."""
+        x = observation.unbind(dim=1)
+        return torch.stack(self._planar(x) if self.dimension == 2 else self._spatial(x), dim=1)
+
+    def _planar(self, x: tuple[Tensor, ...]) -> list[Tensor]:
+        c, s, v_x, v_y, w, flag, d_x, d_y, *rest = x
+        return [c * v_x + s * v_y, c * v_y - s * v_x, w, flag, c * d_x + s * d_y, c * d_y - s * d_x,
+                *rest]
+
+    def _spatial(self, x: tuple[Tensor, ...]) -> list[Tensor]:
+        """The third row of the rotation matrix is the cross product of the first two."""
+        a, b, v, w, flag, d, rest = x[:3], x[3:6], x[6:9], x[9:12], x[12], x[13:16], x[16:]
+        third = (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+        turn = lambda u: [p * u[0] + q * u[1] + r * u[2] for p, q, r in zip(a, b, third, strict=True)]  # noqa: E731
+        return [*turn(v), *w, flag, *turn(d), *rest]
+
+
+class NormalisedMlp(BaseFeaturesExtractor):
+    """Change to the body frame, observation normaliser, and shared trunk of actor and critic.
+
+    As SB3's features extractor it travels with the policy's weights, statistics included.
+
+    Args:
+        observation_space: Box of shape (10,) or (22,).
+        layers: units of each hidden layer.
+        activation: key of `ACTIVATIONS`.
+        clip: bound of a normalised observation.
+    """
+
+    def __init__(self, observation_space: gymnasium.spaces.Box, layers: Sequence[int] = (128, 128),
+                 activation: str = "tanh", clip: float = 10.0) -> None:
+        super().__init__(observation_space, layers[-1])
+        self.body_frame = BodyFrame(observation_space.shape[0])
+        width = self.body_frame.width
+        self.clip = clip
+        self.mean: Tensor
+        self.variance: Tensor
+        self.count: Tensor
+        self.register_buffer("mean", torch.zeros(width))
+        self.register_buffer("variance", torch.ones(width))
+        self.register_buffer("count", torch.zeros(()))
+        sizes = [width, *layers]
+        modules = [m for i, o in zip(sizes[:-1], sizes[1:], strict=True)
+                   for m in (nn.Linear(i, o), ACTIVATIONS[activation]())]
+        self.trunk = nn.Sequential(*modules)
+
+    def forward(self, observations: Tensor) -> Tensor:
+        """Features (N, units of the last layer) of observations (N, width)."""
+        return self.trunk(self.normalise(observations))
+
+    def normalise(self, observations: Tensor) -> Tensor:
+        """In the body frame, with zero mean and unit variance over those seen in training, clipped."""
+        centred = self.body_frame(observations.to(self.mean.dtype)) - self.mean
+        return (centred * torch.rsqrt(self.variance + 1e-6)).clamp(-self.clip, self.clip)
+
+    @torch.no_grad()
+    def update_statistics(self, observations: Tensor) -> None:
+        """Merge the mean and variance of (N, width) observations into the running ones.
+
+        Chan, Golub and LeVeque, "Updating formulae and a pairwise algorithm for computing sample
+        variances", 1979.
+        """
+        count = observations.shape[0]
+        seen = self.body_frame(observations.to(self.mean.dtype))
+        variance, mean = torch.var_mean(seen, dim=0, correction=0)
+        share = count / (self.count + count)
+        shift = mean - self.mean
+        self.mean += shift * share
+        self.variance += (variance - self.variance) * share + shift.square() * (share * (1 - share))
+        self.count += count
+
+
+class OnOff(NamedTuple):
+    """What the network says about N observations with n on/off thrusters."""
+
+    logit: Tensor
+    """(N, n): log-odds of opening each thruster."""
+    value: Tensor
+    """(N,): value of the state."""
+
+    def log_prob(self, action: Tensor) -> Tensor:
+        """Log-probability (N,) of an action (N, n) of zeros and ones."""
+        return -functional.softplus((1 - 2 * action) * self.logit).sum(dim=1)
+
+    def entropy(self) -> Tensor:
+        """Entropy (N,) of the joint distribution, nats."""
+        return (functional.softplus(self.logit) - self.logit * torch.sigmoid(self.logit)).sum(dim=1)
+
+    def sample(self) -> Tensor:
+        """Random action (N, n), of zeros and ones in the logits' dtype."""
+        return (torch.rand_like(self.logit) < torch.sigmoid(self.logit)).to(self.logit.dtype)
+
+    def mode(self) -> Tensor:
+        """Most likely action (N, n), zeros and ones in the logits' dtype."""
+        return (self.logit > 0).to(self.logit.dtype)
+
+
+def evaluate(policy: ActorCriticPolicy, observations: Tensor) -> OnOff:
+    """Run an SB3 actor-critic policy with ``MultiDiscrete([2] * n)`` actions.
+
+    SB3 gives each thruster two logits and one distribution object; the probability of opening needs
+    only their difference, so both heads shrink to one product with n + 1 outputs.
+    """
+    features = policy.features_extractor(observations)
+    latent_pi, latent_vf = policy.mlp_extractor(features)
+    head, critic = policy.action_net, policy.value_net
+    weight = head.weight[1::2] - head.weight[0::2]  # type: ignore[index]
+    bias = head.bias[1::2] - head.bias[0::2]  # type: ignore[index]
+    if latent_pi is latent_vf:
+        out = functional.linear(
+            latent_pi, torch.cat((weight, critic.weight)), torch.cat((bias, critic.bias)))
+        return OnOff(out[:, :-1], out[:, -1])
+    return OnOff(functional.linear(latent_pi, weight, bias), critic(latent_vf).squeeze(1))

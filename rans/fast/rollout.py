@@ -1,0 +1,112 @@
+"""Experience on the device: collected by the policy, turned into advantages, cut into minibatches."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+from stable_baselines3.common.policies import ActorCriticPolicy
+from torch import Tensor
+
+from rans.fast.engine import Engine
+from rans.fast.policy import evaluate
+
+
+class Batch(NamedTuple):
+    """Transitions to learn from; every first dimension is the transition."""
+
+    observation: Tensor
+    action: Tensor
+    log_prob: Tensor
+    advantage: Tensor
+    target: Tensor
+    """What the value should have been: the advantage plus the value at collection."""
+
+
+class Rollout:
+    """T steps of N environments, in memory that never moves (a CUDA graph writes into it).
+
+    Args:
+        engine: decides N, width, thrusters, device and dtype.
+        n_steps: T.
+    """
+
+    def __init__(self, engine: Engine, n_steps: int) -> None:
+        count, width, thrusters = engine.num_envs, engine.observation_width, len(engine.craft.thrusters)
+        new = lambda *shape: torch.zeros(*shape, dtype=engine.dtype, device=engine.device)  # noqa: E731
+        self.observation, self.action = new(n_steps, count, width), new(n_steps, count, thrusters)
+        self.log_prob, self.value, self.reward = (new(n_steps, count) for _ in range(3))
+        self.ended, self.truncated = new(n_steps, count), new(n_steps, count)
+        self.cut = new(count, width)
+        """Last observation of an episode that time cut off. An episode is no shorter than a rollout,
+        so there is one a rollout at most."""
+        self.terms = new(n_steps, len(engine.term_names))
+        """Mean over the environments of each reward term."""
+        self.reached = new(n_steps)
+        """Number of episodes cut off by time within the task's tolerances."""
+
+    @torch.no_grad()
+    def collect(self, engine: Engine, policy: ActorCriticPolicy) -> None:
+        """Let the policy's random actions fly every environment for T steps."""
+        observation = engine.observe()
+        for t in range(len(self.reward)):
+            output = evaluate(policy, observation)
+            action = output.sample()
+            step = engine.step(action)
+            self.observation[t], self.action[t] = observation, action
+            self.log_prob[t], self.value[t] = output.log_prob(action), output.value
+            self.reward[t], self.truncated[t] = step.reward, step.truncated
+            self.ended[t] = step.truncated | step.terminated
+            self.cut.copy_(torch.where(step.truncated[:, None], step.final_observation, self.cut))
+            self.terms[t] = step.terms.mean(dim=1)
+            self.reached[t] = (step.truncated & step.reached).sum()
+            observation = step.observation
+
+    @torch.no_grad()
+    def batch(self, engine: Engine, policy: ActorCriticPolicy, gamma: float, gae_lambda: float,
+              reward_scale: float) -> Batch:
+        """Advantages of everything collected, each field (T, N, ...).
+
+        An episode cut off by time goes on in principle, so its last reward is followed by the value
+        of the state it was cut off in; a failed one ends there.
+        """
+        count = engine.num_envs
+        beyond = evaluate(policy, torch.cat((engine.observe(), self.cut))).value
+        reward = self.reward * reward_scale + gamma * self.truncated * beyond[count:]
+        advantage = gae(reward, self.value, self.ended, beyond[:count], gamma, gae_lambda)
+        return Batch(self.observation, self.action, self.log_prob, advantage, advantage + self.value)
+
+
+def gae(reward: Tensor, value: Tensor, ended: Tensor, last_value: Tensor, gamma: float,
+        gae_lambda: float) -> Tensor:
+    """Generalised advantage estimates (Schulman et al., 2016).
+
+    Args:
+        reward: (T, N).
+        value: (T, N) of the states acted in.
+        ended: (T, N), 1 where the episode ended with this step.
+        last_value: (N,) of the states after the last step.
+        gamma: discount.
+        gae_lambda: trade-off of bias against variance.
+
+    Returns:
+        (T, N).
+    """
+    going_on = 1.0 - ended
+    following = torch.cat((value[1:], last_value[None]))
+    delta = reward + gamma * going_on * following - value
+    decay = (gamma * gae_lambda) * going_on
+    result, running = torch.empty_like(delta), torch.zeros_like(last_value)
+    for t in reversed(range(len(delta))):
+        running = delta[t] + decay[t] * running
+        result[t] = running
+    return result
+
+
+def minibatches(batch: Batch, count: int) -> list[Batch]:
+    """Cut (T, N, ...) into ``count`` flat minibatches of whole environments.
+
+    Environments are independent, so nothing is gained by shuffling them.
+    """
+    cuts = [torch.chunk(field, count, dim=1) for field in batch]
+    return [Batch(*(field.flatten(0, 1) for field in cut)) for cut in zip(*cuts, strict=True)]

@@ -1,0 +1,92 @@
+"""The engine as a Stable-Baselines3 ``VecEnv``: any SB3 algorithm trains on it unchanged."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import torch
+from gymnasium import spaces
+from stable_baselines3.common.vec_env import VecEnv
+from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvObs, VecEnvStepReturn
+
+from rans.fast.engine import Engine
+from rans.fast.spaces import action_space, observation_space
+
+
+class SB3VecEnv(VecEnv):
+    """An `Engine` seen through SB3's interface.
+
+    SB3 wants NumPy arrays and one dict per environment and step, which costs more than the
+    simulation; `rans.fast.PPO` takes the same object and goes around both.
+
+    Args:
+        engine: the batched episodes; the adapter does not copy them.
+    """
+
+    def __init__(self, engine: Engine) -> None:
+        self.engine = engine
+        self.render_mode = None
+        super().__init__(engine.num_envs, observation_space(engine.craft),
+                         action_space(engine.craft))
+        self._action = torch.zeros(0)
+
+    def reset(self) -> VecEnvObs:
+        """Start every episode anew; (N, width) float32."""
+        seed = self._seeds[0]
+        self._reset_seeds()
+        self._reset_options()
+        self.reset_infos = [{} for _ in range(self.num_envs)]
+        return self.engine.reset(seed).cpu().numpy()
+
+    def step_async(self, actions: np.ndarray) -> None:
+        """Keep the actions (N, thrusters) for `step_wait`."""
+        self._action = torch.as_tensor(actions, device=self.engine.device)
+
+    def step_wait(self) -> VecEnvStepReturn:
+        """One control period; ends are reported in SB3's way, with same-step reset."""
+        step = self.engine.step(self._action)
+        done = (step.terminated | step.truncated).cpu().numpy()
+        infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        ended = np.flatnonzero(done)
+        if len(ended):
+            final = step.final_observation.cpu().numpy()
+            truncated, reached = step.truncated.cpu().numpy(), step.reached.cpu().numpy()
+            for i in ended:
+                infos[i] = {"terminal_observation": final[i],
+                            "TimeLimit.truncated": bool(truncated[i]),
+                            "is_success": bool(reached[i])}
+        # The engine may reuse its memory in the next step, and SB3 keeps observations.
+        return step.observation.cpu().numpy().copy(), step.reward.cpu().numpy(), done, infos
+
+    def seed(self, seed: int | None = None) -> Sequence[int | None]:
+        """Choose the seed of all scenarios; takes effect at the next reset.
+
+        The whole batch has one seed: episode k is the same however many environments share it.
+        """
+        self._seeds = [seed] * self.num_envs
+        return self._seeds
+
+    def close(self) -> None:
+        """Nothing to release."""
+
+    def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
+        """The attribute of the batch, once per environment asked for."""
+        return [getattr(self, attr_name)] * self._count(indices)
+
+    def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
+        """Set an attribute of the whole batch; single environments do not exist."""
+        setattr(self, attr_name, value)
+
+    def env_method(self, method_name: str, *method_args: Any, indices: VecEnvIndices = None,
+                   **method_kwargs: Any) -> list[Any]:
+        """Call a method of the batch, its result once per environment asked for."""
+        return [getattr(self, method_name)(*method_args, **method_kwargs)] * self._count(indices)
+
+    def env_is_wrapped(self, wrapper_class: type, indices: VecEnvIndices = None) -> list[bool]:
+        """Single environments do not exist, so none is wrapped."""
+        return [False] * self._count(indices)
+
+    def _count(self, indices: VecEnvIndices) -> int:
+        return len(list(self._get_indices(indices)))

@@ -1,0 +1,1 @@
+"""The Drake reference: an independent simulation of the same spacecraft."""

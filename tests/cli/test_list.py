@@ -1,0 +1,125 @@
+from __future__ import annotations
+
+from importlib import resources
+from pathlib import Path
+
+import pytest
+
+from rans.cli import main
+from rans.cli.list import layout_text
+from rans.spacecraft import Spacecraft, Thruster
+from rans.spacecraft_file import load_spacecraft, spacecraft_names
+from rans.tasks import GYMNASIUM_IDS, TASKS, GoToPose, observation_columns
+from tests.crafts import nasty_planar, nasty_spatial
+
+UNIT_INERTIA = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+
+@pytest.fixture(autouse=True)
+def _wide(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Tables are as wide as they need to be."""
+    monkeypatch.setenv("COLUMNS", "160")
+
+
+def listed(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
+    assert main(["list", *arguments]) == 0
+    return capsys.readouterr().out
+
+
+def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
+    assert main(["list", *arguments]) == 2
+    captured = capsys.readouterr()
+    assert not captured.out
+    assert captured.err.count("\n") == 1
+    return captured.err
+
+
+def test_everything_is_listed(capsys: pytest.CaptureFixture[str]) -> None:
+    text = listed(capsys)
+    for name in (*spacecraft_names(), *TASKS, *(i for ids in GYMNASIUM_IDS.values() for i in ids)):
+        assert name in text
+
+
+@pytest.mark.parametrize("name", spacecraft_names())
+def test_spacecraft_details(capsys: pytest.CaptureFixture[str], name: str) -> None:
+    craft = load_spacecraft(name)
+    text = listed(capsys, name)
+    assert f"{craft.mass:g} kg" in text
+    for index in range(len(craft.thrusters)):
+        assert f"│ {index} " in text
+
+
+def test_torques_about_the_centre_of_mass(capsys: pytest.CaptureFixture[str]) -> None:
+    # 1 N tangential at 0.31 m; and 1 N upwards at (0.2192, 0.2192): torque (0.219, -0.219, 0).
+    rows = (("floating-platform", 0, "-0.31"), ("free-flyer", 2, "0.219  -0.219  0"))
+    for name, index, torque in rows:
+        lines = listed(capsys, name).splitlines()
+        row = next(line for line in lines if line.startswith(f"│ {index} "))
+        assert row.split("│")[-2].strip() == torque
+
+
+def test_own_file(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    shipped = resources.files("rans") / "data" / "spacecraft" / "floating-platform.toml"
+    file = tmp_path / "mine.toml"
+    text = shipped.read_text("utf-8").replace('"floating-platform"', '"[bold]mine"')
+    file.write_text(text.replace("mass = 5.32", "mass = 7.25"))
+    shown = listed(capsys, str(file))
+    assert "7.25 kg" in shown
+    assert "[bold]mine" in shown  # a name is no markup
+
+
+def test_task_details(capsys: pytest.CaptureFixture[str]) -> None:
+    text = listed(capsys, "go-to-pose")
+    for field, meaning in (("spawn_distance", "0.5, 4.5"), ("fail_distance", "An episode fails beyond")):
+        assert field in text
+        assert meaning in text
+    for column in (*observation_columns(GoToPose(), 2), *observation_columns(GoToPose(), 3)):
+        assert column[0] in text
+
+
+def test_unknown_name(capsys: pytest.CaptureFixture[str]) -> None:
+    text = refused(capsys, "floating-plattform")
+    for part in ("'floating-plattform'", "floating-platform", "go-to-pose", ".toml"):
+        assert part in text
+
+
+def test_missing_file(capsys: pytest.CaptureFixture[str]) -> None:
+    assert "nowhere.toml" in refused(capsys, "nowhere.toml")
+
+
+@pytest.mark.parametrize(("ending", "magic"), [("png", b"\x89PNG"), ("svg", b"<?xml"), ("pdf", b"%PDF")])
+def test_picture(capsys: pytest.CaptureFixture[str], tmp_path: Path, ending: str, magic: bytes) -> None:
+    file = tmp_path / f"x.{ending}"
+    assert str(file) in listed(capsys, "free-flyer", "--picture", str(file)).replace("\n", "")
+    assert file.read_bytes().startswith(magic)
+
+
+def test_wrong_pictures(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    assert ".png, .svg or .pdf" in refused(capsys, "free-flyer", "--picture", str(tmp_path / "x.gif"))
+    assert "cannot write" in refused(capsys, "free-flyer", "--picture", str(tmp_path / "no" / "x.png"))
+    assert "name it" in refused(capsys, "--picture", "x.png")
+    assert "name it" in refused(capsys, "go-to-pose", "--picture", "x.png")
+
+
+@pytest.mark.parametrize(("direction", "mark"), [
+    ((1.0, 0.0, 0.0), "→"), ((0.6, 0.8, 0.0), "↗"), ((0.0, 1.0, 0.0), "↑"), ((-0.8, 0.6, 0.0), "↖"),
+    ((-1.0, 0.0, 0.0), "←"), ((-0.6, -0.8, 0.0), "↙"), ((0.0, -1.0, 0.0), "↓"), ((0.8, -0.6, 0.0), "↘"),
+    ((0.0, 0.0, 1.0), "⊙"), ((0.0, 0.0, -1.0), "⊗"),
+])
+def test_arrow_of_a_force(direction: tuple[float, float, float], mark: str) -> None:
+    with pytest.warns(UserWarning, match="cannot push"):
+        craft = Spacecraft("one", 3, 1.0, UNIT_INERTIA, (Thruster((0.0, 0.3, 0.0), direction, 1.0),))
+    lines = layout_text(craft).splitlines()
+    rows = [line for line in lines if f"0{mark}" in line]
+    assert len(rows) == 1
+    assert lines.index(rows[0]) < next(i for i, line in enumerate(lines) if "+" in line)  # y is up
+
+
+@pytest.mark.parametrize("craft", [load_spacecraft("free-flyer"), nasty_planar(), nasty_spatial()],
+                         ids=lambda craft: craft.name)
+def test_no_thruster_hides_another(craft: Spacecraft) -> None:
+    text = layout_text(craft)
+    for letter in "→↗↑↖←↙↓↘⊙⊗":
+        text = text.replace(letter, " ")
+    assert sorted(int(word) for word in text.replace("·", " ").replace("+", " ").split()) == list(
+        range(len(craft.thrusters)))

@@ -1,0 +1,41 @@
+"""What every test runs under, and the spacecraft that many of them fly."""
+
+from __future__ import annotations
+
+import sys
+
+import pytest
+from hypothesis import settings
+
+from rans.spacecraft import Spacecraft
+from rans.spacecraft_file import load_spacecraft, spacecraft_names
+from tests.crafts import nasty_planar, nasty_spatial
+
+# The same examples in every run, and no deadline: the machine may be busy.
+settings.register_profile("rans", derandomize=True, deadline=None, database=None)
+settings.load_profile("rans")
+
+
+@pytest.fixture(autouse=True)
+def _one_thread() -> None:
+    """One torch thread: small tensors gain nothing from more, and tests run side by side."""
+    if "torch" in sys.modules:
+        sys.modules["torch"].set_num_threads(1)
+
+
+@pytest.fixture(params=spacecraft_names())
+def shipped(request: pytest.FixtureRequest) -> Spacecraft:
+    """Every spacecraft that comes with the package."""
+    return load_spacecraft(request.param)
+
+
+@pytest.fixture
+def planar_craft() -> Spacecraft:
+    """See `tests.crafts.nasty_planar`."""
+    return nasty_planar()
+
+
+@pytest.fixture
+def spatial_craft() -> Spacecraft:
+    """See `tests.crafts.nasty_spatial`."""
+    return nasty_spatial()

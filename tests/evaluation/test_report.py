@@ -1,0 +1,189 @@
+from __future__ import annotations
+
+import json
+import os
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rans.errors import ConfigError, RansError
+from rans.evaluation.metrics import measure
+from rans.evaluation.report import (
+    Finding,
+    Report,
+    Section,
+    Table,
+    comparison_section,
+    evaluation_section,
+    report_from_run,
+    validation_section,
+)
+from tests.evaluation.flights import two_episodes
+from tests.evaluation.test_figures import ROWS
+
+CHECK = {"name": "force", "value": 1e-16, "tolerance": 1e-12, "unit": "N", "reason": "Rounding.",
+         "passed": True}
+LATE = CHECK | {"name": "rollout", "value": 2e-3, "tolerance": 1e-9, "unit": "m", "passed": False}
+
+
+class Page(HTMLParser):
+    """What a page says and what it loads."""
+
+    def __init__(self, html: str) -> None:
+        super().__init__()
+        self.tags: list[str] = []
+        self.links: list[str] = []
+        self.text: list[str] = []
+        self.feed(html)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        self.links += [value or "" for key, value in attrs if key in ("src", "href")]
+
+    def handle_data(self, data: str) -> None:
+        if data.strip():
+            self.text.append(data.strip())
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Path:
+    """A run folder that holds everything."""
+    flight = two_episodes()
+    for name in ("evaluation.svg", "episode.svg"):
+        (tmp_path / name).write_text('<svg xmlns="http://www.w3.org/2000/svg"/>')
+    contents: dict[str, Any] = {
+        "config.json": {"command": "rans train go-to-pose", "seed": 3, "versions": {"rans": "0.1.0"},
+                        "timing": {"control_period": 0.2, "substeps": None}},
+        "validation.json": {"title": "Dynamics", "checks": [CHECK, LATE]},
+        "evaluation.json": {"agent": measure(flight).to_json()},
+        "compare.json": {"starts": [
+            {"start": 0, "contestant": "agent", "settling_time": 6.5, "on_time": 20.0},
+            {"start": 0, "contestant": "LQR", "settling_time": None, "on_time": 28.0}]},
+    }
+    for name, content in contents.items():
+        (tmp_path / name).write_text(json.dumps(content))
+    (tmp_path / "metrics.jsonl").write_text("\n".join(map(json.dumps, ROWS)) + '\n{"steps": 12')
+    return tmp_path
+
+
+def test_report_from_run_holds_everything(run: Path) -> None:
+    page = Page(report_from_run(run).read_text("utf-8"))
+    headings = ["Validation", "Training", "Evaluation", "Comparison", "Configuration"]
+    assert [text for text in page.text if text in headings] == headings * 2  # in the links and above
+    for text in ("rans train go-to-pose", "rans 0.1.0", "timing.control_period", "2.45 cm", "LQR",
+                 "Ended after 10,000 environment steps, 5 s, 100.0 % of episodes successful."):
+        assert text in page.text
+    assert page.tags.count("img") == 4  # learning curve, two of the flight, comparison
+
+
+def test_report_loads_nothing_from_elsewhere(run: Path) -> None:
+    html = report_from_run(run).read_text("utf-8")
+    page = Page(html)
+    assert page.links
+    assert all(link.startswith(("data:", "#")) for link in page.links)
+    assert not {"script", "link", "iframe"} & set(page.tags)
+    assert "url(" not in html
+    assert "@import" not in html
+    assert len(html) < 3e6
+
+
+def test_failures_come_first(run: Path) -> None:
+    text = Page(report_from_run(run).read_text("utf-8")).text
+    marks = [mark for mark in text[:20] if mark in ("pass", "FAIL", "note")]
+    assert text[3] == "Something has failed."
+    assert marks == ["FAIL", "FAIL"]
+    assert "rollout: 0.002 m, tolerance 1e-09." in text[:20]
+
+
+@pytest.mark.parametrize("kept", ["validation.json", "metrics.jsonl", "evaluation.json", "compare.json"])
+def test_what_is_missing_is_left_out(run: Path, kept: str) -> None:
+    for file in run.iterdir():
+        if file.name != kept:
+            file.unlink()
+    page = Page(report_from_run(run).read_text("utf-8"))
+    assert page.tags.count("section") == 1
+
+
+def test_no_results_is_an_error(tmp_path: Path) -> None:
+    (tmp_path / "config.json").write_text("{}")
+    with pytest.raises(ConfigError, match="holds no results"):
+        report_from_run(tmp_path)
+    with pytest.raises(ConfigError, match="holds no results"):
+        report_from_run(tmp_path / "nowhere")
+
+
+def test_a_damaged_file_is_named(run: Path) -> None:
+    (run / "compare.json").write_text('{"starts": [')
+    with pytest.raises(ConfigError, match=r"compare\.json"):
+        report_from_run(run)
+
+
+def test_text_is_escaped() -> None:
+    table = Table(("<b>",), [("<script>alert(1)</script>",)], "<i>")
+    page = Page(Report("a < b", [Section("<h1>", "<img src=x>", [table])]).html())
+    assert not {"script", "b", "i", "img"} & set(page.tags)
+    assert "<script>alert(1)</script>" in page.text
+
+
+def test_cells() -> None:
+    row = (1.23456e-7, float("inf"), None, True, False, 12, "text")
+    page = Page(Report("cells", [Section("one", tables=[Table("abcdefg", [row])])]).html())
+    assert page.text[-8:-1] == ["1.235e-07", "never", "–", "pass", "FAIL", "12", "text"]  # noqa: RUF001
+
+
+def test_verdict() -> None:
+    notes = Section("notes", findings=[Finding("noted")])
+    good = Section("good", findings=[Finding("fine", True)])
+    bad = Section("bad", findings=[Finding("broken", False)])
+    assert Report("x", [notes, good]).passed
+    report = Report("x", [notes, good, bad])
+    assert not report.passed
+    assert [finding.text for finding in report.findings] == ["broken", "fine", "noted"]
+
+
+def test_validation_findings() -> None:
+    assert [f.passed for f in validation_section({"checks": [CHECK, LATE]}).findings] == [False]
+    assert [f.passed for f in validation_section({"checks": [CHECK]}).findings] == [True]
+    # A value that is not finite comes as null.
+    broken = LATE | {"value": None}
+    assert validation_section({"checks": [broken]}).findings[0].text.startswith("rollout: –")  # noqa: RUF001
+
+
+def test_half_solved_is_a_failure() -> None:
+    finding, = evaluation_section([measure(two_episodes())]).findings
+    assert finding.passed is False
+    assert "50.0 % of 2 episodes" in finding.text
+
+
+def test_comparison_keeps_rows_with_different_keys() -> None:
+    section = comparison_section({"a": [{"x": 1}, {"x": 2, "solver_status": "failed"}], "count": 2})
+    table, = section.tables
+    assert table.columns == ["x", "solver status"]
+    assert table.rows == [[1, None], [2, "failed"]]
+    assert not section.pictures
+
+
+def test_an_unsolved_bound_is_a_failure_and_a_slow_controller_is_not() -> None:
+    agent = {"contestant": "agent", "kind": "controller", "starts": 4, "flown": 4, "settled": 2,
+             "median_settling_time": None, "mean_impulse": 12.0}
+    bound = agent | {"contestant": "least time", "kind": "bound", "flown": 3}
+    section = comparison_section({"title": "4 starts", "text": "All fly.", "summary": [agent, bound]})
+    assert section.text == "4 starts. All fly."
+    assert [finding.passed for finding in section.findings] == [None, False]
+    assert section.findings[0].text == "agent settles from 2 of 4 starts, 12.00 N s of thrust (mean)."
+
+
+def test_a_failed_write_keeps_the_old_report(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "report.html"
+    path.write_text("old")
+
+    def full_disk(*_: object) -> None:
+        raise OSError("no space left on device")
+
+    monkeypatch.setattr(os, "replace", full_disk)
+    with pytest.raises(RansError, match=r"cannot write the report.*no space left"):
+        Report("new", []).write(path)
+    assert [file.name for file in tmp_path.iterdir()] == ["report.html"]
+    assert path.read_text() == "old"

@@ -1,0 +1,65 @@
+"""The LQR settles from everywhere, on every kind of spacecraft."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rans.evaluation.metrics import final_errors, settling_times
+from rans.fields import map_leaves
+from rans.flight import fly, scenarios
+from rans.optimal.lqr import LQR, _gains
+from rans.scenario import Scenario
+from rans.spacecraft import Spacecraft
+from rans.spacecraft_file import load_spacecraft
+from rans.tasks import GoToPose
+from rans.timing import Timing
+from tests.crafts import nasty_spatial
+
+TASK = GoToPose(spawn_distance=(3.0, 4.0))
+
+
+@pytest.mark.parametrize("name", ["floating-platform", "free-flyer"])
+def test_settles_from_every_start(name: str) -> None:
+    """The bounds are the facts of a published baseline of this kind, 6.8 s and 1 cm, with a margin."""
+    craft, timing = load_spacecraft(name), Timing()
+    flight = fly(craft, TASK, LQR(craft, timing), scenarios(TASK, craft, 21, 50), timing)
+    settled = settling_times(flight)
+    assert np.isfinite(settled).all()
+    assert np.median(settled) < 8.0
+    assert final_errors(flight)["position"].mean() < 0.01
+
+
+@pytest.mark.parametrize("craft", [
+    replace(load_spacecraft("floating-platform"), thrust_sharing="split"), nasty_spatial(),
+], ids=lambda craft: craft.name)
+def test_brings_awkward_spacecraft_home(craft: Spacecraft) -> None:
+    """A shared supply and an off-centre asymmetric body: slower and rougher, but there in the end."""
+    timing = Timing(episode_steps=250)
+    flight = fly(craft, TASK, LQR(craft, timing), scenarios(TASK, craft, 22, 20), timing)
+    errors = final_errors(flight)
+    assert errors["position"].max() < 0.10
+    assert errors["attitude"].max() < np.radians(10.0)
+
+
+def test_batch_equals_loop() -> None:
+    craft, timing = load_spacecraft("floating-platform"), Timing(episode_steps=40)
+    starts = scenarios(TASK, craft, 23, 3)
+    together = fly(craft, TASK, LQR(craft, timing), starts, timing).commands
+    for k in range(3):
+        one = Scenario(*(map_leaves(lambda x, k=k: x[k:k + 1], s) for s in (starts.start, starts.goal)))
+        alone = fly(craft, TASK, LQR(craft, timing), one, timing).commands
+        assert np.array_equal(alone[:, 0], together[:, k])
+
+
+def test_gains_stabilise_and_tend_to_the_continuous_optimum() -> None:
+    """For p'' = a with weights q, r, 1 / b^2 the continuous optimum is k = b sqrt(q) and
+    d = sqrt(2 k + b^2 r) (Anderson and Moore, "Optimal Control", 1990, chapter 3)."""
+    stiffness, damping = _gains(1e-4, 0.5, 0.8, 0.3)
+    assert stiffness == pytest.approx(0.3 / 0.5, rel=1e-3)  # first order in the period
+    assert damping == pytest.approx(np.sqrt(2 * 0.6 + (0.3 / 0.8) ** 2), rel=1e-3)
+    stiffness, damping = _gains(0.2, 0.5, 0.8, 0.3)
+    closed = np.array([[1 - 0.02 * stiffness, 0.2 - 0.02 * damping], [-0.2 * stiffness, 1 - 0.2 * damping]])
+    assert np.abs(np.linalg.eigvals(closed)).max() < 1.0

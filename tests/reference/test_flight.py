@@ -1,0 +1,84 @@
+"""Flights in Drake against the same flights with our equations."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rans.fields import leaves, map_leaves
+from rans.flight import fly, scenarios
+from rans.reference.flight import fly_in_drake, replay, rows_from_states, states_from_rows
+from rans.spacecraft import Spacecraft
+from rans.tasks import GoToPose, observation_width
+from rans.timing import Timing
+from tests.crafts import nasty_planar, nasty_spatial, random_states
+from validation.sampling import Restless, gap
+
+TASK = GoToPose()
+CRAFTS = [replace(nasty_planar(), thrust_sharing="split"), nasty_spatial()]
+by_name = pytest.mark.parametrize("craft", CRAFTS, ids=lambda craft: craft.name)
+
+
+@by_name
+def test_closed_loop_agrees_with_our_equations(craft: Spacecraft) -> None:
+    """The same decisions, so the same commands, and states within the accuracy of 64 substeps."""
+    timing, starts = Timing(substeps=64, episode_steps=20), scenarios(TASK, craft, 5, 8)
+    ours = fly(craft, TASK, Restless(craft, 1), starts, timing)
+    drake = fly_in_drake(craft, TASK, Restless(craft, 1), starts, timing)
+    assert np.array_equal(drake.commands, ours.commands)
+    assert 0.05 < ours.commands.mean() < 0.95, "a controller that does something"
+    assert max(gap(drake.states, ours.states).values()) < 1e-8  # truncation over 4 s
+    assert (drake.engine, drake.controller) == ("drake", "restless")
+
+
+@by_name
+def test_controllers_see_what_the_task_shows(craft: Spacecraft) -> None:
+    class Watching(Restless):
+        def reset(self, count: int) -> None:
+            self.count, self.seen = count, []
+
+        def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
+            self.seen.append((state, observation))
+            return super().act(state, goal, observation)
+
+    watching = Watching(craft, 2)
+    flight = fly_in_drake(craft, TASK, watching, scenarios(TASK, craft, 0, 3), Timing(episode_steps=15))
+    assert watching.count == 3
+    assert len(watching.seen) == 15
+    for step, (state, seen) in enumerate(watching.seen):
+        assert seen.shape == (3, observation_width(craft.dimension))
+        assert seen.dtype == np.float32
+        # The flight records the states that were seen: headings wrapped, quaternions of unit length.
+        assert np.array_equal(leaves(map_leaves(lambda x, k=step: x[k], flight.states)), leaves(state))
+
+
+@by_name
+def test_replay_repeats_a_flight_and_takes_relaxed_thrust(craft: Spacecraft) -> None:
+    timing = Timing(episode_steps=10)
+    starts = scenarios(TASK, craft, 9, 4)
+    flight = fly_in_drake(craft, TASK, Restless(craft, 3), starts, timing)
+    second = map_leaves(lambda x: float(x[2]), starts.start)
+    again = replay(craft, second, flight.commands[:, 2], timing)
+    track = map_leaves(lambda x: x[:, 2], flight.states)
+    assert max(gap(again, track).values()) < 1e-12  # rounding of bodies integrated together
+    half = replay(craft, second, flight.commands[:, 2] * 0.5, timing)
+    assert gap(half, track)["position"] > 1e-3, "a relaxed command is not taken for an open thruster"
+
+
+def test_replay_does_not_wrap_the_heading() -> None:
+    craft = nasty_planar()
+    start = map_leaves(lambda x: float(x[0]), replace(random_states(2, 1, 0), w=np.array([3.0])))
+    track = replay(craft, start, np.zeros((50, 5)), Timing())
+    assert track.attitude.angle[-1] == pytest.approx(start.attitude.angle + 30.0, abs=1e-11)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_rows_and_states_are_two_forms_of_the_same(dimension: Any) -> None:
+    states = random_states(dimension, 7, 0)
+    rows = rows_from_states(states)
+    assert rows.shape == (7, 6 if dimension == 2 else 13)
+    assert np.array_equal(rows[:, 0], states.p.x)
+    assert np.array_equal(leaves(states_from_rows(rows, states)), leaves(states))

@@ -1,0 +1,163 @@
+"""The judge itself: against numbers worked by hand, and layer by layer against rans.dynamics."""
+
+from __future__ import annotations
+
+import ast
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import rans.reference.plant
+from rans.errors import ConfigError
+from rans.reference.plant import Plant
+from rans.spacecraft import Spacecraft, Thruster
+from rans.spacecraft_file import load_spacecraft
+from tests.crafts import spacecraft
+from validation.checks import Check
+from validation.dynamics import acceleration_checks, period_checks, thruster_checks, wrench_checks
+
+
+def lopsided(dimension: int) -> Spacecraft:
+    """2 kg, 0.5 kg m^2, centre of mass at (0.1, 0, 0); pairs along x and y at odd places."""
+    places = [((0.5, 0.0, 0.0), (0.0, 1.0, 0.0), 3.0), ((0.5, 0.0, 0.0), (0.0, -1.0, 0.0), 1.0),
+              ((0.0, 0.2, 0.0), (1.0, 0.0, 0.0), 4.0), ((0.0, 0.2, 0.0), (-1.0, 0.0, 0.0), 1.0),
+              ((-0.3, 0.0, 0.0), (0.0, 1.0, 0.0), 1.0), ((-0.3, 0.0, 0.0), (0.0, -1.0, 0.0), 1.0)]
+    if dimension == 3:
+        places += [((0.1, y, 0.0), (0.0, 0.0, z), 1.0) for y in (0.3, -0.4) for z in (1.0, -1.0)]
+        places += [((x, 0.0, 0.0), (0.0, 0.0, z), 1.0) for x in (0.3, -0.4) for z in (1.0, -1.0)]
+    inertia = ((0.5, 0.0, 0.0), (0.0, 0.4, 0.0), (0.0, 0.0, 0.5))
+    return Spacecraft("lopsided", dimension, 2.0, inertia,  # type: ignore[arg-type]
+                      tuple(Thruster(*place) for place in places), centre_of_mass=(0.1, 0.0, 0.0))
+
+
+def test_imports_nothing_of_ours_but_the_spacecraft() -> None:
+    source = Path(rans.reference.plant.__file__).read_text("utf-8")
+    ours = set()
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            ours |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, "a relative import would hide what is imported"
+            ours.add(node.module)
+    assert {m for m in ours if m and m.startswith(("rans", "validation"))} == {
+        "rans.spacecraft", "rans.errors"}
+    used = {n.attr for n in ast.walk(ast.parse(source)) if isinstance(n, ast.Attribute)}
+    assert "wrench_map" not in used
+
+
+def test_wrenches_by_hand() -> None:
+    wrenches = Plant(lopsided(2)).thruster_wrenches()
+    # 3 N along y, 0.4 m ahead of the centre of mass; 4 N along x, 0.2 m to its left.
+    assert wrenches[0] == pytest.approx([0.0, 3.0, 1.2], abs=1e-15)
+    assert wrenches[2] == pytest.approx([4.0, 0.0, -0.8], abs=1e-15)
+    up = Plant(lopsided(3)).thruster_wrenches()[6]
+    # 1 N along z, 0.3 m to the left.
+    assert up == pytest.approx([0.0, 0.0, 1.0, 0.3, 0.0, 0.0], abs=1e-15)
+
+
+def test_planar_acceleration_by_hand() -> None:
+    """Heading 90 degrees: 3 N along B's y pushes along -x of W; 1.2 N m turn 0.5 kg m^2."""
+    state = np.array([[5.0, -3.0, math.pi / 2, 0.7, 0.2, 0.9]])
+    command = np.eye(6)[[0]]
+    found = Plant(lopsided(2)).accelerations(state, command)[0]
+    assert found == pytest.approx([-1.5, 0.0, 2.4], abs=1e-14)  # a rounded pi / 2 turns 3 N by 2e-16
+
+
+def test_spatial_acceleration_by_hand() -> None:
+    """Shut: Euler's equations alone. I w' = -w x I w with I = (0.5, 0.4, 0.5), w = (1, 2, 3):
+    I w = (0.5, 0.8, 1.5), w x I w = (2*1.5-3*0.8, 3*0.5-1*1.5, 1*0.8-2*0.5) = (0.6, 0, -0.2)."""
+    turned = [math.cos(0.3), math.sin(0.3) * 0.6, 0.0, math.sin(0.3) * 0.8]
+    state = np.array([[1.0, 2.0, 3.0, *turned, 0.1, 0.2, 0.3, 1.0, 2.0, 3.0]])
+    found = Plant(lopsided(3)).accelerations(state, np.zeros((1, 14)))[0]
+    # Rounding of frames shifted to and from the centre of mass: some 1e-16 each.
+    assert found == pytest.approx([0.0, 0.0, 0.0, -1.2, 0.0, 0.4], abs=1e-14)
+
+
+def test_drifts_straight_and_never_wraps_the_heading() -> None:
+    start = np.array([[0.0, 1.0, 3.0, 0.5, -0.25, 1.0]])
+    track = Plant(lopsided(2)).rollout(start, np.zeros((10, 1, 6)), 1.0)
+    assert track.shape == (11, 1, 6)
+    # 1,000 integration steps of rounding.
+    assert track[-1, 0] == pytest.approx([5.0, -1.5, 13.0, 0.5, -0.25, 1.0], abs=1e-11)
+
+
+def test_split_supply_is_shared_among_open_thrusters() -> None:
+    own = Plant(load_spacecraft("floating-platform"), 3)
+    split = Plant(replace(own.craft, thrust_sharing="split"), 3)
+    commands = np.array([[1, 0, 1, 0, 1, 0, 1, 0], [0, 1, 0, 0, 0, 0, 0, 0], [0.25] * 2 + [0] * 6])
+    shared = split.wrenches(commands)
+    factor = np.array([[4.0], [1.0], [1.0]])  # four open: a quarter each; at most one: all of it
+    assert shared * factor == pytest.approx(own.wrenches(commands), abs=1e-15)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_neighbours_do_not_disturb_each_other(dimension: int) -> None:
+    """One of three spacecraft flies as it does alone, to the last bit, whatever the others do."""
+    craft = lopsided(dimension)
+    random = np.random.default_rng(0)
+    starts = random.uniform(-1, 1, (3, 6 if dimension == 2 else 13))
+    commands = (random.random((5, 3, len(craft.thrusters))) < 0.3).astype(float)
+    together = Plant(craft, 3).rollout(starts, commands, 0.2)
+    alone = Plant(craft).rollout(starts[1:2], commands[:, 1:2], 0.2)
+    assert np.array_equal(together[:, 1], alone[:, 0])
+
+
+def test_a_plant_keeps_no_memory() -> None:
+    plant, start, commands = Plant(lopsided(3)), np.zeros((1, 13)), np.ones((4, 1, 14))
+    start[0, 3] = 1.0
+    first = plant.rollout(start, commands, 0.2)
+    assert np.array_equal(plant.rollout(start, commands, 0.2), first)
+
+
+def test_follow_shows_the_controller_every_state() -> None:
+    seen = []
+
+    def controller(states: np.ndarray) -> np.ndarray:
+        seen.append(states)
+        return np.ones((2, 6)) * (len(seen) % 2)
+
+    plant = Plant(lopsided(2), 2)
+    states, commands = plant.follow(np.zeros((2, 6)), controller, 4, 0.1)
+    assert np.array_equal(np.array(seen), states[:-1])
+    assert np.array_equal(commands[:, 0, 0], [1, 0, 1, 0])
+    assert np.array_equal(plant.rollout(np.zeros((2, 6)), commands, 0.1), states)
+
+
+def test_an_inertia_only_drake_refuses_is_a_sentence() -> None:
+    """A flat plate off the triangle inequality by less than our check's 1e-9."""
+    platform = load_spacecraft("floating-platform")
+    flat = ((0.1, 0.0, 0.0), (0.0, 0.1, 0.0), (0.0, 0.0, 0.2 * (1 + 5e-10)))
+    with pytest.raises(ConfigError, match="Drake refuses its inertia"):
+        Plant(replace(platform, inertia=flat))
+
+
+@pytest.mark.parametrize("sharing", ["none", "split"])
+def test_nasty_spacecraft_agree_layer_by_layer(planar_craft, spatial_craft, sharing) -> None:
+    for craft in (planar_craft, spatial_craft):
+        shared = replace(craft, thrust_sharing=sharing)
+        assert_none_failed([*exact_layers(shared, 3), *period_checks(shared, 3, 32)])
+
+
+def test_shipped_spacecraft_agree_layer_by_layer(shipped: Spacecraft) -> None:
+    assert_none_failed([*exact_layers(shipped, 4), *period_checks(shipped, 4, 32)])
+
+
+@settings(max_examples=25)
+@given(craft=st.one_of(spacecraft(2), spacecraft(3)), seed=st.integers(0, 2**32 - 1))
+def test_any_spacecraft_agrees_layer_by_layer(craft: Spacecraft, seed: int) -> None:
+    assert_none_failed(exact_layers(craft, seed))
+
+
+def exact_layers(craft: Spacecraft, seed: int) -> list[Check]:
+    """The layers without time steps; tolerances and their reasons are those of `validation`."""
+    return [*thruster_checks(craft), *wrench_checks(craft, seed, 16),
+            *acceleration_checks(craft, seed, 16)]
+
+
+def assert_none_failed(checks: list[Check]) -> None:
+    assert [check for check in checks if not check.passed] == []

@@ -1,0 +1,100 @@
+"""Go to pose, by hand: one planar and one spatial state whose every number can be checked on paper."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rans.dynamics import PlanarState, SpatialState
+from rans.fields import Heading, Quat, Vec2, Vec3
+from rans.tasks import GoToPose, observation, reached
+
+HALF = math.sqrt(0.5)
+
+PLANAR = PlanarState(Vec2(0.3, -0.4), Heading(math.pi / 2), Vec2(0.1, 0.2), -0.5)
+"""Half a metre from the origin, facing +y."""
+PLANAR_GOAL = PlanarState(Vec2(0.0, 0.0), Heading(2 * math.pi / 3), Vec2(0.0, 0.0), 0.0)
+"""30 degrees further to the left."""
+
+SPATIAL = SpatialState(Vec3(1.0, 2.0, -2.0), Quat(HALF, 0.0, 0.0, HALF), Vec3(0.1, 0.2, 0.3),
+                       Vec3(-0.1, 0.4, 0.5))
+"""3 m from the origin, a quarter turn about z: body x is world y."""
+SPATIAL_GOAL = SpatialState(Vec3(0.0, 0.0, 0.0), Quat(HALF, HALF, 0.0, 0.0), Vec3(0.0, 0.0, 0.0),
+                            Vec3(0.0, 0.0, 0.0))
+"""A quarter turn about x instead: body y is world z."""
+
+
+def test_planar_observation() -> None:
+    """(cos, sin heading, v_x, v_y, w_z, flag, dx, dy, cos, sin of the turn left): paper, Table 1."""
+    expected = [0, 1, 0.1, 0.2, -0.5, 1, -0.3, 0.4, math.sqrt(3) / 2, 0.5]
+    assert observation(GoToPose(), PLANAR, PLANAR_GOAL) == pytest.approx(expected, abs=1e-15)
+
+
+def test_spatial_observation() -> None:
+    """R = [[0,-1,0],[1,0,0],[0,0,1]], R_goal = [[1,0,0],[0,0,-1],[0,1,0]], so that
+    R^T R_goal = [[0,0,-1],[-1,0,0],[0,1,0]]."""
+    expected = [
+        0, -1, 0, 1, 0, 0,  # first two rows of R
+        0.1, 0.2, 0.3, -0.1, 0.4, 0.5, 1,
+        -1, -2, 2,
+        0, 0, -1, -1, 0, 0,  # first two rows of R^T R_goal
+    ]
+    assert observation(GoToPose(), SPATIAL, SPATIAL_GOAL) == pytest.approx(expected, abs=1e-15)
+
+
+def test_errors() -> None:
+    planar = GoToPose().errors(PLANAR, PLANAR_GOAL)
+    assert planar == pytest.approx({"position": 0.5, "attitude": math.pi / 6})
+    # trace of R^T R_goal is 0 = 1 + 2 cos(angle): a third of a turn
+    spatial = GoToPose().errors(SPATIAL, SPATIAL_GOAL)
+    assert spatial == pytest.approx({"position": 3.0, "attitude": 2 * math.pi / 3})
+
+
+def test_reward() -> None:
+    """exp(-0.5 / 0.25) = 0.1353353; exp(-(pi / 6) / 0.25) = 0.1231447; three open thrusters of 0.02."""
+    task = GoToPose(thrust_weight=0.02)
+    terms = task.reward(PLANAR, PLANAR_GOAL, (1.0, 0.0, 1.0, 1.0))
+    expected = {"position": 0.1353353, "attitude": 0.1231447, "thrust": -0.06}
+    assert terms == pytest.approx(expected, abs=1e-7)
+    assert GoToPose().reward(PLANAR, PLANAR_GOAL, (1.0,)).keys() == {"position", "attitude"}
+    far = GoToPose(position_scale=3.0, attitude_scale=2 * math.pi / 3)
+    assert far.reward(SPATIAL, SPATIAL_GOAL, (1.0,)) == pytest.approx(
+        {"position": 0.3678794, "attitude": 0.3678794}, abs=1e-7)
+
+
+@pytest.mark.parametrize(("distance", "angle", "expected"), [
+    (0.049, 4.9, True), (0.051, 0.0, False), (0.0, 5.1, False), (0.0, -5.1, False), (0.0, 355.1, True),
+])
+def test_reached_within_5_cm_and_5_degrees(distance: float, angle: float, expected: bool) -> None:
+    goal = PLANAR_GOAL
+    state = PlanarState(goal.p + Vec2(0.6 * distance, -0.8 * distance),
+                        Heading(goal.attitude.angle + math.radians(angle)), goal.v, goal.w)
+    assert bool(reached(GoToPose(), state, goal)) is expected
+
+
+@pytest.mark.parametrize(("state", "expected"), [
+    (PlanarState(Vec2(4.8, 6.3), Heading(0.0), Vec2(0.0, 0.0), 0.0), False),  # 7.92 m
+    (PlanarState(Vec2(4.8, 6.5), Heading(0.0), Vec2(0.0, 0.0), 0.0), True),  # 8.08 m
+    (PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 50.0), False),
+    (SpatialState(Vec3(4.0, 4.0, 5.8), Quat(1.0, 0.0, 0.0, 0.0), Vec3(0.0, 0.0, 0.0),
+                  Vec3(0.0, 0.0, 0.0)), True),  # 8.10 m
+    (SpatialState(Vec3(0.0, 0.0, 0.0), Quat(1.0, 0.0, 0.0, 0.0), Vec3(0.0, 0.0, 0.0),
+                  Vec3(2.4, 0.0, -3.3)), True),  # 4.08 rad/s
+    (SpatialState(Vec3(0.0, 0.0, 0.0), Quat(1.0, 0.0, 0.0, 0.0), Vec3(0.0, 0.0, 0.0),
+                  Vec3(2.4, 0.0, -3.1)), False),  # 3.92 rad/s
+])
+def test_fails_beyond_8_m_and_in_space_beyond_4_rad_per_s(state: Any, expected: bool) -> None:
+    goal = PLANAR_GOAL if isinstance(state, PlanarState) else SPATIAL_GOAL
+    assert bool(GoToPose().failed(state, goal)) is expected
+
+
+def test_a_full_turn_away_is_no_turn() -> None:
+    turned = PlanarState(PLANAR.p, Heading(PLANAR.attitude.angle + 6 * math.pi), PLANAR.v, PLANAR.w)
+    flipped = SpatialState(SPATIAL.p, Quat(-HALF, 0.0, 0.0, -HALF), SPATIAL.v, SPATIAL.w)
+    for a, b, goal in ((PLANAR, turned, PLANAR_GOAL), (SPATIAL, flipped, SPATIAL_GOAL)):
+        np.testing.assert_allclose(
+            observation(GoToPose(), a, goal), observation(GoToPose(), b, goal), atol=1e-14)
+        assert GoToPose().errors(a, goal) == pytest.approx(GoToPose().errors(b, goal), abs=1e-14)

@@ -1,0 +1,143 @@
+from __future__ import annotations
+
+import math
+from typing import Any, Literal
+
+import numpy as np
+import pytest
+from matplotlib.patches import Circle
+from matplotlib.quiver import Quiver
+
+from rans.drawing import Scene, draw_layout
+from rans.dynamics import PlanarState, SpatialState
+from rans.fields import Heading, Quat, Vec2, Vec3
+from rans.spacecraft import Spacecraft
+from rans.spacecraft_file import load_spacecraft
+
+BODY, FLAME, TRAIL = (220, 230, 240), (230, 159, 0), (0, 114, 178)
+PLATFORM, FLYER = load_spacecraft("floating-platform"), load_spacecraft("free-flyer")
+FAR = 3.0  # m; the view then holds start and goal side by side
+
+
+def planar(x: float = 0.0, y: float = 0.0, angle: float = 0.0) -> PlanarState:
+    return PlanarState(Vec2(x, y), Heading(angle), Vec2(0.0, 0.0), 0.0)
+
+
+def spatial(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> SpatialState:
+    rest = Vec3(0.0, 0.0, 0.0)
+    return SpatialState(Vec3(x, y, z), Quat(1.0, 0.0, 0.0, 0.0), rest, rest)
+
+
+def shut(craft: Spacecraft) -> np.ndarray:
+    return np.zeros(len(craft.thrusters))
+
+
+def opened(craft: Spacecraft, index: int, opening: float = 1.0) -> np.ndarray:
+    return np.where(np.arange(len(craft.thrusters)) == index, opening, 0.0)
+
+
+def spots(frame: np.ndarray, colour: tuple[int, int, int]) -> np.ndarray:
+    """Pixels of this colour as (x, y) with y upwards, (K, 2)."""
+    # The grid's light grey is 8 from the body's in red.
+    rows, columns = np.nonzero((np.abs(frame.astype(int) - colour) < 6).all(axis=2))
+    return np.stack((columns, -rows), axis=1).astype(float)
+
+
+def centre(frame: np.ndarray, colour: tuple[int, int, int]) -> np.ndarray:
+    found = spots(frame, colour)
+    assert len(found)
+    return found.mean(axis=0)
+
+
+@pytest.mark.parametrize(("craft", "state"), [(PLATFORM, planar()), (FLYER, spatial())])
+def test_frame_is_an_image(craft: Spacecraft, state: Any) -> None:
+    frame = Scene(craft, 320, 200).render(state, state, shut(craft))
+    assert (frame.shape, frame.dtype) == ((200, 320, 3), np.uint8)
+    assert len(spots(frame, BODY)) > 100
+
+
+def test_equal_states_give_equal_frames() -> None:
+    first, second = Scene(PLATFORM), Scene(PLATFORM)
+    second.render(planar(4.0, 2.0), planar(), opened(PLATFORM, 3))  # leaves no trace
+    arguments = (planar(1.0, 1.0, 0.3), planar(), opened(PLATFORM, 1), [(2.0, 2.0)])
+    np.testing.assert_array_equal(first.render(*arguments), second.render(*arguments))
+
+
+def test_world_x_is_right_and_y_is_up() -> None:
+    scene, goal = Scene(PLATFORM), planar()
+    right = centre(scene.render(planar(FAR, 0.0), goal, shut(PLATFORM)), BODY)
+    left = centre(scene.render(planar(-FAR, 0.0), goal, shut(PLATFORM)), BODY)
+    up = centre(scene.render(planar(0.0, FAR), goal, shut(PLATFORM)), BODY)
+    down = centre(scene.render(planar(0.0, -FAR), goal, shut(PLATFORM)), BODY)
+    # The heading mark, the goal's outline and the nozzles cover some pixels of the 30 px disc.
+    np.testing.assert_allclose(right[1], left[1], atol=3.0)
+    np.testing.assert_allclose(up[0], down[0], atol=3.0)
+    assert right[0] - left[0] > 200
+    assert up[1] - down[1] > 200
+
+
+def test_only_open_thrusters_have_flames() -> None:
+    scene = Scene(PLATFORM)
+    assert not len(spots(scene.render(planar(), planar(FAR), shut(PLATFORM)), FLAME))
+    full = spots(scene.render(planar(), planar(FAR), opened(PLATFORM, 2)), FLAME)
+    half = spots(scene.render(planar(), planar(FAR), opened(PLATFORM, 2, 0.5)), FLAME)
+    assert 0 < len(half) < len(full)
+
+
+@pytest.mark.parametrize("index", range(8))
+@pytest.mark.parametrize("heading", [0.0, 1.1, -2.5])
+def test_flames_leave_against_the_force(index: int, heading: float) -> None:
+    frame = Scene(PLATFORM).render(planar(angle=heading), planar(FAR), opened(PLATFORM, index))
+    found = centre(frame, FLAME) - centre(frame, BODY)
+    thruster = PLATFORM.thrusters[index]
+    # From the nozzle's mouth a third of the flame's length on: 0.3 r + 1.1 r / 3.
+    place = np.array(thruster.position) - np.array(thruster.direction) * 0.67 * PLATFORM.radius
+    expected = Heading(heading).rotate(Vec2(place[0], place[1]))
+    angle = math.atan2(expected.y, expected.x) - math.atan2(found[1], found[0])
+    # A few pixels of smoothing and cover at about 40 pixels from the centre.
+    assert abs((angle + math.pi) % math.tau - math.pi) < 0.15
+
+
+def test_the_trail_is_drawn_and_fits_the_frame() -> None:
+    trail = [(10.0, 10.0), (10.0, -10.0)]
+    frame = Scene(PLATFORM).render(planar(), planar(), shut(PLATFORM), trail)
+    found = spots(frame, TRAIL)
+    assert np.ptp(found[:, 1]) > 300  # the leg from y = 10 to y = -10 fills most of the 480 rows
+    assert not len(spots(Scene(PLATFORM).render(planar(), planar(), shut(PLATFORM)), TRAIL))
+
+
+def test_space_is_seen_with_z_up() -> None:
+    scene, goal = Scene(FLYER), spatial()
+    above = centre(scene.render(spatial(z=FAR), goal, shut(FLYER)), BODY)
+    below = centre(scene.render(spatial(z=-FAR), goal, shut(FLYER)), BODY)
+    assert above[1] - below[1] > 150
+    np.testing.assert_allclose(above[0], below[0], atol=3.0)
+
+
+def test_the_body_hides_what_is_behind_it() -> None:
+    # Thruster 2 pushes up at (x, y), so its flame points down; seen from azimuth -60 degrees, the
+    # anchor at 45 degrees is behind the sphere, the one at 315 degrees before it.
+    frames = [Scene(FLYER).render(spatial(), spatial(x=FAR), opened(FLYER, index)) for index in (2, 14)]
+    behind, before = (len(spots(frame, FLAME)) for frame in frames)
+    assert behind < before
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_layout_shows_every_thruster(dimension: Literal[2, 3]) -> None:
+    craft = PLATFORM if dimension == 2 else FLYER
+    figure = draw_layout(craft)
+    axes, = figure.axes
+    assert {text.get_text() for text in axes.texts} == {str(i) for i in range(len(craft.thrusters))}
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("x, m", "y, m")
+    assert craft.name in axes.get_title()
+
+
+def test_layout_arrows_are_the_forces(planar_craft: Spacecraft) -> None:
+    axes, = draw_layout(planar_craft).axes
+    arrows = next(c for c in axes.collections if isinstance(c, Quiver))
+    forces = np.array([np.array(t.direction) * t.force for t in planar_craft.thrusters])[:, :2]
+    drawn = np.stack((np.asarray(arrows.U), np.asarray(arrows.V)), axis=1)
+    scale = np.linalg.norm(drawn[0]) / np.linalg.norm(forces[0])
+    np.testing.assert_allclose(drawn, scale * forces, rtol=1e-12, atol=1e-15)
+    outline = next(p for p in axes.patches if isinstance(p, Circle))
+    assert outline.center == planar_craft.centre_of_mass[:2]

@@ -1,0 +1,129 @@
+"""Flights: bookkeeping by hand, and motion where the answer is known in closed form."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rans.fields import leaves
+from rans.flight import batch, fly, scenarios
+from rans.scenario import scenario
+from rans.spacecraft import Spacecraft
+from rans.spacecraft_file import load_spacecraft
+from rans.tasks import GoToPose, observation_width
+from rans.timing import Timing
+
+
+@dataclass
+class Recorded:
+    """Opens the same thrusters all the time and remembers what it was shown."""
+
+    thrusters: int
+    opened: tuple[int, ...] = ()
+    resets: list[int] = field(default_factory=list)
+    seen: list[np.ndarray] = field(default_factory=list)
+    told: list[tuple[Any, Any]] = field(default_factory=list)
+    name: str = "recorded"
+
+    def reset(self, count: int) -> None:
+        self.resets.append(count)
+
+    def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
+        self.seen.append(observation)
+        self.told.append((state, goal))
+        command = np.zeros((len(observation), self.thrusters))
+        command[:, list(self.opened)] = 1.0
+        return command
+
+
+def test_a_batch_is_its_scenarios(shipped: Spacecraft) -> None:
+    task = GoToPose()
+    together = scenarios(task, shipped, seed=8, count=6, first=3)
+    stacked = batch([scenario(task, shipped.dimension, 8, k) for k in range(3, 9)])
+    for a, b in zip(leaves(together.start) + leaves(together.goal),
+                    leaves(stacked.start) + leaves(stacked.goal), strict=True):
+        assert a.shape == (6,)
+        assert a.dtype == np.float64
+        # sine and cosine may round differently in a vector register
+        np.testing.assert_allclose(a, b, rtol=0, atol=1e-15)
+
+
+def test_the_books_of_a_flight(shipped: Spacecraft) -> None:
+    count, timing = 5, Timing(episode_steps=4)
+    task, pilot = GoToPose(thrust_weight=0.01), Recorded(len(shipped.thrusters), (0, 1, 2))
+    starts = scenarios(task, shipped, seed=1, count=count)
+    flight = fly(shipped, task, pilot, starts, timing)
+    assert pilot.resets == [count]
+    assert [x.shape for x in pilot.seen] == [(count, observation_width(shipped.dimension))] * 4
+    assert {x.dtype for x in pilot.seen} == {np.dtype(np.float32)}
+    assert {x.shape for x in leaves(flight.states)} == {(5, count)}
+    assert flight.commands.shape == (4, count, len(shipped.thrusters))
+    assert (flight.controller, flight.engine) == ("recorded", "fast")
+    np.testing.assert_allclose(flight.times, [0.0, 0.2, 0.4, 0.6, 0.8], rtol=1e-15)
+    assert {name: x.shape for name, x in flight.errors().items()} == {
+        "position": (5, count), "attitude": (5, count)}
+    rewards = flight.rewards()
+    assert {x.shape for x in rewards.values()} == {(4, count)}
+    np.testing.assert_allclose(rewards["thrust"], -0.03, rtol=1e-15)  # three open thrusters
+    for step, (state, goal) in enumerate(pilot.told):
+        assert goal is flight.goals
+        for told, flown in zip(leaves(state), leaves(flight.states), strict=True):
+            assert np.array_equal(told, flown[step])
+    for start, flown in zip(leaves(starts.start), leaves(flight.states), strict=True):
+        assert np.array_equal(start, flown[0])
+
+
+def test_reward_is_that_of_the_state_reached() -> None:
+    """From a quarter metre away, left alone for a step and adrift afterwards."""
+    craft = load_spacecraft("floating-platform")
+    task, pilot = GoToPose(spawn_distance=(0.25, 0.25)), Recorded(8)
+    still = fly(craft, task, pilot, scenarios(task, craft, 0, 3), Timing(episode_steps=1))
+    np.testing.assert_allclose(still.rewards()["position"], math.exp(-1), rtol=1e-14)
+    np.testing.assert_allclose(still.errors()["position"], 0.25, rtol=1e-14)
+    pilot.opened = (0, 5)
+    pushed = fly(craft, task, pilot, scenarios(task, craft, 0, 3), Timing(episode_steps=3))
+    fallen = -0.25 * np.log(pushed.rewards()["position"])
+    np.testing.assert_allclose(fallen, pushed.errors()["position"][1:], rtol=1e-13)
+
+
+def test_constant_thrust_gives_half_a_t_squared() -> None:
+    """Thrusters 0 and 5: 2 N along (1, -1)/sqrt(2) of B on 5.32 kg, no torque; 0.37594 m/s^2."""
+    craft = load_spacecraft("floating-platform")
+    task = GoToPose()
+    flight = fly(craft, task, Recorded(8, (0, 5)), scenarios(task, craft, 4, 7), Timing())
+    s, t = flight.states, flight.times[:, None]
+    bearing = s.attitude.angle[0] - math.pi / 4
+    # 125 sums of lengths up to 120 m (eps 1.4e-14 each)
+    np.testing.assert_allclose(s.p.x - s.p.x[0], 0.5 * (2 / 5.32) * t**2 * np.cos(bearing), atol=1e-11)
+    np.testing.assert_allclose(s.p.y - s.p.y[0], 0.5 * (2 / 5.32) * t**2 * np.sin(bearing), atol=1e-11)
+    np.testing.assert_allclose(np.hypot(s.v.x, s.v.y)[-1], 2 / 5.32 * 25, rtol=1e-13)
+    np.testing.assert_allclose(s.w, 0.0, atol=1e-14)
+    assert flight.failed().all()  # it left the 8 m circle
+
+
+def test_constant_torque_turns_quadratically_and_the_heading_stays_wrapped() -> None:
+    """Thrusters 1, 3, 5, 7: 1.24 N m on 0.2045008 kg m^2 about a mass that stays where it is."""
+    craft = load_spacecraft("floating-platform")
+    task, timing = GoToPose(), Timing(episode_steps=20)
+    flight = fly(craft, task, Recorded(8, (1, 3, 5, 7)), scenarios(task, craft, 4, 7), timing)
+    s, t = flight.states, flight.times[:, None]
+    turned = s.attitude.angle[0] + 0.5 * (1.24 / 0.2045008) * t**2
+    assert np.abs(s.attitude.angle).max() <= math.pi + 1e-14
+    # 48 rad in all, 20 sums
+    np.testing.assert_allclose(np.exp(1j * s.attitude.angle), np.exp(1j * turned), atol=1e-12)
+    np.testing.assert_allclose(s.p.x, np.broadcast_to(s.p.x[0], s.p.x.shape), atol=1e-14)
+    assert not flight.failed().any()
+
+
+@pytest.mark.parametrize("index", [0, 4])
+def test_an_episode_does_not_depend_on_its_neighbours(shipped: Spacecraft, index: int) -> None:
+    task, timing, opened = GoToPose(), Timing(episode_steps=10), (1, 2, 4)
+    count = len(shipped.thrusters)
+    many = fly(shipped, task, Recorded(count, opened), scenarios(task, shipped, 2, 5), timing)
+    alone = fly(shipped, task, Recorded(count, opened), scenarios(task, shipped, 2, 1, index), timing)
+    for a, b in zip(leaves(many.states), leaves(alone.states), strict=True):
+        np.testing.assert_allclose(a[:, index], b[:, 0], rtol=0, atol=1e-13)  # last digits of sin, cos

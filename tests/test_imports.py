@@ -1,0 +1,112 @@
+"""What imports what: layers point one way, start-up stays light, the judge stays independent."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+HEAVY = {"torch", "pydrake", "casadi", "stable_baselines3", "gymnasium", "matplotlib", "tyro", "rich"}
+
+LAYERS: list[set[str]] = [
+    {"rans.errors", "rans.fields", "rans.files"},
+    {"rans.spacecraft", "rans.timing"},
+    {"rans.spacecraft_file", "rans.dynamics"},
+    {"rans.scenario"},
+    {"rans.tasks"},
+    {"rans.flight"},
+    {"rans.drawing"},
+    {"rans.fast", "rans.reference", "rans.optimal"},
+    {"rans.evaluation"},
+    {"validation"},
+    {"rans.cli", "rans.__main__"},
+]
+"""From the bottom up: a module imports from its own package and from lower layers only, so that engines
+do not know one another. The package's front door, `rans` itself, hands out names of any layer lazily."""
+RANK = {unit: rank for rank, units in enumerate(LAYERS) for unit in units}
+
+
+def modules() -> list[tuple[str, Path]]:
+    """Every module but the front door: name and file."""
+    found = []
+    for file in sorted([*(ROOT / "rans").rglob("*.py"), *(ROOT / "validation").rglob("*.py")]):
+        parts = file.relative_to(ROOT).with_suffix("").parts
+        found.append((".".join(parts[:-1] if parts[-1] == "__init__" else parts), file))
+    return [(name, file) for name, file in found if name != "rans"]
+
+
+def imports(file: Path) -> set[str]:
+    """Names that a file imports, inside functions too, but not those for type checkers only."""
+    found: set[str] = set()
+
+    def visit(node: ast.AST) -> None:
+        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test):
+            return
+        if isinstance(node, ast.Import):
+            found.update(alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{file}: relative import"
+            found.update({f"{node.module}.{alias.name}" for alias in node.names})
+        for child in ast.iter_child_nodes(node):
+            visit(child)
+
+    visit(ast.parse(file.read_text("utf-8")))
+    return found
+
+
+def unit(name: str) -> str:
+    """The package or module of `LAYERS` that a module, or a name in it, belongs to."""
+    parts = name.split(".")
+    return parts[0] if parts[0] == "validation" else ".".join(parts[:2])
+
+
+every_module = pytest.mark.parametrize(("name", "file"), modules(), ids=[name for name, _ in modules()])
+
+
+@every_module
+def test_imports_point_down(name: str, file: Path) -> None:
+    assert unit(name) in RANK, f"{name} is new: give it a place in LAYERS"
+    for imported in imports(file):
+        if imported.startswith(("rans.", "validation.")) and unit(imported) != unit(name):
+            assert RANK[unit(imported)] < RANK[unit(name)], f"{name} imports {imported}"
+
+
+@every_module
+def test_each_engine_keeps_to_its_library(name: str, file: Path) -> None:
+    libraries = {imported.partition(".")[0] for imported in imports(file)}
+    if unit(name) == "rans.fast":
+        assert not libraries & {"pydrake", "casadi"}
+    if RANK[unit(name)] <= RANK["rans.flight"]:
+        assert not libraries & HEAVY
+
+
+def test_the_judge_knows_nothing_of_our_equations() -> None:
+    plant = ROOT / "rans" / "reference" / "plant.py"
+    ours = {name for name in imports(plant) if name.startswith(("rans", "validation"))}
+    assert {name.rpartition(".")[0] for name in ours} <= {"rans.spacecraft", "rans.errors"}
+
+
+@pytest.mark.parametrize("statement", [
+    "import rans", "import rans.tasks", "import rans.spacecraft_file", "import rans.flight",
+    "import rans.cli",
+    "from rans.spacecraft_file import load_spacecraft as load; load('free-flyer').wrench_map",
+])
+def test_start_up_is_light(statement: str) -> None:
+    assert loaded(statement) & HEAVY == set()
+
+
+def test_training_loads_neither_drake_nor_casadi() -> None:
+    """It needs torch, Stable-Baselines3 and Gymnasium."""
+    assert loaded("import rans.fast.ppo, rans.cli.train") & {"pydrake", "casadi"} == set()
+
+
+def loaded(statement: str) -> set[str]:
+    """Top-level packages in memory after a statement in a fresh interpreter."""
+    report = "import sys; print(*{name.partition('.')[0] for name in sys.modules})"
+    run = subprocess.run([sys.executable, "-c", f"{statement}\n{report}"], cwd=ROOT, check=True,
+                         capture_output=True, text=True)
+    return set(run.stdout.split())

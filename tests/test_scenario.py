@@ -1,0 +1,202 @@
+"""Scenarios: a function of (seed, episode) alone, and statistically what they claim to be.
+
+Statistical tests run on fixed seeds and so always give the same answer; their bounds are set where a
+fair generator fails once in 10,000 choices of the seeds.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import stats
+
+from rans.errors import ConfigError
+from rans.fields import leaves
+from rans.scenario import Random, hash4, scenario, seed_words
+from rans.tasks import GoToPose
+
+FALSE_ALARM = 1e-4
+"""Chance that a fair generator fails one statistical test."""
+SEEDS = [0, 1, -1, 42, 2**31, 2**32, 2**63 - 1, -(2**63), 2**64 - 1, 0x0123456789ABCDEF]
+
+words = st.integers(0, 2**32 - 1)
+
+
+def draws(seed: int, episodes: Any, count: int, dtype: Any = np.float64) -> np.ndarray:
+    """The first unit draws of some episodes, (count, N)."""
+    random = Random(3, *seed_words(seed), np.asarray(episodes, dtype=np.int32), dtype)
+    return np.stack([random.unit() for _ in range(count)])
+
+
+@given(words, words, words, words)
+def test_hash_is_the_published_one(a: int, b: int, c: int, d: int) -> None:
+    """PCG4D in unsigned arithmetic of any size, cut to 32 bits: the listing of the JCGT paper."""
+    v = [(x * 1664525 + 1013904223) % 2**32 for x in (a, b, c, d)]
+
+    def stir() -> None:
+        for i, j, k in ((0, 1, 3), (1, 2, 0), (2, 0, 1), (3, 1, 2)):
+            v[i] = (v[i] + v[j] * v[k]) % 2**32
+
+    stir()
+    v = [x ^ (x >> 16) for x in v]
+    stir()
+    signed = [np.array([x], dtype=np.uint32).view(np.int32) for x in (a, b, c, d)]
+    assert [int(x.view(np.uint32)[0]) for x in hash4(*signed)] == v
+
+
+def test_scenarios_are_for_ever() -> None:
+    """Published results name a seed and an episode: these numbers may never change.
+
+    The first word, -298708583, is 0.93045 of the unit interval, a bearing of 2.7046 rad.
+    """
+    words = [int(x[0]) for x in hash4(*np.array([[7], [0], [3], [0]], dtype=np.int32))]
+    assert words == [-298708583, -912416970, -142448332, -473536544]
+    start = scenario(GoToPose(spawn_distance=(3.0, 4.0)), 2, seed=3, episode=7).start
+    assert leaves(start)[:3] == pytest.approx((-3.431648608738937, 1.602937571879014, 2.933202337273802))
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_scenario_is_the_same_alone_in_a_batch_and_in_torch(seed: int) -> None:
+    """Unit draws to the last bit, whatever the batch, dtype and library."""
+    torch = pytest.importorskip("torch")
+    episodes = np.arange(1000, dtype=np.int32) * 2_000_003 - 1_000_000_000
+    many = draws(seed, episodes, 9)
+    assert np.array_equal(many[:, [123]], draws(seed, episodes[[123]], 9))
+    assert np.array_equal(many[:, 990:], draws(seed, episodes[990:], 9))
+    assert np.array_equal(many, draws(seed, episodes, 9, np.float32))
+    for dtype in (torch.float32, torch.float64):
+        random = Random(3, *seed_words(seed), torch.from_numpy(episodes), dtype)
+        units = torch.stack([random.unit() for _ in range(9)])
+        assert units.dtype == dtype
+        assert np.array_equal(many, units.double().numpy())
+
+
+@pytest.mark.parametrize(("seed", "low", "high"), [
+    (5, 5, 0), (2**32 + 5, 5, 1), (2**31, -(2**31), 0), (2**63, 0, -(2**31)), (-1, -1, -1),
+    (2**64 - 1, -1, -1), (-(2**63), 0, -(2**31)), (7 * 2**32 - 1, -1, 6),
+])
+def test_a_seed_is_two_signed_words(seed: int, low: int, high: int) -> None:
+    assert seed_words(seed) == (low, high)
+
+
+@pytest.mark.parametrize(("seed", "episode", "says"), [
+    (2**64, 0, "64 bits, got 18446744073709551616"), (-(2**63) - 1, 0, "64 bits"),
+    (0, 2**31, "2147483647, got 2147483648"), (0, -1, "got -1"),
+])
+def test_a_number_out_of_range_is_one_sentence(seed: int, episode: int, says: str) -> None:
+    with pytest.raises(ConfigError, match=says):
+        scenario(GoToPose(), 2, seed, episode)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_seed_words_may_be_fields(seed: int) -> None:
+    """Environments of one batch may each have their own seed."""
+    low, high = (np.array([w, w], dtype=np.int32) for w in seed_words(seed))
+    own = Random(2, low, high, np.array([5, 6], dtype=np.int32), np.float64).unit()
+    assert np.array_equal(own, draws(seed, [5, 6], 1)[0])
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_single_precision_changes_scenarios_only_by_rounding(dimension: Any) -> None:
+    torch = pytest.importorskip("torch")
+    task, key = GoToPose(), seed_words(11)
+    numbers = torch.arange(500, dtype=torch.int32)
+    double, single = (
+        [x for state in task.sample(Random(dimension, *key, numbers, dtype)) for x in leaves(state)]
+        for dtype in (torch.float64, torch.float32)
+    )
+    for a, b in zip(double, single, strict=True):
+        # a few float32 eps (6e-8) of lengths up to 4.5 m, magnified where a sphere's pole is near
+        np.testing.assert_allclose(np.asarray(a), np.asarray(b), rtol=0, atol=5e-6)
+
+
+def test_scenario_gives_plain_numbers() -> None:
+    one = scenario(GoToPose(), 3, seed=5, episode=4)
+    assert {type(x) for x in (*leaves(one.start), *leaves(one.goal))} == {float}
+    random = Random(3, *seed_words(5), np.arange(10, dtype=np.int32), np.float64)
+    start, goal = GoToPose().sample(random)
+    batch = [np.broadcast_to(x, 10)[4] for x in (*leaves(start), *leaves(goal))]
+    # sine and cosine may round differently in a vector register
+    np.testing.assert_allclose((*leaves(one.start), *leaves(one.goal)), batch, rtol=0, atol=1e-15)
+
+
+@pytest.mark.parametrize("seed", [0, 1, -(2**40), 2**63])
+def test_units_are_uniform_over_episodes(seed: int) -> None:
+    for row in draws(seed, np.arange(20_000), 5):
+        assert row.min() >= 0
+        assert row.max() < 1
+        assert stats.kstest(row, "uniform").pvalue > FALSE_ALARM
+
+
+@pytest.mark.parametrize("stride", [1, 2**16, 2**32, 2**48])
+def test_units_are_uniform_over_seeds(stride: int) -> None:
+    rows = np.stack([draws(k * stride, [0], 4)[:, 0] for k in range(4000)], axis=1)
+    for row in rows:
+        assert stats.kstest(row, "uniform").pvalue > FALSE_ALARM
+
+
+def test_every_bit_is_fair() -> None:
+    """24 bits of 3 draws: ones among 40,000 episodes, binomial."""
+    whole = (draws(9, np.arange(40_000), 3) * 2**24).astype(np.int64)
+    for bit in range(24):
+        for row in whole:
+            ones = int(((row >> bit) & 1).sum())
+            assert stats.binomtest(ones, 40_000).pvalue > FALSE_ALARM / 72  # 72 chances to fail
+
+
+def test_draws_of_neighbours_are_independent() -> None:
+    """Neighbouring draws, episodes and seeds fill the unit square evenly (chi-square, 16 x 16)."""
+    here = draws(20, np.arange(40_000), 6)
+    neighbours = {
+        "draw": here[1], "block": here[4], "last of the next block": here[5],
+        "episode": draws(20, np.arange(40_000) + 1, 1)[0],
+        "seed": draws(21, np.arange(40_000), 1)[0],
+        "high word of the seed": draws(20 + 2**32, np.arange(40_000), 1)[0],
+        "sign of the seed": draws(-20, np.arange(40_000), 1)[0],
+    }
+    for name, there in neighbours.items():
+        cells, _, _ = np.histogram2d(here[0], there, bins=16, range=[[0, 1], [0, 1]])
+        assert stats.chisquare(cells.ravel()).pvalue > FALSE_ALARM / len(neighbours), name
+
+
+def test_swapping_seed_and_episode_gives_other_draws() -> None:
+    numbers = np.arange(1, 200)
+    swapped = np.stack([draws(int(n), [1], 1)[0] for n in numbers], axis=1)[0]
+    assert np.mean(draws(1, numbers, 1)[0][1:] == swapped[1:]) < 0.05  # 2^-24 by chance
+
+
+def test_directions_are_isotropic() -> None:
+    random = Random(3, *seed_words(1), np.arange(20_000, dtype=np.int32), np.float64)
+    direction = np.stack(random.direction().columns())
+    np.testing.assert_allclose(np.linalg.norm(direction, axis=0), 1.0, rtol=0, atol=1e-15)
+    generator = np.random.default_rng(0)
+    for axis in (*np.eye(3), *(v / np.linalg.norm(v) for v in generator.normal(size=(3, 3)))):
+        height = axis @ direction  # uniform along any axis, after Archimedes
+        assert stats.kstest(height, stats.uniform(-1, 2).cdf).pvalue > FALSE_ALARM / 6
+
+
+def test_bearings_and_headings_cover_the_full_circle() -> None:
+    random = Random(2, *seed_words(2), np.arange(20_000, dtype=np.int32), np.float64)
+    bearing = np.arctan2(*reversed(random.direction().columns()))
+    heading = random.attitude().columns()
+    circle = stats.uniform(-math.pi, math.tau).cdf
+    assert stats.kstest(bearing, circle).pvalue > FALSE_ALARM
+    assert stats.kstest(np.arctan2(heading[1], heading[0]), circle).pvalue > FALSE_ALARM
+
+
+def test_attitudes_are_uniform_over_all_rotations() -> None:
+    """Haar measure: the angle between two is (theta - sin theta) / pi distributed, and each of the
+    four components of the quaternion has the marginal of a point on the 3-sphere."""
+    random = Random(3, *seed_words(3), np.arange(20_000, dtype=np.int32), np.float64)
+    first, second = random.attitude(), random.attitude()
+    parts = np.stack(leaves(first))
+    np.testing.assert_allclose(np.linalg.norm(parts, axis=0), 1.0, rtol=0, atol=1e-15)
+    for part in parts:  # a coordinate c of a uniform point on S^3: (c + 1) / 2 is Beta(3/2, 3/2)
+        assert stats.kstest((part + 1) / 2, stats.beta(1.5, 1.5).cdf).pvalue > FALSE_ALARM / 5
+    angle = first.to(second).magnitude()  # type: ignore[arg-type]
+    assert stats.kstest(angle, lambda t: (t - np.sin(t)) / math.pi).pvalue > FALSE_ALARM / 5

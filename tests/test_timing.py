@@ -1,0 +1,36 @@
+"""Timing: the paper's defaults and every wrong value."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from rans.errors import ConfigError
+from rans.timing import Timing
+
+
+def test_defaults_are_25_seconds_at_5_hz() -> None:
+    timing = Timing()
+    assert 1 / timing.control_period == 5.0
+    assert timing.control_period * timing.episode_steps == 25.0
+
+
+def test_substeps_follow_the_dimension_unless_given() -> None:
+    assert (Timing().substeps_in(2), Timing().substeps_in(3)) == (1, 2)
+    assert (Timing(substeps=7).substeps_in(2), Timing(substeps=7).substeps_in(3)) == (7, 7)
+
+
+@pytest.mark.parametrize(("key", "value"), [
+    ("control_period", 0.0), ("control_period", -0.2), ("control_period", float("nan")),
+    ("control_period", float("inf")), ("control_period", "0.2"), ("control_period", True),
+    ("control_period", None), ("substeps", 0), ("substeps", 1.5), ("substeps", True),
+    ("episode_steps", -1), ("episode_steps", "ten"), ("episode_steps", None),
+])
+def test_a_wrong_value_is_one_sentence(key: str, value: Any) -> None:
+    with pytest.raises(ConfigError) as caught:
+        Timing(**{key: value})
+    message = str(caught.value)
+    assert message.startswith(key)
+    assert message.endswith(f"got {value!r}.")
+    assert "0 s" in message or ">= 1" in message

@@ -1,0 +1,104 @@
+"""Checks and the reports they make up."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import platform
+from dataclasses import asdict, dataclass, field
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from rich.table import Table
+
+_PACKAGES = ("rans", "drake", "torch", "casadi", "numpy", "scipy", "stable-baselines3")
+"""Packages whose versions can change a measured value."""
+
+
+@dataclass(frozen=True)
+class Check:
+    """One measured value against the bound it must keep."""
+
+    name: str
+    """What was measured."""
+    value: float
+    """The measured value; smaller is better, its sign does not count."""
+    tolerance: float
+    """Largest value that passes."""
+    unit: str
+    """Of value and tolerance; "-" for none."""
+    reason: str
+    """Why the tolerance is what it is, as one sentence."""
+
+    @property
+    def passed(self) -> bool:
+        """Whether the bound is kept; a NaN keeps none."""
+        return abs(self.value) <= self.tolerance
+
+
+@dataclass(frozen=True)
+class Report:
+    """The checks of one study."""
+
+    title: str
+    """What was studied, on what."""
+    checks: tuple[Check, ...]
+    """In the order of the table."""
+    settings: dict[str, Any] = field(default_factory=dict)
+    """What a reader needs to repeat the study: seed, counts, times."""
+
+    @property
+    def passed(self) -> bool:
+        """Whether there is a check and every one passed."""
+        return bool(self.checks) and all(check.passed for check in self.checks)
+
+    def table(self) -> Table:
+        """The checks for the terminal."""
+        table = Table(title=self.title, title_justify="left")
+        table.add_column("check", no_wrap=True)
+        for heading in ("value", "tolerance"):
+            table.add_column(heading, justify="right")
+        table.add_column("unit")
+        table.add_column("verdict")
+        for check in self.checks:
+            verdict = "[green]pass[/]" if check.passed else "[bold red]FAIL[/]"
+            numbers = (f"{check.value:.1e}", f"{check.tolerance:.1e}")
+            table.add_row(check.name, *numbers, check.unit, verdict)
+        return table
+
+    def as_dict(self) -> dict[str, Any]:
+        """The report as plain JSON values; a value that is not finite is null, which JSON can hold."""
+        checks = []
+        for check in self.checks:
+            value = check.value if math.isfinite(check.value) else None
+            checks.append(asdict(check) | {"value": value, "passed": check.passed})
+        return {"title": self.title, "passed": self.passed, "settings": self.settings,
+                "environment": environment(), "checks": checks}
+
+    def write(self, file: Path) -> None:
+        """Write the report as a JSON file, its folder made where missing."""
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(json.dumps(self.as_dict(), indent=2, allow_nan=False) + "\n", "utf-8")
+
+
+def environment() -> dict[str, str]:
+    """Versions and hardware behind a measured value."""
+    return {
+        **{name: version(name) for name in _PACKAGES},
+        "python": platform.python_version(),
+        "system": f"{platform.system()} {platform.machine()}",
+        "processor": _processor(),
+        "cores": str(os.cpu_count()),
+    }
+
+
+def _processor() -> str:
+    """Name of the processor; Linux tells it only in a file."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text("utf-8").splitlines()
+    except OSError:
+        return platform.processor() or "unknown"
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else "unknown"

@@ -1,0 +1,143 @@
+"""What mechanics demands of a motion whatever computes it; no other engine is asked."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from rans.dynamics import MassProperties, Wrench, advance, wrench
+from rans.fields import Quat, Vec2, Vec3, leaves
+from rans.spacecraft import Spacecraft
+from rans.timing import Timing
+from validation.checks import Check
+from validation.sampling import gap, random_states
+
+_COAST = 5.0
+"""Length of a flight without thrust, s."""
+
+
+def invariant_checks(craft: Spacecraft, seed: int, count: int, substeps: int) -> list[Check]:
+    """Conservation without thrust, work under thrust, and the order of the integrator.
+
+    Args:
+        craft: gives mass properties and thrusters.
+        seed: of the random states and commands.
+        count: how many states.
+        substeps: a control period, fine enough that the equations and not the step are tested.
+    """
+    states = random_states(craft.dimension, seed, count)
+    opened = np.random.default_rng(seed).random((count, len(craft.thrusters))) < 0.5
+    applied = wrench(craft, tuple(opened.T.astype(np.float64)))
+    body = MassProperties.of(craft)
+    return [
+        *_coasting_checks(states, body, substeps),
+        _work_check(states, applied, body, substeps),
+        _order_check(states, applied, body) if craft.dimension == 3
+        else _exactness_check(states, applied, body),
+    ]
+
+
+def _coasting_checks(states: Any, body: MassProperties, substeps: int) -> list[Check]:
+    """Momentum, angular momentum in W and energy without thrust."""
+    periods = round(_COAST / Timing().control_period)
+    later = states
+    silent = _silence(states)
+    for _ in range(periods):
+        later = advance(later, silent, body, Timing().control_period, substeps).normalised()
+    drift = (states.v - later.v).norm()
+    turned = np.linalg.norm(_angular_momentum(states, body) - _angular_momentum(later, body), axis=0)
+    gained = _rotation_energy(later, body) - _rotation_energy(states, body)
+    size, energy = _largest_momentum(states, body), np.max(_rotation_energy(states, body))
+    exact = "Nothing changes it without thrust: rounding of 5 s."
+    truncation = "Nothing changes it without torque: truncation of 5 s at validation substeps."
+    bound, reason = (1e-12, exact) if isinstance(states.p, Vec2) else (1e-9, truncation)
+    return [
+        Check("coasting: velocity", float(np.max(drift)), 1e-12, "m/s", exact),
+        Check("coasting: angular momentum", float(np.max(turned) / size), bound, "relative", reason),
+        Check("coasting: energy", float(np.max(np.abs(gained)) / energy), bound, "relative", reason),
+    ]
+
+
+def _work_check(states: Any, applied: Wrench, body: MassProperties, substeps: int) -> Check:
+    """Kinetic energy gained over one control period against the integral of force times velocity."""
+    period = Timing().control_period
+    nodes, weights = np.polynomial.legendre.leggauss(6)
+    work = 0.0
+    for node, weight in zip((nodes + 1) / 2, weights / 2, strict=True):
+        then = advance(states, applied, body, node * period, substeps)
+        work = work + weight * period * _power(then, applied)
+    end = advance(states, applied, body, period, substeps)
+    gained = _energy(end, body) - _energy(states, body)
+    error = np.max(np.abs(gained - work)) / np.max(np.abs(gained))
+    bound, reason = (1e-10, "Six-node quadrature of smooth power, and rounding.")
+    if not isinstance(states.p, Vec2):
+        bound, reason = (1e-8, "Fourth-order truncation of the attitude over one period.")
+    return Check("work less energy gained", float(error), bound, "relative", reason)
+
+
+def _order_check(states: Any, applied: Wrench, body: MassProperties) -> Check:
+    """Order of accuracy, from how much two successive halvings of the step change the result."""
+    period = Timing().control_period
+    runs = [advance(states, applied, body, period, n) for n in (2, 4, 8)]
+    coarse, fine = (_distance(a, b) for a, b in pairwise(runs))
+    return Check("order of integration less 4", float(np.log2(coarse / fine)) - 4.0, 0.1, "-",
+                 "Classical Runge-Kutta has order 4; the next term adds a few hundredths.")
+
+
+def _exactness_check(states: Any, applied: Wrench, body: MassProperties) -> Check:
+    """One substep against eight: the plane's step has nothing left to gain."""
+    period = Timing().control_period
+    once, eight = (advance(states, applied, body, period, n) for n in (1, 8))
+    return Check("one substep against eight", max(gap(once, eight).values()), 1e-10, "SI",
+                 "Exact but for five-node quadrature, good to 1e-10 for turns up to 2 rad a period.")
+
+
+def _silence(states: Any) -> Wrench:
+    if isinstance(states.p, Vec2):
+        return Wrench(Vec2(0.0, 0.0), 0.0)
+    return Wrench(Vec3(0.0, 0.0, 0.0), Vec3(0.0, 0.0, 0.0))
+
+
+def _tensor(body: MassProperties) -> np.ndarray:
+    """The inertia as a matrix, 1x1 in the plane."""
+    if len(body.inertia) == 1:
+        return np.array([body.inertia])
+    xx, xy, xz, yy, yz, zz = body.inertia
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+def _angular_momentum(states: Any, body: MassProperties) -> np.ndarray:
+    """About the centre of mass, in W, (1 or 3, N)."""
+    in_body = _tensor(body) @ np.array(states.spin())
+    if isinstance(states.attitude, Quat):
+        return np.array(states.attitude.rotate(Vec3(*in_body)).columns())
+    return in_body
+
+
+def _largest_momentum(states: Any, body: MassProperties) -> float:
+    return float(np.max(np.linalg.norm(_angular_momentum(states, body), axis=0)))
+
+
+def _rotation_energy(states: Any, body: MassProperties) -> np.ndarray:
+    """Half of w I w, (N,) J."""
+    spin = np.array(states.spin())
+    return 0.5 * np.sum(spin * (_tensor(body) @ spin), axis=0)
+
+
+def _energy(states: Any, body: MassProperties) -> np.ndarray:
+    """Kinetic energy, (N,) J."""
+    return 0.5 * body.mass * states.v.dot(states.v) + _rotation_energy(states, body)
+
+
+def _power(states: Any, applied: Wrench) -> np.ndarray:
+    """Power of the wrench, (N,) W."""
+    torque = (applied.torque,) if isinstance(states.p, Vec2) else leaves(applied.torque)
+    turning = sum(t * w for t, w in zip(torque, states.spin(), strict=True))
+    return states.attitude.rotate(applied.force).dot(states.v) + turning
+
+
+def _distance(a: Any, b: Any) -> float:
+    """Root of the summed squared differences of all fields."""
+    return float(np.linalg.norm(np.array(leaves(a)) - np.array(leaves(b))))

@@ -1,0 +1,118 @@
+"""States and commands to try the dynamics on, and how far two motions differ."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+import numpy as np
+
+from rans.dynamics import AnyState, MassProperties, PlanarState, SpatialState, advance, wrench
+from rans.fields import Heading, Quat, leaves, unflatten, wrap
+from rans.scenario import Random, seed_words
+from rans.spacecraft import Spacecraft
+
+FASTEST = 1.0
+"""Largest sampled speed (m/s) and spin (rad/s): twice what the paper's tasks ask for."""
+
+
+def random_states(dimension: Literal[2, 3], seed: int, count: int) -> Any:
+    """States of float64 arrays (N,): within 5 m of the origin, any attitude, up to `FASTEST`."""
+    random = Random(dimension, *seed_words(seed), np.arange(count, dtype=np.int32), np.float64)
+    p = random.direction().scale(random.uniform(0.0, 5.0))
+    attitude = random.attitude()
+    v = random.direction().scale(random.uniform(0.0, FASTEST))
+    if dimension == 2:
+        return PlanarState(p, attitude, v, random.uniform(-FASTEST, FASTEST))  # type: ignore
+    w = random.direction().scale(random.uniform(0.0, FASTEST))
+    return SpatialState(p, attitude, v, w)  # type: ignore
+
+
+class Restless:
+    """Opens the thrusters that push toward the goal, and one decision in twenty the wrong way round.
+
+    Independent random thrust would spin a spacecraft up without bound; a good controller would fall
+    silent. This one flies like a mediocre agent: near the goal, in all attitudes, always firing. A
+    thruster opens when the acceleration it gives, projected on the acceleration that a critically
+    damped spring to the goal asks for (time constants 3 s for position, 1 s for attitude), covers
+    more than half of the strongest thruster's.
+
+    Args:
+        craft: what it flies; any set of thrusters.
+        seed: of the wrong decisions.
+    """
+
+    name = "restless"
+
+    def __init__(self, craft: Spacecraft, seed: int) -> None:
+        self._random = np.random.default_rng(seed)
+        columns = np.array(craft.wrench_map)
+        size = craft.dimension
+        moments = np.array([[craft.inertia[2][2]]]) if size == 2 else np.array(craft.inertia)
+        linear = columns[:, :size] / craft.mass
+        angular = np.linalg.solve(moments, columns[:, size:].T).T
+        self._projection = np.concatenate([_scaled(linear), _scaled(angular)], axis=1).T
+
+    def reset(self, count: int) -> None:
+        """Nothing to forget."""
+
+    def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
+        """See `rans.flight.Controller`."""
+        to_body = state.attitude.to(_identity(state))
+        linear = to_body.rotate((goal.p - state.p).scale(1 / 9) - state.v.scale(2 / 3))
+        turn = _rotation_vector(state.attitude.to(goal.attitude))
+        angular = [angle - 2.0 * rate for angle, rate in zip(turn, state.spin(), strict=True)]
+        wanted = np.stack([*linear.columns(), *angular], axis=1)
+        opened = wanted @ self._projection > 0.5
+        return opened ^ (self._random.random(opened.shape) < 0.05)
+
+
+def rollout(craft: Spacecraft, start: AnyState, commands: Any, period: float,
+            substeps: int) -> AnyState:
+    """Our equations under commands given beforehand, as the fast engine applies them.
+
+    Args:
+        craft: what flies.
+        start: fields (N,), NumPy or torch.
+        commands: (T, N, thrusters), 0 to 1, of the same library and dtype.
+        period: each command is held, s.
+        substeps: a control period.
+
+    Returns:
+        The states with fields (T + 1, N), NumPy float64.
+    """
+    body, states = MassProperties.of(craft), [start]
+    for command in commands:
+        state = advance(states[-1], wrench(craft, tuple(command.T)), body, period, substeps)
+        states.append(state.normalised())
+    columns = zip(*(leaves(state) for state in states), strict=True)
+    return unflatten(start, [np.stack([np.asarray(x, dtype=np.float64) for x in c]) for c in columns])
+
+
+def gap(a: Any, b: Any) -> dict[str, float]:
+    """Largest difference of two states of arrays: position (m), attitude (rad), velocity, spin."""
+    spin = [x - y for x, y in zip(a.spin(), b.spin(), strict=True)]
+    differences = {
+        "position": (a.p - b.p).norm(),
+        "attitude": a.attitude.to(b.attitude).magnitude(),
+        "velocity": (a.v - b.v).norm(),
+        "spin": np.linalg.norm(np.array(spin), axis=0),
+    }
+    return {name: float(np.max(value)) for name, value in differences.items()}
+
+
+def _scaled(accelerations: np.ndarray) -> np.ndarray:
+    """Rows over the square of the longest; zero when there is none (thrusters that cannot turn)."""
+    longest = np.linalg.norm(accelerations, axis=1).max()
+    return accelerations / longest**2 if longest > 0 else accelerations
+
+
+def _identity(state: Any) -> Heading | Quat:
+    return Heading(0.0) if isinstance(state, PlanarState) else Quat(1.0, 0.0, 0.0, 0.0)
+
+
+def _rotation_vector(turn: Any) -> tuple[np.ndarray, ...]:
+    """The shortest rotation as a vector in B, rad; in space twice the sine of half the angle."""
+    if isinstance(turn, Heading):
+        return (wrap(turn.angle),)
+    sign = np.where(turn.w < 0, -2.0, 2.0)
+    return (sign * turn.x, sign * turn.y, sign * turn.z)
