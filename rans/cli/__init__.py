@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import importlib
 import sys
+import time
 from typing import Any, Protocol
 
 from rans.errors import RansError
+
+STARTED = time.monotonic()
+"""When this process began to work, s: commands state their wall time from here."""
 
 COMMANDS = ("train", "evaluate", "compare", "validate", "benchmark", "list")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
@@ -34,10 +35,15 @@ class Compare:
         from rans.errors import ConfigError
         from rans.evaluation.agent import load_agent
         from rans.evaluation.compare import bounds, compare
+        from rans.files import write_json
         from rans.optimal.lqr import LQR
 
         if self.episodes < 1:
             raise ConfigError(f"--episodes must be at least 1, got {self.episodes}.")
+        low, high = self.spawn_distance
+        if not 0 <= low <= high < math.inf:
+            raise ConfigError(f"--spawn-distance must be two numbers >= 0 m, the smaller first, "
+                              f"got {low} {high}.")
         agent, craft, task, timing = load_agent(self.run_folder)
         task = replace(task, spawn_distance=self.spawn_distance)
         objectives = bounds(timing)
@@ -48,7 +54,7 @@ class Compare:
         console = Console()
         for table in comparison.tables():
             console.print(table)
-        comparison.write(self.run_folder / "compare.json")
+        write_json(self.run_folder / "compare.json", comparison.to_json())
         console.print(f"Written to {self.run_folder / 'compare.json'}.")
         return 1 if comparison.unsolved else 0
 

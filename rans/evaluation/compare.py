@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 import math
-import os
 import statistics
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from json import dumps
-from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 from rich.table import Table
 
-from rans.errors import RansError
 from rans.evaluation.metrics import DISPLAY, final_errors, impulses, on_times, settling_times
 from rans.fields import map_leaves
 from rans.flight import Controller, Flight, fly, scenarios
@@ -109,20 +105,6 @@ class Comparison:
         """Plain values: what was compared, the summary and every start."""
         return {"title": self.title, "text": _TEXT, "summary": self.summary(),
                 "starts": [row.to_json() for row in self.rows]}
-
-    def write(self, path: Path) -> None:
-        """Write `to_json` as a file, whole or not at all.
-
-        Raises:
-            RansError: the file cannot be written.
-        """
-        draft = path.with_name(f".{path.name}.{os.getpid()}")
-        try:
-            draft.write_text(dumps(self.to_json(), indent=2, allow_nan=False) + "\n", "utf-8")
-            os.replace(draft, path)
-        except OSError as error:
-            draft.unlink(missing_ok=True)
-            raise RansError(f"cannot write the comparison {str(path)!r}: {error}.") from error
 
     def tables(self) -> tuple[Table, Table]:
         """The starts (settling time and impulse of everyone) and the summary, for the terminal."""

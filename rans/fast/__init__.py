@@ -1,1 +1,27 @@
-"""The fast engine: thousands of spacecraft stepped together in torch, and the trainer beside them."""
+"""The fast engine: thousands of spacecraft stepped together in torch, and the trainer beside them.
+
+Names are loaded when first used, so that the single environment needs no torch.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from rans.fast.engine import Engine, Step
+    from rans.fast.env import SpacecraftEnv
+    from rans.fast.ppo import PPO
+    from rans.fast.sb3 import SB3VecEnv
+    from rans.fast.vector_env import SpacecraftVectorEnv
+
+__all__ = ["Engine", "PPO", "SB3VecEnv", "SpacecraftEnv", "SpacecraftVectorEnv", "Step"]
+
+_MODULES = {"Engine": "engine", "Step": "engine", "SpacecraftEnv": "env", "PPO": "ppo",
+            "SB3VecEnv": "sb3", "SpacecraftVectorEnv": "vector_env"}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _MODULES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module(f"{__name__}.{_MODULES[name]}"), name)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,7 +11,7 @@ from torch import Tensor
 
 from rans.errors import ConfigError
 from rans.fast.episode import Episodes, Outcome, Simulation
-from rans.fields import leaves, map_leaves, unflatten
+from rans.fields import leaves, map_leaves
 from rans.scenario import seed_words
 from rans.spacecraft import Spacecraft
 from rans.tasks.base import Task, observation, observation_width
@@ -54,14 +55,17 @@ class Engine:
             times faster than torch's and need no compiler.
 
     Raises:
-        ConfigError: num_envs is not a positive whole number.
+        ConfigError: num_envs is not a positive whole number, or dtype is another one.
     """
 
     def __init__(self, craft: Spacecraft, task: Task, num_envs: int, timing: Timing | None = None, *,
                  seed: int = 0, device: str | torch.device = "cpu",
                  dtype: torch.dtype = torch.float32, compiled: bool | None = None) -> None:
         if isinstance(num_envs, bool) or not isinstance(num_envs, int) or num_envs < 1:
-            raise ConfigError(f"the number of environments must be a whole number >= 1, got {num_envs!r}.")
+            raise ConfigError(
+                f"the number of environments must be a whole number >= 1, got {num_envs!r}.")
+        if dtype not in _NUMPY_DTYPES:
+            raise ConfigError(f"dtype must be torch.float32 or torch.float64, got {dtype!r}.")
         self.craft, self.task, self.timing = craft, task, timing or Timing()
         self.num_envs, self.dtype, self.device = num_envs, dtype, torch.device(device)
         self.compiled = self.device.type == "cuda" if compiled is None else compiled
@@ -71,7 +75,7 @@ class Engine:
             craft, task, self.timing, _NUMPY_DTYPES[dtype] if self._on_numpy else dtype)
         step = _step_tensors
         self._step = torch.compile(step, fullgraph=True, dynamic=False) if self.compiled else step
-        self._seed = tuple(self._int32(word) for word in (0, 0))
+        self._seed: tuple[Any, Any] = (self._int32(0), self._int32(0))
         self._episodes: Episodes = self._allocate(seed)
         self.reset(seed)
 
@@ -108,7 +112,7 @@ class Engine:
         if seed is None:
             number += self.num_envs
         else:
-            self._set_seed(seed)
+            self._set_seed(seed_words(seed))
             self._write(number, self._count())
         start, goal = self._simulation.begin(self._seed, number)
         for buffer, value in zip(self._buffers(), (*leaves(start), *_varying(goal)), strict=False):
@@ -125,6 +129,11 @@ class Engine:
     def observe(self) -> Tensor:
         """The current observation, (N, width)."""
         return self._stack(observation(self.task, self._episodes.state, self._episodes.goal)).T
+
+    def errors(self) -> dict[str, Tensor]:
+        """The task's errors in the current state by name, each (N,)."""
+        errors = self.task.errors(self._episodes.state, self._episodes.goal)
+        return {name: torch.as_tensor(error) for name, error in errors.items()}
 
     def step(self, action: Tensor) -> Step:
         """Hold the thrusters for one control period.
@@ -149,15 +158,24 @@ class Engine:
         return {"buffers": buffers, "seed": [int(w) for w in self._seed]}
 
     def load_state(self, saved: dict[str, Any]) -> None:
-        """Continue from what `save_state` gave."""
-        for buffer, value in zip(self._buffers(), saved["buffers"], strict=True):
-            self._write(buffer, value.numpy() if self._on_numpy else value.to(self.device))
-        self._seed = tuple(self._int32(w) for w in saved["seed"])
+        """Continue from what `save_state` gave.
 
-    def _set_seed(self, seed: int) -> None:
-        words = seed_words(seed)
+        Raises:
+            ConfigError: it was saved with another number of environments or dimension.
+        """
+        buffers, values = self._buffers(), saved["buffers"]
+        if [tuple(b.shape) for b in buffers] != [tuple(v.shape) for v in values]:
+            raise ConfigError(
+                f"the saved state is not one of {self.num_envs} environments of {self.craft.name!r}; "
+                "the usual cause is a changed number of environments.")
+        for buffer, value in zip(buffers, values, strict=True):
+            self._write(buffer, value.cpu().numpy() if self._on_numpy else value.to(self.device))
+        self._set_seed(saved["seed"])
+
+    def _set_seed(self, words: Sequence[int]) -> None:
+        """Keep the seed's two words, in memory that never moves: a CUDA graph reads it."""
         if self._on_numpy:
-            self._seed = words
+            self._seed = (words[0], words[1])
         else:
             for tensor, word in zip(self._seed, words, strict=True):
                 tensor.fill_(word)
@@ -169,11 +187,12 @@ class Engine:
 
     def _allocate(self, seed: int) -> Episodes:
         """Buffers of the right shape; their content is written by `reset`."""
-        self._set_seed(seed)
+        self._set_seed(seed_words(seed))
         number = self._count()
         start, goal = self._simulation.begin(self._seed, number)
-        zeros = np.zeros if self._on_numpy else lambda n, dtype: torch.zeros(n, dtype=dtype, device=self.device)
-        buffer = lambda _: zeros(self.num_envs, dtype=self._simulation.dtype)  # noqa: E731
+        where = {} if self._on_numpy else {"device": self.device}
+        zeros: Any = np.zeros if self._on_numpy else torch.zeros
+        buffer = lambda _: zeros(self.num_envs, dtype=self._simulation.dtype, **where)  # noqa: E731
         return Episodes(
             state=map_leaves(buffer, start),
             goal=map_leaves(lambda x: x if isinstance(x, float) else buffer(x), goal),
@@ -203,7 +222,7 @@ def _memory(episodes: Episodes) -> list[Any]:
 def _step_tensors(simulation: Simulation, episodes: Episodes, action: Tensor,
                   seed: tuple[Tensor, Tensor], stride: int) -> Step:
     """One step on tensors, writing the episodes' buffers in place; this is what is compiled."""
-    command = tuple(action[:, i].to(simulation.dtype) for i in range(action.shape[1]))  # type: ignore[call-overload]
+    command = tuple(action[:, i].to(simulation.dtype) for i in range(action.shape[1]))
     after, outcome = simulation.step(episodes, command, seed, stride)
     for buffer, value in zip(_memory(episodes), _memory(after), strict=True):
         buffer.copy_(value)

@@ -58,12 +58,19 @@ class Simulation:
     craft: Spacecraft
     task: Task
     timing: Timing
-    dtype: object
+    dtype: Any
     """Floating dtype of the fields, of their library."""
 
     def begin(self, seed: tuple[Field, Field], number: Field) -> tuple[Any, Any]:
         """Start and goal of the episodes with these numbers."""
         return self.task.sample(Random(self.craft.dimension, *seed, number, self.dtype))
+
+    def move(self, state: Any, command: tuple[Field, ...]) -> Any:
+        """The state after the command was held for one control period."""
+        return advance(
+            state, wrench(self.craft, command), MassProperties.of(self.craft),
+            self.timing.control_period, self.timing.substeps_in(self.craft.dimension),
+        ).normalised()
 
     def step(self, episodes: Episodes, command: tuple[Field, ...], seed: tuple[Field, Field],
              stride: int) -> tuple[Episodes, Outcome]:
@@ -76,10 +83,7 @@ class Simulation:
             stride: number of environments: how far the next episode's number is.
         """
         task, goal = self.task, episodes.goal
-        state = advance(
-            episodes.state, wrench(self.craft, command), MassProperties.of(self.craft),
-            self.timing.control_period, self.timing.substeps_in(self.craft.dimension),
-        ).normalised()
+        state = self.move(episodes.state, command)
         steps = episodes.steps + 1
         terms = task.reward(state, goal, thrust(self.craft, command))
         terminated = task.failed(state, goal)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import stable_baselines3
 import torch
 from stable_baselines3.common.buffers import RolloutBuffer
@@ -95,6 +96,22 @@ class PPO(stable_baselines3.PPO):
     def _excluded_save_params(self) -> list[str]:
         return [*super()._excluded_save_params(), "_rollout", "_collect", "_update", "_last_obs",
                 "_last_episode_starts", "rollout_buffer_class"]
+
+    def _setup_learn(self, *args: Any, **kwargs: Any) -> Any:
+        """As SB3; new episodes begin at random times, so that they do not all end in one rollout."""
+        fresh = self._last_obs is None
+        result = super()._setup_learn(*args, **kwargs)
+        if fresh:
+            self.env.engine.stagger()  # type: ignore[union-attr]
+        return result
+
+    def restore(self, policy: dict[str, Any], optimizer: dict[str, Any], num_timesteps: int) -> None:
+        """Go on from saved state dicts of the policy and its optimiser after so many steps."""
+        self.policy.load_state_dict(policy)
+        self.policy.optimizer.load_state_dict(optimizer)
+        self.num_timesteps = num_timesteps
+        # SB3 resets the environment unless it has seen an observation; this trainer needs none.
+        self._last_obs = np.zeros(0)
 
     def collect_rollouts(self, env: VecEnv, callback: BaseCallback, rollout_buffer: RolloutBuffer,
                          n_rollout_steps: int) -> bool:

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 import torch
-from gymnasium import spaces
 from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvObs, VecEnvStepReturn
+from torch import Tensor
 
 from rans.fast.engine import Engine
 from rans.fast.spaces import action_space, observation_space
@@ -38,7 +38,7 @@ class SB3VecEnv(VecEnv):
         self._reset_seeds()
         self._reset_options()
         self.reset_infos = [{} for _ in range(self.num_envs)]
-        return self.engine.reset(seed).cpu().numpy()
+        return _float32(self.engine.reset(seed))
 
     def step_async(self, actions: np.ndarray) -> None:
         """Keep the actions (N, thrusters) for `step_wait`."""
@@ -51,14 +51,14 @@ class SB3VecEnv(VecEnv):
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         ended = np.flatnonzero(done)
         if len(ended):
-            final = step.final_observation.cpu().numpy()
-            truncated, reached = step.truncated.cpu().numpy(), step.reached.cpu().numpy()
+            final = _float32(step.final_observation)
+            truncated = step.truncated.cpu().numpy()
+            success = (step.truncated & step.reached).cpu().numpy()
             for i in ended:
                 infos[i] = {"terminal_observation": final[i],
                             "TimeLimit.truncated": bool(truncated[i]),
-                            "is_success": bool(reached[i])}
-        # The engine may reuse its memory in the next step, and SB3 keeps observations.
-        return step.observation.cpu().numpy().copy(), step.reward.cpu().numpy(), done, infos
+                            "is_success": bool(success[i])}
+        return _float32(step.observation), _float32(step.reward), done, infos
 
     def seed(self, seed: int | None = None) -> Sequence[int | None]:
         """Choose the seed of all scenarios; takes effect at the next reset.
@@ -90,3 +90,8 @@ class SB3VecEnv(VecEnv):
 
     def _count(self, indices: VecEnvIndices) -> int:
         return len(list(self._get_indices(indices)))
+
+
+def _float32(tensor: Tensor) -> np.ndarray:
+    """What SB3 keeps in its buffers, whatever the engine's dtype and device."""
+    return tensor.to(torch.float32).cpu().numpy()

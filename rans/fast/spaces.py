@@ -1,19 +1,61 @@
-"""Gymnasium spaces of a spacecraft, shared by every environment interface."""
+"""What every environment interface shares: its spaces, and how it reads what a user asks for."""
 
 from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from gymnasium import spaces
 
+from rans.errors import ConfigError
 from rans.spacecraft import Spacecraft
-from rans.tasks.base import observation_width
+from rans.spacecraft_file import load_spacecraft
+from rans.tasks import Task, observation_width, task_class
+from rans.tasks.base import Dimension
+
+_DEFAULT_CRAFT = {2: "floating-platform", 3: "free-flyer"}
 
 
-def observation_space(craft: Spacecraft) -> spaces.Box:
-    """10 (plane) or 22 (space) unbounded float32 columns."""
-    return spaces.Box(-np.inf, np.inf, (observation_width(craft.dimension),), np.float32)
+def observation_space(craft: Spacecraft, dtype: type[np.floating[Any]] = np.float32) -> spaces.Box:
+    """10 (plane) or 22 (space) columns that may be any finite float32 number.
+
+    Gymnasium's and SB3's checkers ask for finite bounds.
+    """
+    bound = float(np.finfo(np.float32).max)
+    return spaces.Box(-bound, bound, (observation_width(craft.dimension),), dtype)
 
 
 def action_space(craft: Spacecraft) -> spaces.MultiDiscrete:
     """One on/off choice per thruster."""
     return spaces.MultiDiscrete([2] * len(craft.thrusters))
+
+
+def choose(task_name: str, dimension: Dimension, spacecraft: str | Path | Spacecraft | None,
+           task: Task | None) -> tuple[Spacecraft, Task]:
+    """Spacecraft and task of an environment.
+
+    Args:
+        task_name: key of `rans.tasks.TASKS`.
+        dimension: 2 (plane) or 3 (space).
+        spacecraft: name, TOML file or object; None: the usual one of this dimension.
+        task: settings; None: the defaults.
+
+    Raises:
+        ConfigError: there is no such spacecraft or task, or it does not fit the environment.
+    """
+    craft = _DEFAULT_CRAFT[dimension] if spacecraft is None else spacecraft
+    craft = craft if isinstance(craft, Spacecraft) else load_spacecraft(craft)
+    if craft.dimension != dimension:
+        raise ConfigError(
+            f"this environment is for spacecraft of dimension {dimension}, got {craft.name!r} of "
+            f"dimension {craft.dimension}; environments named 2D fly in the plane, those named 3D in "
+            "space.")
+    wanted = task_class(task_name)
+    if task is None:
+        return craft, wanted()
+    if not isinstance(task, wanted):
+        raise ConfigError(
+            f"this environment is for {wanted.__name__} settings, got {task!r}; choose the environment "
+            "named after the task.")
+    return craft, task

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from rans.spacecraft import Spacecraft
+from rans.errors import ConfigError
+from rans.spacecraft import Spacecraft, controls_every_direction
 
 _STEPS = 100
 """Newton steps at most. Opposed pairs of equal thrusters need none, random layouts about ten; where
 thrusters are so nearly dependent that this does not suffice the wrench is met approximately."""
 
-_EXACT = 1e-12
-"""Part of a wrench that may be missing: rounding."""
+_EXACT = 1e-9
+"""Part of a wrench that may be missing."""
 
 
 class Allocation:
@@ -24,13 +25,22 @@ class Allocation:
     positive part goes to one thruster and the negative part to the other.
 
     Args:
-        craft: its thrusters must push and turn it in every direction.
+        craft: the spacecraft.
+
+    Raises:
+        ConfigError: its thrusters cannot push and turn it in every direction.
     """
 
     def __init__(self, craft: Spacecraft) -> None:
+        if not controls_every_direction(craft):
+            raise ConfigError(
+                f"spacecraft {craft.name!r} cannot be steered: its {len(craft.thrusters)} thrusters do "
+                "not push and turn it in every direction; the usual cause is a missing or reversed "
+                "thruster.")
         columns = np.array(craft.wrench_map).T
         self._size = np.abs(columns).max(axis=1)
         self._columns = columns / self._size[:, None]
+        self._dimension = craft.dimension
         self._shared = craft.thrust_sharing == "split"
 
     def commands(self, wrench: np.ndarray) -> np.ndarray:
@@ -43,12 +53,22 @@ class Allocation:
             (N, thrusters), each 0 to 1; where thrust is shared, so is their sum.
         """
         command = self._unbounded(wrench / self._size)
-        load = command.sum(axis=1) if self._shared else command.max(axis=1)
-        return command / np.maximum(load, 1.0)[:, None]
+        return command / np.maximum(self._load(command), 1.0)[:, None]
 
     def within_reach(self, wrench: np.ndarray) -> np.ndarray:
         """The wrench, or as great a share of it as the thrusters can give, (N, 3 or 6)."""
         return self.commands(wrench) @ self._columns.T * self._size
+
+    def authority(self) -> tuple[float, float]:
+        """Force (N) and torque (N m) that can be given along every axis of B, in both senses."""
+        axes = np.diag(self._size)
+        load = self._load(self._unbounded(np.vstack([axes, -axes]) / self._size))
+        reach = (np.tile(self._size, 2) / load).reshape(2, -1).min(axis=0)
+        return float(reach[:self._dimension].min()), float(reach[self._dimension:].min())
+
+    def _load(self, command: np.ndarray) -> np.ndarray:
+        """(N,) by how much commands without upper bound ask for more than there is."""
+        return command.sum(axis=1) if self._shared else command.max(axis=1)
 
     def _unbounded(self, wrench: np.ndarray) -> np.ndarray:
         columns = self._columns
@@ -60,7 +80,7 @@ class Allocation:
             if np.abs(missing).max(initial=0.0) <= _EXACT * scale:
                 break
             open_columns = columns * (command > 0)[:, None, :]
-            curvature = open_columns @ columns.T + 1e-6 * np.eye(len(columns))
+            curvature = open_columns @ columns.T + 1e-9 * np.eye(len(columns))
             step = np.linalg.solve(curvature, missing[..., None])[..., 0]
             dual = dual + step * self._damping(wrench, dual, step, missing)[:, None]
         return np.maximum(0.0, dual @ columns)

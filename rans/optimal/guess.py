@@ -7,9 +7,9 @@ import math
 import numpy as np
 
 from rans.dynamics import State
-from rans.errors import ConfigError
 from rans.fields import Field, Heading, Quat, leaves, wrap
-from rans.spacecraft import Spacecraft, controls_every_direction
+from rans.optimal.allocation import Allocation
+from rans.spacecraft import Spacecraft
 
 
 def rotation_vector(rotation: Heading | Quat) -> np.ndarray:
@@ -75,32 +75,13 @@ def _turned(attitude: Heading | Quat, turn: np.ndarray, pace: Field) -> np.ndarr
     return np.array(leaves(attitude.times(Quat(np.cos(0.5 * angle * pace), x, y, z))))
 
 
-def authority(craft: Spacecraft) -> tuple[float, float]:
-    """Force (N) and torque (N m) within reach: the weakest of the axes of B, in its weaker sense.
-
-    An estimate that scales guesses and gains: what the thrusters add along one axis is counted
-    without asking that the other axes stay in balance.
-
-    Raises:
-        ConfigError: the thrusters cannot push and turn the spacecraft in every direction.
-    """
-    if not controls_every_direction(craft):
-        raise ConfigError(
-            f"spacecraft {craft.name!r} cannot be steered: its {len(craft.thrusters)} thrusters do not "
-            "push and turn it in every direction; the usual cause is a missing or reversed thruster.")
-    wrenches = np.array(craft.wrench_map)
-    gather = np.sum if craft.thrust_sharing == "none" else np.max
-    reach = np.minimum(gather(np.maximum(wrenches, 0), axis=0), gather(np.maximum(-wrenches, 0), axis=0))
-    return float(reach[:craft.dimension].min()), float(reach[craft.dimension:].min())
-
-
 def transfer_time(craft: Spacecraft, start: State, goal: State) -> float:
     """About how long the craft needs from rest to rest, s.
 
     Constant acceleration and braking take 2 sqrt(way / acceleration); the slower of the translation
     and the turn counts, with a fifth to spare for doing both at once.
     """
-    force, torque = authority(craft)
+    force, torque = Allocation(craft).authority()
     way = float((goal.p - start.p).norm())  # type: ignore[operator]
     turn = float(np.linalg.norm(rotation_vector(start.attitude.to(goal.attitude))))  # type: ignore[arg-type]
     inertia = float(np.linalg.eigvalsh(np.array(craft.inertia))[-1])

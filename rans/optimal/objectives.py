@@ -54,13 +54,16 @@ class MinimumFuel:
     control_period: float = 0.2
     """s."""
 
-    name = "minimum fuel"
-
     def __post_init__(self) -> None:
         for key in ("horizon", "control_period"):
             value = getattr(self, key)
             if not (math.isfinite(value) and value > 0):
                 raise ConfigError(f"minimum fuel: {key} must be a finite number > 0 s, got {value}.")
+
+    @property
+    def name(self) -> str:
+        """See `Objective`."""
+        return f"minimum fuel in {self.horizon:g} s"
 
     @property
     def intervals(self) -> int:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from rans.optimal.allocation import Allocation
 from rans.spacecraft import Spacecraft
 
 
@@ -11,14 +12,14 @@ class SigmaDelta:
     """Opens the thrusters that best pay what is owed, and carries the rest to the next period.
 
     Sigma-delta modulation of the wrench as a vector: what rounding gave too much or too little is
-    carried on, so that over any time the impulse is the wanted one to within a few pulses. What is
-    left over is weighed by the kinetic energy it is worth. Carrying it for every thruster by
-    itself (sum-up rounding: Sager, J. Process Control 19, 2009) lets several thrusters turn the
-    spacecraft in the same period without need: it rests three times less quietly.
+    carried on, so that over any time the impulse is the wanted one to within a few pulses. What is left
+    over is weighed by the kinetic energy it is worth. Carrying it for every thruster by itself (sum-up
+    rounding: Sager, J. Process Control 19, 2009) lets several thrusters turn the spacecraft in the same
+    period without need; the platform then rests three times less quietly.
 
     Args:
-        craft: what flies; where its thrust is shared one thruster is opened at a time, as opening
-            more gives no more.
+        craft: what flies; where its thrust is shared at most one thruster is opened, as opening more
+            gives no more.
     """
 
     def __init__(self, craft: Spacecraft) -> None:
@@ -28,7 +29,7 @@ class SigmaDelta:
         self._metric[:craft.dimension, :craft.dimension] = np.eye(craft.dimension) / craft.mass
         self._metric[craft.dimension:, craft.dimension:] = np.linalg.inv(inertia)
         self._prices = np.einsum("ti,ij,tj->t", self._wrenches, self._metric, self._wrenches)
-        self._at_once = 1 if craft.thrust_sharing == "split" else len(self._wrenches)
+        self._shared, self._allocation = craft.thrust_sharing == "split", Allocation(craft)
         self._owed = np.zeros((0, craft.degrees_of_freedom))
 
     def reset(self, count: int) -> None:
@@ -36,7 +37,10 @@ class SigmaDelta:
         self._owed = np.zeros((count, self._owed.shape[1]))
 
     def round(self, wrench: np.ndarray) -> np.ndarray:
-        """Open (1.0) or shut (0.0) for every episode: one thruster after the other, best first.
+        """Open (1.0) or shut (0.0) for every episode.
+
+        Starts with the thrusters of which the allocation asks for half or more, then opens or shuts one
+        after the other as long as that brings the impulse closer, best first.
 
         Args:
             wrench: (N, 3 or 6), force then torque on B, within the thrusters' reach.
@@ -46,14 +50,15 @@ class SigmaDelta:
         """
         owed, episodes = self._owed + wrench, np.arange(len(wrench))
         pulse = np.zeros((len(wrench), len(self._wrenches)))
-        for _ in range(self._at_once):
-            gain = 2.0 * owed @ self._metric @ self._wrenches.T - self._prices
-            gain[pulse > 0] = -np.inf
+        if not self._shared:
+            pulse = (self._allocation.commands(owed) >= 0.5).astype(float)
+        for _ in range(1 if self._shared else len(self._wrenches)):
+            left = owed - pulse @ self._wrenches
+            gain = (2.0 - 4.0 * pulse) * (left @ self._metric @ self._wrenches.T) - self._prices
             best = gain.argmax(axis=1)
             worth = gain[episodes, best] > 0
             if not worth.any():
                 break
-            pulse[episodes[worth], best[worth]] = 1.0
-            owed = self._owed + wrench - pulse @ self._wrenches
-        self._owed = owed
+            pulse[episodes[worth], best[worth]] = 1.0 - pulse[episodes[worth], best[worth]]
+        self._owed = owed - pulse @ self._wrenches
         return pulse

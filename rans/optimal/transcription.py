@@ -83,7 +83,7 @@ class Transcription:
         objective: what to minimise.
         substeps: integration steps a control period, see `rans.dynamics.advance`. In the plane one
             is exact; in space one is off by less than a millimetre over a smooth optimal trajectory,
-            which a replay in Drake shows, and takes half the time of two.
+            which a replay in Drake shows, and takes a third of the time of two.
     """
 
     def __init__(self, craft: Spacecraft, task: Task, objective: Objective, substeps: int = 1) -> None:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
+import math
 from typing import Any, Literal, Protocol
 
 from rans.dynamics import State
+from rans.errors import ConfigError
 from rans.fields import Field
 from rans.scenario import Random
 
@@ -25,6 +28,10 @@ class Task(Protocol):
 
     def sample(self, random: Random) -> tuple[State, State]:
         """Start and goal of one episode."""
+        ...
+
+    def for_evaluation(self) -> Task:
+        """The task with the starts and goals that agents are judged on."""
         ...
 
     def residual(self, state: Any, goal: Any) -> tuple[Field, ...]:
@@ -94,6 +101,24 @@ def observation_columns(task: Task, dimension: Dimension) -> tuple[Column, ...]:
 def state_dimension(state: Any) -> Dimension:
     """2 for a planar state, 3 for a spatial one."""
     return 2 if len(state.p.columns()) == 2 else 3
+
+
+def check_settings(task: Any) -> None:
+    """Refuse settings no task can work with, by the kind their name tells.
+
+    Raises:
+        ConfigError: a scale, distance, tolerance or limit is not a finite number > 0, a weight is
+            negative, or a range's bounds are in the wrong order.
+    """
+    for field in dataclasses.fields(task):
+        name, value = field.name, getattr(task, field.name)
+        numbers = value if isinstance(value, tuple) else (value,)
+        if not all(isinstance(x, int | float) and math.isfinite(x) and x >= 0 for x in numbers):
+            raise ConfigError(f"{name} must be finite and not negative, got {value!r}.")
+        if isinstance(value, tuple) and value[0] > value[1]:
+            raise ConfigError(f"{name} must be a range (low, high), got {value!r}.")
+        if not isinstance(value, tuple) and value == 0 and not name.endswith("_weight"):
+            raise ConfigError(f"{name} must be > 0, got {value!r}; only weights may be zero.")
 
 
 def reached(task: Task, state: Any, goal: Any) -> Field:

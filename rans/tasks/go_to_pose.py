@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from rans.dynamics import State
+from rans.errors import ConfigError
 from rans.fields import Field, exp
 from rans.scenario import Random
-from rans.tasks.base import Column, Dimension
+from rans.tasks.base import Column, Dimension, check_settings
 
 
 @dataclass(frozen=True)
@@ -23,13 +24,21 @@ class GoToPose:
     """
 
     spawn_distance: tuple[float, float] = (0.5, 4.5)
-    """Range of the start's distance from the goal, m. The paper evaluates on 3 to 4 m."""
+    """Range of the start's distance from the goal in training, m (original system)."""
+    evaluation_distance: tuple[float, float] = (3.0, 4.0)
+    """The same in evaluations, m (paper, section 4.1)."""
+    approach_weight: float = 0.5
+    """Weight of the rewards that are felt from afar; 0 gives the original system's reward."""
+    approach_scale: float = 1.5
+    """Distance at which the approach reward has fallen to 1/e, m."""
+    turn_scale: float = 1.0
+    """Attitude error at which the turn reward has fallen to 1/e, rad."""
     position_scale: float = 0.25
     """Error at which the position reward has fallen to 1/e, m (original system, 2023)."""
     attitude_scale: float = 0.25
     """Error at which the attitude reward has fallen to 1/e, rad (original system, 2023)."""
-    thrust_weight: float = 0.0
-    """Reward lost per step and open thruster."""
+    thrust_weight: float = 0.02
+    """Reward lost per step and fully open thruster; it also stops the chatter at the goal."""
     position_tolerance: float = 0.05
     """Distance that counts as reached, m."""
     attitude_tolerance: float = math.radians(5.0)
@@ -40,6 +49,17 @@ class GoToPose:
     """A spatial episode fails beyond this rate, rad/s: without it policies spin up for good."""
 
     flag = 1
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+        if self.fail_distance <= self.spawn_distance[1]:
+            raise ConfigError(
+                f"fail_distance must exceed the farthest start, {self.spawn_distance[1]} m, got "
+                f"{self.fail_distance}: episodes would fail as they begin.")
+
+    def for_evaluation(self) -> GoToPose:
+        """The task with the starts that agents are judged on."""
+        return replace(self, spawn_distance=self.evaluation_distance)
 
     def sample(self, random: Random) -> tuple[State, State]:
         """Start around the goal, goal at the origin."""
@@ -76,15 +96,19 @@ class GoToPose:
         return {"position": self.position_tolerance, "attitude": self.attitude_tolerance}
 
     def reward(self, state: Any, goal: Any, thrust: tuple[Field, ...]) -> dict[str, Field]:
-        """exp(-distance / scale) + exp(-angle / scale), less the thrust's price."""
-        errors = self.errors(state, goal)
-        terms = {
-            "position": exp(errors["position"] * (-1.0 / self.position_scale)),
-            "attitude": exp(errors["attitude"] * (-1.0 / self.attitude_scale)),
+        """exp(-distance / scale) + exp(-angle / scale), as the original system; wider copies; thrust.
+
+        Without the wide "turn" some seeds hold the position with any attitude and never leave that
+        optimum, and without "approach" training takes twice as long (docs/decisions/005-presets.md).
+        """
+        distance, angle = self.errors(state, goal).values()
+        return {
+            "position": exp(distance * (-1.0 / self.position_scale)),
+            "attitude": exp(angle * (-1.0 / self.attitude_scale)),
+            "approach": exp(distance * (-1.0 / self.approach_scale)) * self.approach_weight,
+            "turn": exp(angle * (-1.0 / self.turn_scale)) * self.approach_weight,
+            "thrust": sum(thrust[1:], start=thrust[0]) * -self.thrust_weight,
         }
-        if self.thrust_weight > 0:
-            terms["thrust"] = sum(thrust[1:], start=thrust[0]) * -self.thrust_weight
-        return terms
 
     def failed(self, state: Any, goal: Any) -> Field:
         """Too far away, or in space spinning too fast."""

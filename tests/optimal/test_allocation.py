@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import nnls
 
+from rans.errors import ConfigError
 from rans.optimal.allocation import Allocation
 from rans.optimal.rounding import SigmaDelta
 from rans.spacecraft import Spacecraft
@@ -32,9 +34,10 @@ def wrenches(craft: Spacecraft, size: float, count: int) -> np.ndarray:
 def test_commands_give_the_wrench(craft: Spacecraft) -> None:
     wanted = wrenches(craft, 0.01, 200)  # small enough for every layout here to reach
     command = Allocation(craft).commands(wanted)
-    assert command.min() >= 0 and command.max() < 1
-    # Newton stops at 1e-12 of a thruster's wrench
-    np.testing.assert_allclose(command @ np.array(craft.wrench_map), wanted, atol=1e-11)
+    assert command.min() >= 0
+    assert command.max() < 1
+    # Newton stops at 1e-9 of a thruster's wrench, of at most 1.9 N
+    np.testing.assert_allclose(command @ np.array(craft.wrench_map), wanted, atol=2e-9)
 
 
 @by_name
@@ -48,7 +51,7 @@ def test_commands_are_the_smallest(craft: Spacecraft) -> None:
         best, _ = nnls(priced, np.append(wanted / size.T, np.zeros(columns.shape[1])))
         found = allocation.commands(wanted[None])[0]
         assert np.linalg.norm(found) <= np.linalg.norm(best) * (1 + 1e-4)
-        np.testing.assert_allclose(found, best, atol=1e-3 * np.linalg.norm(best))
+        np.testing.assert_allclose(found, best, atol=1e-3 * float(np.linalg.norm(best)))
 
 
 @by_name
@@ -61,7 +64,7 @@ def test_out_of_reach_keeps_the_direction(craft: Spacecraft, sharing: str) -> No
     np.testing.assert_allclose(load, 1.0, atol=1e-12)
     given_ = allocation.within_reach(wanted)
     cosine = (given_ * wanted).sum(1) / np.linalg.norm(given_, axis=1) / np.linalg.norm(wanted, axis=1)
-    np.testing.assert_allclose(cosine, 1.0, atol=1e-9)
+    np.testing.assert_allclose(cosine, 1.0, atol=1e-8)  # the same 1e-9, relative
 
 
 def test_pairs_by_hand() -> None:
@@ -71,6 +74,22 @@ def test_pairs_by_hand() -> None:
     np.testing.assert_allclose(command, np.where(pushing, 0.25 / np.sqrt(0.5), 0.0), atol=1e-12)
 
 
+def test_platform_authority_by_hand() -> None:
+    """Four of the eight 1 N nozzles push along each body axis at 45 degrees, four turn it at 0.31 m."""
+    platform = load_spacecraft("floating-platform")
+    assert Allocation(platform).authority() == pytest.approx((4 * math.sqrt(0.5), 4 * 0.31), rel=1e-6)
+    shared = replace(platform, thrust_sharing="split")
+    assert Allocation(shared).authority() == pytest.approx((math.sqrt(0.5), 0.31), rel=1e-6)
+
+
+def test_uncontrollable_spacecraft_is_refused() -> None:
+    platform = load_spacecraft("floating-platform")
+    with pytest.warns(UserWarning, match="cannot push and turn"):
+        lame = Spacecraft("lame", 2, platform.mass, platform.inertia, platform.thrusters[:2])
+    with pytest.raises(ConfigError, match="'lame' cannot be steered: its 2 thrusters"):
+        Allocation(lame)
+
+
 @by_name
 @settings(max_examples=20)
 @given(seed=st.integers(0, 2**32 - 1), load=st.floats(0.0, 1.0))
@@ -78,7 +97,7 @@ def test_rounding_keeps_the_impulse(craft: Spacecraft, seed: int, load: float) -
     """However long it runs, what is given differs from what was wanted by a few pulses.
 
     Rounding that forgets would be wrong by up to half a pulse per thruster and period: by tens to
-    hundreds of pulses after these 200 periods of constant commands. Six were seen at worst, in 2,000.
+    hundreds of pulses after these 200 periods of constant commands; 2.6 were seen at worst in 2,000.
     """
     columns = np.array(craft.wrench_map)
     command = load * np.random.default_rng(seed).uniform(0, 1, (3, len(columns)))
@@ -87,7 +106,7 @@ def test_rounding_keeps_the_impulse(craft: Spacecraft, seed: int, load: float) -
     pulses = np.stack([modulator.round(command @ columns) for _ in range(200)])
     assert set(np.unique(pulses)) <= {0.0, 1.0}
     owed = np.cumsum((command - pulses) @ columns, axis=0)
-    assert (np.abs(owed) <= 8.0 * np.abs(columns).max(axis=0)).all()
+    assert (np.abs(owed) <= 4.0 * np.abs(columns).max(axis=0)).all()
 
 
 def test_half_a_thruster_opens_every_other_period() -> None:

@@ -1,0 +1,163 @@
+"""``rans train``: an agent from a task, a spacecraft and a seed."""
+
+from __future__ import annotations
+
+import json
+import shlex
+import signal
+import sys
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from tyro.conf import Positional, UseAppendAction, arg
+
+from rans.cli import STARTED
+from rans.errors import ConfigError
+
+if TYPE_CHECKING:
+    from rans.fast.config import TrainConfig
+    from rans.fast.run_folder import RunFolder
+
+
+@dataclass(frozen=True)
+class Train:
+    """Train an agent until it has solved its task; Ctrl-C stops early and keeps everything.
+
+    The run folder holds the config, metrics, checkpoints, TensorBoard events, the learning curve and
+    the agent (policy.zip, which stable_baselines3.PPO.load opens too).
+    """
+
+    task: Positional[str | None] = None
+    """What to learn: see `rans list`."""
+    spacecraft: str = "floating-platform"
+    """Name of a spacecraft that comes with RANS, or your own TOML file."""
+    seed: int = 0
+    """Decides everything random: the same seed gives the same agent, bit by bit on a CPU."""
+    device: str | None = None
+    """cpu or cuda; by default a GPU if there is one."""
+    total_timesteps: int | None = None
+    """End after so many environment steps, solved or not."""
+    set: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="KEY=VALUE")] = ()
+    """Change any entry of the config, e.g. --set ppo.n_steps=32 --set settings.thrust_weight=0.05."""
+    output: Annotated[Path | None, arg(name="run")] = None
+    """Folder for the run; by default a new one under runs/."""
+    config: Path | None = None
+    """Start from the config.json of another run instead of a task's preset."""
+    resume: Path | None = None
+    """Continue the training in this run folder from its last checkpoint."""
+
+    def _run_folder(self) -> RunFolder:
+        """The folder to train in, with its config written."""
+        from rans.fast.run_folder import RunFolder
+        from rans.fast.trainer import run_path
+
+        if self.resume is not None:
+            if self.task or self.config or self.set or self.output:
+                raise ConfigError("--resume takes everything from the run folder; give nothing else.")
+            return RunFolder(self.resume)
+        config = self._config()
+        folder = RunFolder(self.output or run_path(config))
+        folder.begin(config, shlex.join(["rans", *sys.argv[1:]]))
+        return folder
+
+    def _config(self) -> TrainConfig:
+        from rans.fast.config import from_table, to_table
+        from rans.fast.run_folder import read_config
+
+        if (self.task is None) == (self.config is None):
+            raise ConfigError("say what to train: a task, such as `rans train go-to-pose`, or --config FILE.")
+        config = read_config(self.config) if self.config else self._preset()
+        if self.total_timesteps is not None:
+            config = replace(config, total_timesteps=self.total_timesteps)
+        table = json.loads(json.dumps(to_table(config)))
+        for change in self.set:
+            _change(table, change)
+        return from_table(table)
+
+    def _preset(self) -> TrainConfig:
+        import torch
+
+        from rans.fast.config import TrainConfig
+        from rans.fast.presets import preset
+        from rans.spacecraft_file import load_spacecraft
+        from rans.tasks import task_class
+
+        task = str(self.task)
+        settings, craft = task_class(task)(), load_spacecraft(self.spacecraft)
+        device = self.device or ("cuda" if torch.cuda.is_available() else "cpu")
+        return TrainConfig(task, settings, self.spacecraft, preset(task, craft.dimension, device),
+                           seed=self.seed, device=device)
+
+    def run(self) -> int:
+        """Train with progress; 130 when it was stopped early."""
+        from rans.cli.progress import TrainingProgress
+        from rans.evaluation.figures import learning_curve
+        from rans.fast.trainer import Trainer
+        from rans.files import replace_file
+
+        folder = self._run_folder()
+        trainer = Trainer(folder.config(), folder)
+        if self.resume is not None:
+            trainer.resume()
+        with TrainingProgress(trainer.config) as progress, _stop_gently() as stop:
+            trainer.train(lambda row: progress.show(row) or stop.asked)
+        picture = folder.path / "learning_curve.svg"
+        if rows := folder.metrics():
+            replace_file(picture, lambda draft: learning_curve(rows).savefig(draft, format="svg"))
+        print(_summary(trainer, stop.asked, time.monotonic() - STARTED))
+        return 130 if stop.asked else 0
+
+
+def _summary(trainer: Any, stopped: bool, seconds: float) -> str:
+    """One paragraph: how it ended, what it took, where it is."""
+    path = trainer.run.path
+    ending = ("Stopped" if stopped else "Solved" if trainer.solved else
+              "Done" if trainer.config.solved_share is None else "Out of steps, not solved")
+    steps = trainer.model.num_timesteps
+    rate = steps / max(trainer.seconds, 1e-9)
+    text = (f"{ending} after {steps:,} steps: {trainer.seconds:.1f} s of training "
+            f"({rate:,.0f} steps/s), {seconds:.1f} s in all. The agent is {path}/policy.zip.")
+    if stopped:
+        text += f" Continue with: rans train --resume {path}"
+    return text
+
+
+def _change(table: dict[str, Any], change: str) -> None:
+    """Apply one KEY=VALUE to a nested table; the value is JSON, or else text."""
+    key, equals, text = change.partition("=")
+    if not equals:
+        raise ConfigError(f"--set takes KEY=VALUE, got {change!r}.")
+    *parents, last = key.split(".")
+    inner: Any = table
+    for parent in parents:
+        inner = inner.get(parent) if isinstance(inner, dict) else None
+    if not isinstance(inner, dict) or last not in inner:
+        raise ConfigError(f"--set: the config has no {key!r}; its entries are in any run's config.json.")
+    try:
+        inner[last] = json.loads(text)
+    except ValueError:
+        inner[last] = text
+
+
+class _stop_gently:
+    """Within it Ctrl-C asks for a stop at the next report; a second one interrupts at once."""
+
+    asked = False
+
+    def __enter__(self) -> _stop_gently:
+        self._before = {s: signal.signal(s, self._ask) for s in (signal.SIGINT, signal.SIGTERM)}
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
+
+    def _ask(self, *_: object) -> None:
+        if self.asked:
+            raise KeyboardInterrupt
+        self.asked = True
+
+
+COMMAND = Train

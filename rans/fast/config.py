@@ -1,0 +1,137 @@
+"""Everything that decides a training, as one value that goes to and from JSON."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import cattrs
+
+from rans.errors import ConfigError, RansError
+from rans.tasks import Task, task_class
+from rans.timing import Timing
+
+
+@dataclass(frozen=True)
+class PPOSettings:
+    """Hyper-parameters of `rans.fast.PPO`, by their names in Stable-Baselines3.
+
+    Raises:
+        ConfigError: a value is out of its range.
+    """
+
+    n_envs: int = 128
+    """Spacecraft flown together."""
+    n_steps: int = 64
+    """Control periods between updates."""
+    batch_size: int = 2048
+    """Transitions a minibatch."""
+    n_epochs: int = 4
+    """Passes over the transitions in an update."""
+    learning_rate: float = 1e-3
+    """Step size to start with."""
+    desired_kl: float | None = 0.016
+    """Divergence an update should cause: the step size adapts to it. None: constant step size."""
+    gamma: float = 0.98
+    """Discount per control period."""
+    gae_lambda: float = 0.95
+    """Bias-variance trade-off of the advantages."""
+    clip_range: float = 0.2
+    """Bound of the probability ratio."""
+    ent_coef: float = 0.0
+    """Weight of the entropy bonus."""
+    vf_coef: float = 0.5
+    """Weight of the value loss."""
+    max_grad_norm: float = 1.0
+    """Gradients are scaled down to this length."""
+    reward_scale: float = 0.1
+    """Factor on every reward."""
+    layers: tuple[int, ...] = (64, 64)
+    """Units of the network's hidden layers, shared by actor and critic."""
+    activation: Literal["tanh", "elu", "relu"] = "tanh"
+    """Between the layers."""
+
+    def __post_init__(self) -> None:
+        for name in ("n_envs", "n_steps", "batch_size", "n_epochs"):
+            _require(getattr(self, name) >= 1, name, getattr(self, name), ">= 1")
+        for name in ("learning_rate", "clip_range", "max_grad_norm", "reward_scale"):
+            _require(0 < getattr(self, name) < float("inf"), name, getattr(self, name), "> 0")
+        for name in ("gamma", "gae_lambda"):
+            _require(0 < getattr(self, name) <= 1, name, getattr(self, name), "in (0, 1]")
+        _require(bool(self.layers) and min(self.layers) >= 1, "layers", self.layers, "units >= 1 each")
+
+
+def _require(holds: bool, name: str, value: object, bound: str) -> None:
+    if not holds:
+        raise ConfigError(f"ppo.{name} must be {bound}, got {value}.")
+
+
+@dataclass(frozen=True)
+class TrainConfig:
+    """One training: the same config and seed give the same agent, bit by bit on a CPU."""
+
+    task: str
+    """Name of the task."""
+    settings: Task
+    """The task's settings."""
+    spacecraft: str
+    """Name of a spacecraft, or a TOML file."""
+    ppo: PPOSettings = field(default_factory=PPOSettings)
+    timing: Timing = field(default_factory=Timing)
+    seed: int = 0
+    """Of starts, goals, weights and actions."""
+    device: str = "cpu"
+    """Torch device."""
+    total_timesteps: int = 10_000_000
+    """Environment steps after which training ends, solved or not."""
+    solved_share: float | None = 0.995
+    """Training ends once this share of 1,024 episodes keeps within the task's tolerances throughout the
+    last fifth. None: train for all steps."""
+
+
+def to_table(config: TrainConfig) -> dict[str, Any]:
+    """The config as plain JSON values."""
+    return dataclasses.asdict(config)
+
+
+def from_table(table: dict[str, Any]) -> TrainConfig:
+    """The config that `to_table` gave, with whatever the user changed in it.
+
+    Raises:
+        ConfigError: an unknown key, a value of the wrong type or out of its range.
+    """
+    if not isinstance(table, dict) or not isinstance(table.get("task"), str):
+        raise ConfigError("a training config must name its task: {\"task\": \"go-to-pose\", ...}.")
+    settings = _structure(table.get("settings", {}), task_class(table["task"]), "settings")
+    return _structure(table | {"settings": settings}, TrainConfig, "config")
+
+
+def _structure(table: Any, cls: type, where: str) -> Any:
+    converter = cattrs.Converter(forbid_extra_keys=True)
+    converter.register_structure_hook(Task, lambda value, _: value)
+    for kind in (bool, int, float, str):
+        converter.register_structure_hook(kind, _strict)
+    try:
+        return converter.structure(table, cls)
+    except Exception as error:
+        raise ConfigError(f"{where}: {'; '.join(cattrs.transform_error(error, format_exception=_say))}.") from error
+
+
+def _strict(value: Any, kind: type) -> Any:
+    """No silent conversions: "64" is not 64, and True is not 1; but 1 is 1.0."""
+    if kind is float and type(value) is int:
+        return float(value)
+    if type(value) is not kind:
+        raise ConfigError(f"expected {kind.__name__}, got {value!r}")
+    return value
+
+
+def _say(error: BaseException, _: type | None) -> str:
+    if isinstance(error, RansError):
+        return str(error).rstrip(".")
+    if isinstance(error, cattrs.ForbiddenExtraKeysError):
+        return f"unknown key {', '.join(sorted(map(repr, error.extra_fields)))}"
+    if isinstance(error, KeyError):
+        return f"the key {error} is missing"
+    return str(error)

@@ -1,0 +1,118 @@
+"""Many spacecraft as one Gymnasium vector environment: torch tensors in and out, on one device."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from torch import Tensor
+
+from rans.errors import ConfigError
+from rans.fast.engine import Engine
+from rans.fast.spaces import action_space, choose, observation_space
+from rans.spacecraft import Spacecraft
+from rans.tasks import Task
+from rans.tasks.base import Dimension
+from rans.timing import Timing
+
+
+class SpacecraftVectorEnv(VectorEnv[Tensor, Tensor, Tensor]):
+    """An `Engine` seen through Gymnasium's interface.
+
+    Made by ``gymnasium.make_vec("rans/GoToPose2D-v0", num_envs=4096)``. For wrappers that want NumPy
+    arrays use ``gymnasium.wrappers.vector.ArrayConversion(env, torch, numpy)``.
+
+    One seed serves the whole batch: environment i flies episodes i, i + N, i + 2 N, ... of it, and
+    episode k is the same whatever N is, here and in `SpacecraftEnv`.
+
+    Episodes restart in the step that ends them (``AutoresetMode.SAME_STEP``). Nothing waits for the
+    device, so every step's ``info`` has the same keys, tensors whose masks say where they count:
+    "final_obs" (N, width) and "final_info" {"is_success": (N,)} under "_final_obs" and "_final_info",
+    and "reward_terms" {name: (N,)} everywhere.
+
+    Args:
+        num_envs: N, number of spacecraft stepped together.
+        task_name: key of `rans.tasks.TASKS`.
+        dimension: 2 (plane) or 3 (space).
+        spacecraft: name, TOML file or object; None: the usual one of this dimension.
+        task: settings; None: the defaults.
+        timing: control period, accuracy and length of an episode.
+        device: torch device of every tensor.
+        dtype: torch.float32, or torch.float64 for comparisons.
+        compiled: see `Engine`.
+
+    Raises:
+        ConfigError: one of these does not exist or does not fit the others.
+    """
+
+    metadata = {"autoreset_mode": AutoresetMode.SAME_STEP, "render_modes": []}  # noqa: RUF012  (Gymnasium's)
+
+    def __init__(self, num_envs: int, task_name: str, dimension: Dimension, *,
+                 spacecraft: str | Path | Spacecraft | None = None, task: Task | None = None,
+                 timing: Timing | None = None, device: str | torch.device = "cpu",
+                 dtype: torch.dtype = torch.float32, compiled: bool | None = None) -> None:
+        craft, task = choose(task_name, dimension, spacecraft, task)
+        self.engine = Engine(craft, task, num_envs, timing, device=device, dtype=dtype,
+                             compiled=compiled)
+        self.num_envs, self.device = num_envs, self.engine.device
+        width = np.float32 if dtype == torch.float32 else np.float64
+        self.single_observation_space = observation_space(craft, width)
+        self.single_action_space = action_space(craft)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self._seeded = False
+
+    def reset(self, *, seed: int | None = None,
+              options: dict[str, Any] | None = None) -> tuple[Tensor, dict[str, Any]]:
+        """Start a new episode everywhere; the observation is (N, width).
+
+        Args:
+            seed: count episodes from 0 under this seed; by default go on counting, or at first under
+                a random seed.
+            options: there are none.
+
+        Raises:
+            ConfigError: the seed is a list, or there are options.
+        """
+        if options:
+            raise ConfigError(f"reset has no options here, got {options!r}.")
+        if seed is not None and not isinstance(seed, int):
+            raise ConfigError(f"the seed must be one whole number for the whole batch, got {seed!r}.")
+        super().reset(seed=seed)
+        if seed is None and not self._seeded:
+            seed = int(self.np_random.integers(2**63))
+        self._seeded = True
+        return self.engine.reset(seed), {}
+
+    def step(self, actions: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor, dict[str, Any]]:
+        """Hold the thrusters for one control period.
+
+        Args:
+            actions: (N, thrusters), 0 (shut) or 1 (open); a tensor of any dtype or an array.
+
+        Returns:
+            Observation (N, width), reward (N,), terminated (N,) bool, truncated (N,) bool, and the
+            info described in the class.
+
+        Raises:
+            ConfigError: the actions have another shape.
+        """
+        actions = torch.as_tensor(actions, device=self.device)
+        if tuple(actions.shape) != self.action_space.shape:
+            raise ConfigError(
+                f"actions must have the shape {self.action_space.shape} (environments, thrusters), got "
+                f"{tuple(actions.shape)}.")
+        step = self.engine.step(actions)
+        ended = step.terminated | step.truncated
+        info = {
+            "reward_terms": dict(zip(self.engine.term_names, step.terms, strict=True)),
+            "final_obs": step.final_observation,
+            "_final_obs": ended,
+            "final_info": {"is_success": step.reached & step.truncated},
+            "_final_info": ended,
+        }
+        return step.observation, step.reward, step.terminated, step.truncated, info

@@ -1,0 +1,101 @@
+"""Files that are either complete or absent, and what a measurement ran on."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import subprocess
+from collections.abc import Callable
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from rans.errors import ConfigError
+
+_PACKAGES = ("rans", "torch", "numpy", "drake", "casadi", "gymnasium", "stable-baselines3", "scipy")
+"""Packages whose versions can change a measured value."""
+
+
+def replace_file(file: Path, write: Callable[[Path], object]) -> None:
+    """Write a file beside its place and move it there, so that a reader never sees half of it.
+
+    Args:
+        file: where it should be; missing folders are made.
+        write: writes the whole content to the path it is given.
+
+    Raises:
+        ConfigError: the disk refused (full, read-only, no permission); the old file is unharmed.
+    """
+    draft = file.with_name(f".{os.getpid()}.{file.name}")
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        write(draft)
+        os.replace(draft, file)
+    except (OSError, RuntimeError) as error:  # torch reports a full disk as a RuntimeError
+        raise ConfigError(f"cannot write {file}: {error}; is the disk full or read-only?") from error
+    finally:
+        draft.unlink(missing_ok=True)
+
+
+def write_text(file: Path, text: str) -> None:
+    """`replace_file` for text."""
+    replace_file(file, lambda draft: draft.write_text(text, "utf-8"))
+
+
+def write_json(file: Path, value: Any) -> None:
+    """`replace_file` for JSON; NaN and infinity are refused, as JSON has none."""
+    write_text(file, json.dumps(value, indent=2, allow_nan=False) + "\n")
+
+
+def read_json(file: Path) -> Any:
+    """The value in a JSON file.
+
+    Raises:
+        ConfigError: it cannot be read or is damaged.
+    """
+    try:
+        return json.loads(file.read_text("utf-8"))
+    except OSError as error:
+        raise ConfigError(f"cannot read {file}: {error}.") from error
+    except ValueError as error:
+        raise ConfigError(f"{file} is damaged, it is not valid JSON: {error}.") from error
+
+
+def environment() -> dict[str, str]:
+    """Versions and hardware behind a measured value."""
+    return {
+        **{name: _version(name) for name in _PACKAGES},
+        "revision": git_revision(),
+        "python": platform.python_version(),
+        "system": f"{platform.system()} {platform.machine()}",
+        "processor": _processor(),
+        "cores": str(os.cpu_count()),
+    }
+
+
+def git_revision() -> str:
+    """Revision of the working copy this package runs from, or "unknown" when installed from a wheel."""
+    command = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty", "--tags"]
+    try:
+        result = subprocess.run(command, capture_output=True, text=True, timeout=5, check=False)
+    except (OSError, subprocess.TimeoutExpired):
+        return "unknown"
+    return result.stdout.strip() or "unknown"
+
+
+def _version(package: str) -> str:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return "not installed"
+
+
+def _processor() -> str:
+    """Name of the processor; Linux tells it only in a file."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text("utf-8").splitlines()
+    except OSError:
+        return platform.processor() or "unknown"
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else "unknown"
