@@ -16,13 +16,20 @@ import numpy as np
 from rans.fields import Field, Heading, Quat, Vec2, Vec3, at_least, cos, sin
 from rans.spacecraft import Spacecraft
 
-_NODES, _WEIGHTS = (
-    tuple(float(x) for x in values)
-    for values in (lambda n, w: ((n + 1) / 2, w / 2))(*np.polynomial.legendre.leggauss(6))
-)
-"""Six-node Gauss-Legendre rule on [0, 1]. Over one control period its error, as a share of the
+NODES = 6
+"""Of the Gauss-Legendre rule for planar motion. Over one control period its error, as a share of the
 thrust's effect, is below 3e-13 up to 1 rad turned and 3e-11 up to 2 rad
 (docs/decisions/003-planar-motion-by-quadrature.md)."""
+
+
+def _gauss_legendre(count: int) -> tuple[tuple[float, float], ...]:
+    """Nodes and weights on [0, 1]."""
+    nodes, weights = np.polynomial.legendre.leggauss(count)
+    return tuple((float(n + 1) / 2, float(w) / 2) for n, w in zip(nodes, weights, strict=True))
+
+
+_RULES = {count: _gauss_legendre(count) for count in range(1, NODES + 3)}
+"""Made beforehand: torch cannot trace NumPy's polynomials."""
 
 
 @dataclass(frozen=True)
@@ -134,7 +141,7 @@ def _dot(shares: Sequence[Field], coefficients: Sequence[float]) -> Field:
 
 
 def advance(state: AnyState, applied: Wrench, body: MassProperties, duration: Field,
-            substeps: int = 1) -> AnyState:
+            substeps: int = 1, nodes: int = NODES) -> AnyState:
     """The state after the wrench acted for the duration, constant in B.
 
     Args:
@@ -143,24 +150,29 @@ def advance(state: AnyState, applied: Wrench, body: MassProperties, duration: Fi
         body: mass properties.
         duration: of the whole motion, s.
         substeps: equal parts the motion is computed in. Each part is exact up to quadrature
-            rounding in the plane (`_NODES`) and one fourth-order Runge-Kutta step in space.
+            rounding in the plane and one fourth-order Runge-Kutta step in space.
+        nodes: of the quadrature in the plane; float32 needs only three.
     """
-    step = _advance_planar if isinstance(state, PlanarState) else _advance_spatial
+    h = duration / substeps
     for _ in range(substeps):
-        state = step(state, applied, body, duration / substeps)  # type: ignore[arg-type]
+        if isinstance(state, PlanarState):
+            state = _advance_planar(state, applied, body, h, nodes)
+        else:
+            state = _advance_spatial(state, applied, body, h)
     return state
 
 
-def _advance_planar(state: PlanarState, applied: Wrench, body: MassProperties, h: Field) -> PlanarState:
+def _advance_planar(state: PlanarState, applied: Wrench, body: MassProperties, h: Field,
+                    nodes: int) -> PlanarState:
     """With constant torque the heading is an exact quadratic in time; force follows by quadrature.
 
     v(h) = v + h sum w_i a(s_i h) and p(h) = p + v h + h^2 sum w_i (1 - s_i) a(s_i h), where
-    a(t) = R(heading(t)) F_B / m, over the nodes s_i and weights w_i of `_NODES`.
+    a(t) = R(heading(t)) F_B / m, over the nodes s_i and weights w_i of `_RULES`.
     """
     acceleration = applied.force.scale(1.0 / body.mass)
     spin_up = applied.torque * (1.0 / body.inertia[0])
     speed_cos = speed_sin = way_cos = way_sin = 0.0
-    for node, weight in zip(_NODES, _WEIGHTS, strict=True):
+    for node, weight in _RULES[nodes]:
         t = node * h
         angle = state.attitude.angle + t * (state.w + (0.5 * t) * spin_up)
         c, s = cos(angle), sin(angle)

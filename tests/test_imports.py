@@ -13,8 +13,8 @@ ROOT = Path(__file__).parents[1]
 HEAVY = {"torch", "pydrake", "casadi", "stable_baselines3", "gymnasium", "matplotlib", "tyro", "rich"}
 
 LAYERS: list[set[str]] = [
-    {"rans.errors", "rans.fields", "rans.files"},
-    {"rans.spacecraft", "rans.timing"},
+    {"rans.errors", "rans.fields"},
+    {"rans.files", "rans.spacecraft", "rans.timing"},
     {"rans.spacecraft_file", "rans.dynamics"},
     {"rans.scenario"},
     {"rans.tasks"},
@@ -96,7 +96,8 @@ def test_the_judge_knows_nothing_of_our_equations() -> None:
     "from rans.spacecraft_file import load_spacecraft as load; load('free-flyer').wrench_map",
 ])
 def test_start_up_is_light(statement: str) -> None:
-    assert loaded(statement) & HEAVY == set()
+    # Gymnasium takes 40 ms beyond NumPy, and learns our environments' names when rans is imported.
+    assert loaded(statement) & HEAVY <= {"gymnasium"}
 
 
 def test_training_loads_neither_drake_nor_casadi() -> None:

@@ -109,7 +109,7 @@ def from_table(table: dict[str, Any]) -> TrainConfig:
 
 def _structure(table: Any, cls: type, where: str) -> Any:
     converter = cattrs.Converter(forbid_extra_keys=True)
-    converter.register_structure_hook(Task, lambda value, _: value)
+    converter.register_structure_hook_func(lambda kind: kind is Task, lambda value, _: value)
     for kind in (bool, int, float, str):
         converter.register_structure_hook(kind, _strict)
     try:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from rans.dynamics import MassProperties, advance, thrust, wrench
+from rans.dynamics import NODES, MassProperties, advance, thrust, wrench
 from rans.fields import Field, map_leaves, where
 from rans.scenario import Random
 from rans.spacecraft import Spacecraft
@@ -60,6 +60,8 @@ class Simulation:
     timing: Timing
     dtype: Any
     """Floating dtype of the fields, of their library."""
+    nodes: int = NODES
+    """Of the quadrature in the plane (`rans.dynamics.advance`)."""
 
     def begin(self, seed: tuple[Field, Field], number: Field) -> tuple[Any, Any]:
         """Start and goal of the episodes with these numbers."""
@@ -69,7 +71,7 @@ class Simulation:
         """The state after the command was held for one control period."""
         return advance(
             state, wrench(self.craft, command), MassProperties.of(self.craft),
-            self.timing.control_period, self.timing.substeps_in(self.craft.dimension),
+            self.timing.control_period, self.timing.substeps_in(self.craft.dimension), self.nodes,
         ).normalised()
 
     def step(self, episodes: Episodes, command: tuple[Field, ...], seed: tuple[Field, Field],

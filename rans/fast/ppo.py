@@ -14,7 +14,7 @@ from torch import Tensor, nn
 
 from rans.errors import ConfigError, NonFiniteState
 from rans.fast.engine import Engine
-from rans.fast.graph import graphed
+from rans.fast.graph import fused, graphed
 from rans.fast.loss import Losses, ppo_loss
 from rans.fast.policy import NormalisedMlp
 from rans.fast.rollout import Batch, Rollout, minibatches
@@ -90,11 +90,12 @@ class PPO(stable_baselines3.PPO):
         group["lr"] = torch.tensor(float(group["lr"]), dtype=torch.float32, device=self.device)
         group["capturable"] = self.device.type == "cuda"
         self._rollout = Rollout(engine, self.n_steps)
-        self._collect = graphed(self._collect_on_device, self.device)
-        self._update = graphed(self._update_on_device, self.device)
+        self._loss = fused(ppo_loss, self.device)
+        self.collect = graphed(self._collect_on_device, self.device)
+        self.update = graphed(self._update_on_device, self.device)
 
     def _excluded_save_params(self) -> list[str]:
-        return [*super()._excluded_save_params(), "_rollout", "_collect", "_update", "_last_obs",
+        return [*super()._excluded_save_params(), "_rollout", "_loss", "collect", "update", "_last_obs",
                 "_last_episode_starts", "rollout_buffer_class"]
 
     def _setup_learn(self, *args: Any, **kwargs: Any) -> Any:
@@ -102,8 +103,12 @@ class PPO(stable_baselines3.PPO):
         fresh = self._last_obs is None
         result = super()._setup_learn(*args, **kwargs)
         if fresh:
-            self.env.engine.stagger()  # type: ignore[union-attr]
+            self.start()
         return result
+
+    def start(self) -> None:
+        """Let the episodes that run begin at random times."""
+        self.env.engine.stagger()  # type: ignore[union-attr]
 
     def restore(self, policy: dict[str, Any], optimizer: dict[str, Any], num_timesteps: int) -> None:
         """Go on from saved state dicts of the policy and its optimiser after so many steps."""
@@ -118,7 +123,7 @@ class PPO(stable_baselines3.PPO):
         """Fill the device's rollout; see SB3. The callbacks' ``on_step`` follow the flight."""
         self.policy.set_training_mode(False)
         callback.on_rollout_start()
-        self._collect()
+        self.collect()
         callback.update_locals(locals())
         for _ in range(n_rollout_steps):
             self.num_timesteps += env.num_envs
@@ -133,7 +138,7 @@ class PPO(stable_baselines3.PPO):
         if self.desired_kl is None:
             rate = self.lr_schedule(self._current_progress_remaining)
             self.policy.optimizer.param_groups[0]["lr"].fill_(rate)
-        statistics = self._update()
+        statistics = self.update()
         self._n_updates += self.n_epochs
         self._record(statistics.tolist())
 
@@ -159,7 +164,7 @@ class PPO(stable_baselines3.PPO):
 
     def _descend(self, batch: Batch) -> list[Tensor]:
         optimizer = self.policy.optimizer
-        losses = ppo_loss(self.policy, batch, self.clip_range(1.0), self.ent_coef, self.vf_coef,  # type: ignore[operator]
+        losses = self._loss(self.policy, batch, self.clip_range(1.0), self.ent_coef, self.vf_coef,  # type: ignore[operator]
                           self.normalize_advantage)
         optimizer.zero_grad()
         losses.loss.backward()

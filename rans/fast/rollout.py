@@ -9,6 +9,7 @@ from stable_baselines3.common.policies import ActorCriticPolicy
 from torch import Tensor
 
 from rans.fast.engine import Engine
+from rans.fast.graph import fused
 from rans.fast.policy import evaluate
 
 
@@ -42,6 +43,8 @@ class Rollout:
         so there is one a rollout at most."""
         self.terms = new(n_steps, len(engine.term_names))
         """Mean over the environments of each reward term."""
+        self._act = fused(act, engine.device)
+        self._advantage = fused(gae, engine.device)
         self.reached = new(n_steps)
         """Number of episodes cut off by time within the task's tolerances."""
 
@@ -50,11 +53,10 @@ class Rollout:
         """Let the policy's random actions fly every environment for T steps."""
         observation = engine.observe()
         for t in range(len(self.reward)):
-            output = evaluate(policy, observation)
-            action = output.sample()
+            action, log_prob, value = self._act(policy, observation)
             step = engine.step(action)
             self.observation[t], self.action[t] = observation, action
-            self.log_prob[t], self.value[t] = output.log_prob(action), output.value
+            self.log_prob[t], self.value[t] = log_prob, value
             self.reward[t], self.truncated[t] = step.reward, step.truncated
             self.ended[t] = step.truncated | step.terminated
             self.cut.copy_(torch.where(step.truncated[:, None], step.final_observation, self.cut))
@@ -73,8 +75,15 @@ class Rollout:
         count = engine.num_envs
         beyond = evaluate(policy, torch.cat((engine.observe(), self.cut))).value
         reward = self.reward * reward_scale + gamma * self.truncated * beyond[count:]
-        advantage = gae(reward, self.value, self.ended, beyond[:count], gamma, gae_lambda)
+        advantage = self._advantage(reward, self.value, self.ended, beyond[:count], gamma, gae_lambda)
         return Batch(self.observation, self.action, self.log_prob, advantage, advantage + self.value)
+
+
+def act(policy: ActorCriticPolicy, observation: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """A random action (N, thrusters), its log-probability (N,) and the state's value (N,)."""
+    output = evaluate(policy, observation)
+    action = output.sample()
+    return action, output.log_prob(action), output.value
 
 
 def gae(reward: Tensor, value: Tensor, ended: Tensor, last_value: Tensor, gamma: float,

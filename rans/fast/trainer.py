@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -11,7 +12,7 @@ import torch
 from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
 
 from rans.errors import ConfigError, NonFiniteState
-from rans.fast.config import TrainConfig
+from rans.fast.config import PPOSettings, TrainConfig
 from rans.fast.engine import Engine
 from rans.fast.policy import NormalisedMlp
 from rans.fast.ppo import PPO
@@ -46,19 +47,7 @@ class Trainer:
         self.engine = Engine(craft, config.settings, ppo.n_envs, config.timing, seed=config.seed,
                              device=config.device)
         self.selection = Selection(craft, config.settings, config.timing, config.device)
-        self.model = PPO(
-            "MlpPolicy", SB3VecEnv(self.engine), seed=config.seed, device=config.device,
-            n_steps=ppo.n_steps, batch_size=ppo.batch_size, n_epochs=ppo.n_epochs,
-            learning_rate=ppo.learning_rate, desired_kl=ppo.desired_kl, gamma=ppo.gamma,
-            gae_lambda=ppo.gae_lambda, clip_range=ppo.clip_range, ent_coef=ppo.ent_coef,
-            vf_coef=ppo.vf_coef, max_grad_norm=ppo.max_grad_norm, reward_scale=ppo.reward_scale,
-            policy_kwargs={
-                "features_extractor_class": NormalisedMlp,
-                "features_extractor_kwargs": {"layers": ppo.layers, "activation": ppo.activation},
-                "net_arch": [],
-                "optimizer_kwargs": {"fused": True, "eps": 1e-5},
-            },
-        )
+        self.model = make_ppo(self.engine, ppo, config.seed)
         # Opened with the first row, so that a start that fails leaves no empty event file.
         self._logger: Logger | None = None
 
@@ -154,6 +143,22 @@ class Trainer:
             torch.cuda.set_rng_state(saved["cuda_generator"].cpu())
         self.seconds = saved["seconds"]
         self.run.forget_after(saved["steps"])
+
+
+def make_ppo(engine: Engine, settings: PPOSettings, seed: int) -> PPO:
+    """The trainer with these settings on this engine."""
+    given = {f.name: getattr(settings, f.name) for f in dataclasses.fields(settings)}
+    layers, activation = given.pop("layers"), given.pop("activation")
+    del given["n_envs"]
+    return PPO(
+        "MlpPolicy", SB3VecEnv(engine), seed=seed, device=engine.device, **given,
+        policy_kwargs={
+            "features_extractor_class": NormalisedMlp,
+            "features_extractor_kwargs": {"layers": layers, "activation": activation},
+            "net_arch": [],
+            "optimizer_kwargs": {"fused": True, "eps": 1e-5},
+        },
+    )
 
 
 def _check_device(device: str) -> None:
