@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import platform
@@ -60,6 +61,22 @@ def read_json(file: Path) -> Any:
         raise ConfigError(f"cannot read {file}: {error}.") from error
     except ValueError as error:
         raise ConfigError(f"{file} is damaged, it is not valid JSON: {error}.") from error
+
+
+def read_json_lines(file: Path) -> list[Any]:
+    """The values in a file of one JSON value a line, up to a line cut off by an interruption.
+
+    Raises:
+        ConfigError: it cannot be read.
+    """
+    try:
+        lines = file.read_text("utf-8", "replace").splitlines()
+    except OSError as error:
+        raise ConfigError(f"cannot read {file}: {error}.") from error
+    values: list[Any] = []
+    with contextlib.suppress(ValueError):
+        values.extend(map(json.loads, lines))  # keeps what came before the line that is cut off
+    return values
 
 
 def environment() -> dict[str, str]:

@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import json
 import math
-import os
-import platform
 from dataclasses import asdict, dataclass, field
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from rich.table import Table
 
-_PACKAGES = ("rans", "drake", "torch", "casadi", "numpy", "scipy", "stable-baselines3")
-"""Packages whose versions can change a measured value."""
+from rans.files import environment, write_json
 
 
 @dataclass(frozen=True)
@@ -78,27 +73,9 @@ class Report:
                 "environment": environment(), "checks": checks}
 
     def write(self, file: Path) -> None:
-        """Write the report as a JSON file, its folder made where missing."""
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_text(json.dumps(self.as_dict(), indent=2, allow_nan=False) + "\n", "utf-8")
+        """Write the report as a JSON file, its folder made where missing.
 
-
-def environment() -> dict[str, str]:
-    """Versions and hardware behind a measured value."""
-    return {
-        **{name: version(name) for name in _PACKAGES},
-        "python": platform.python_version(),
-        "system": f"{platform.system()} {platform.machine()}",
-        "processor": _processor(),
-        "cores": str(os.cpu_count()),
-    }
-
-
-def _processor() -> str:
-    """Name of the processor; Linux tells it only in a file."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text("utf-8").splitlines()
-    except OSError:
-        return platform.processor() or "unknown"
-    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else "unknown"
+        Raises:
+            ConfigError: the disk refused.
+        """
+        write_json(file, self.as_dict())

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import importlib
+import os
 import sys
 import time
+import warnings
 from typing import Any, Protocol
 
 from rans.errors import RansError
@@ -12,7 +14,10 @@ from rans.errors import RansError
 STARTED = time.monotonic()
 """When this process began to work, s: commands state their wall time from here."""
 
-COMMANDS = ("train", "evaluate", "compare", "validate", "benchmark", "list")
+COMMANDS = ("train", "evaluate", "compare", "report", "validate", "benchmark", "list")
+
+_ABOUT = """Train agents that fly thruster-driven spacecraft, verify them with Drake and bound them with
+optimal control. `rans COMMAND --help` explains a command, `rans --version` tells the version."""
 
 
 class Command(Protocol):
@@ -24,16 +29,37 @@ class Command(Protocol):
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run one command; a user's mistake ends in one sentence and exit code 2."""
+    """Run one command; a user's mistake ends in one sentence and exit code 2.
+
+    Interrupted, the exit code is 130 and nothing but a sentence is shown; it is 1 when the reader of
+    the output has left, as in ``rans list | head -1``.
+    """
     arguments = sys.argv[1:] if arguments is None else arguments
     try:
-        return _parse(arguments).run()
+        with warnings.catch_warnings():
+            warnings.showwarning = _show_warning
+            code = _run(arguments)
+            sys.stdout.flush()
+            return code
     except RansError as error:
-        print(f"rans: {error}", file=sys.stderr)
-        return 2
+        return _end(f"rans: {error}", 2)
     except KeyboardInterrupt:
-        print("\nrans: interrupted; what was finished is kept.", file=sys.stderr)
-        return 130
+        return _end("\nrans: interrupted; what was finished is kept.", 130)
+    except BrokenPipeError:
+        # Python would flush once more on its way out, and complain.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    except OSError as error:
+        return _end(f"rans: {error}.", 2)
+
+
+def _run(arguments: list[str]) -> int:
+    if arguments == ["--version"]:
+        from rans import __version__
+
+        print(f"rans {__version__}")
+        return 0
+    return _parse(arguments or ["--help"]).run()
 
 
 def _parse(arguments: list[str]) -> Any:
@@ -43,4 +69,15 @@ def _parse(arguments: list[str]) -> Any:
     wanted = [c for c in COMMANDS if c in arguments[:1]] or list(COMMANDS)
     modules = {name: importlib.import_module(f"rans.cli.{name}") for name in wanted}
     commands = {name: module.COMMAND for name, module in modules.items()}
-    return tyro.extras.subcommand_cli_from_dict(commands, args=arguments, prog="rans")
+    return tyro.extras.subcommand_cli_from_dict(commands, args=arguments, prog="rans",
+                                                 description=_ABOUT)
+
+
+def _end(sentence: str, code: int) -> int:
+    print(sentence, file=sys.stderr)
+    return code
+
+
+def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
+    """Say what a warning says, without the line of code it comes from."""
+    print(f"rans: warning: {' '.join(str(message).split())}", file=sys.stderr)

@@ -117,8 +117,9 @@ def _summary(trainer: Any, stopped: bool, seconds: float) -> str:
               "Done" if trainer.config.solved_share is None else "Out of steps, not solved")
     steps = trainer.model.num_timesteps
     rate = steps / max(trainer.seconds, 1e-9)
+    warm_up = f" after {trainer.warm_up:.1f} s of warm-up" if trainer.warm_up else ""
     text = (f"{ending} after {steps:,} steps: {trainer.seconds:.1f} s of training "
-            f"({rate:,.0f} steps/s), {seconds:.1f} s in all. The agent is {path}/policy.zip.")
+            f"({rate:,.0f} steps/s){warm_up}, {seconds:.1f} s in all. The agent is {path}/policy.zip.")
     if stopped:
         text += f" Continue with: rans train --resume {path}"
     return text

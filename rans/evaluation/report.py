@@ -2,26 +2,31 @@
 
 from __future__ import annotations
 
-import json
 import math
-import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+import rich.table
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from rans.errors import ConfigError, RansError
+from rans.errors import ConfigError
 from rans.evaluation.figures import comparison_figure, data_uri, learning_curve, svg
 from rans.evaluation.metrics import COLUMNS, Metrics
+from rans.files import read_json, read_json_lines, write_text
 
 SOLVED_SHARE = 99.0
 """Share of episodes, %, from which a task counts as solved."""
 
-_HEADER = ("command", "revision", "git", "versions", "environment", "hardware", "device", "seed")
-"""Entries of a run's configuration that belong on top of its report."""
+_KEY_METRICS = ("solved", "settling time", "failed", "position error", "attitude error", "duty")
+"""Metrics of an evaluation that belong into a summary."""
+
+
+_PROGRESS = (("steps", "environment steps", "{:,}"), ("seconds", "training time", "{:.1f} s"),
+             ("success", "episodes solved", "{:.1%}"))
+"""Keys of ``metrics.jsonl`` that belong into a summary, what they are and how they are shown."""
 
 
 @dataclass(frozen=True)
@@ -54,13 +59,16 @@ class Finding:
 
 @dataclass(frozen=True)
 class Section:
-    """A heading with a paragraph, tables and pictures; its findings go to the top of the report."""
+    """A heading with a paragraph, tables and pictures."""
 
     title: str
     text: str = ""
     tables: Sequence[Table] = ()
     pictures: Sequence[Picture] = ()
     findings: Sequence[Finding] = ()
+    """Go to the top of the page."""
+    summary: Sequence[tuple[str, str]] = ()
+    """What and how much, for the terminal."""
 
 
 @dataclass(frozen=True)
@@ -83,6 +91,16 @@ class Report:
         """Whether nothing failed."""
         return all(finding.passed is not False for finding in self.findings)
 
+    def summary(self) -> rich.table.Table:
+        """The few most telling lines of every section, for the terminal."""
+        table = rich.table.Table("part", "what", "value", title=self.title, title_justify="left")
+        table.columns[1].overflow = "fold"
+        for section in self.sections:
+            for number, (what, value) in enumerate(section.summary):
+                table.add_row("" if number else section.title, what, value)
+            table.add_section()
+        return table
+
     def html(self) -> str:
         """The page."""
         environment = Environment(loader=PackageLoader("rans.evaluation", "."), autoescape=True,
@@ -91,20 +109,13 @@ class Report:
         written = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
         return environment.get_template("report.html.j2").render(report=self, written=written)
 
-    def write(self, path: Path) -> Path:
+    def write(self, file: Path) -> None:
         """Write the page; readers see the old page or the new one, never half of one.
 
         Raises:
-            RansError: the file cannot be written.
+            ConfigError: the file cannot be written.
         """
-        draft = path.with_name(f".{path.name}.{os.getpid()}")
-        try:
-            draft.write_text(self.html(), "utf-8")
-            os.replace(draft, path)
-        except OSError as error:
-            draft.unlink(missing_ok=True)
-            raise RansError(f"cannot write the report {str(path)!r}: {error}.") from error
-        return path
+        write_text(file, self.html())
 
 
 def show(value: Any) -> str:
@@ -116,8 +127,8 @@ def show(value: Any) -> str:
     return str(value)
 
 
-def report_from_run(run: Path) -> Path:
-    """Write ``report.html`` from whatever a run folder holds; what is missing is left out.
+def report_from_run(run: Path) -> Report:
+    """The report of whatever a run folder holds; what is missing is left out.
 
     Args:
         run: may hold ``config.json``, ``validation.json`` (checks), ``metrics.jsonl`` (training),
@@ -125,30 +136,31 @@ def report_from_run(run: Path) -> Path:
             ``compare.json`` (lists of rows).
 
     Raises:
-        ConfigError: there is no such folder or it holds none of them, or a file is damaged.
-        RansError: the report cannot be written.
+        ConfigError: there is no such folder or it holds no results, or a file is damaged.
     """
-    validation = _read_json(run / "validation.json") or {}
-    config = _read_json(run / "config.json") or {}
-    about = {"environment": validation.get("environment", {})} | config
-    sections = list(_sections(run))
+    builders: dict[str, Callable[[Any], Section]] = {
+        "validation.json": validation_section,
+        "metrics.jsonl": training_section,
+        "evaluation.json": lambda found: evaluation_section([*_find_metrics(found)], _pictures(run)),
+        "compare.json": comparison_section,
+    }
+    sections = [s for name, build in builders.items() if (s := _read(run / name, build))]
     if not sections:
-        raise ConfigError(f"{str(run)!r} holds no results to report; is it a run folder?")
-    if config:
-        rows = [(name, show(value)) for name, value in _leaves(config)]
-        sections.append(Section("Configuration", tables=[Table(("setting", "value"), rows)]))
-    return Report(f"RANS: {run.resolve().name}", sections, _header(about)).write(run / "report.html")
+        raise ConfigError(f"{run} holds no results to report; is it a run folder?")
+    header = _read(run / "config.json", _header) or _read(run / "validation.json", _header) or {}
+    sections += filter(None, [_read(run / "config.json", _configuration)])
+    return Report(f"RANS: {run.resolve().name}", sections, header)
 
 
-def _sections(run: Path) -> Iterator[Section]:
-    if checks := _read_json(run / "validation.json"):
-        yield validation_section(checks)
-    if rows := _read_lines(run / "metrics.jsonl"):
-        yield training_section(rows)
-    if found := list(_find_metrics(_read_json(run / "evaluation.json"))):
-        yield evaluation_section(found, _pictures(run))
-    if comparison := _read_json(run / "compare.json"):
-        yield comparison_section(comparison)
+def _read(file: Path, build: Callable[[Any], Any]) -> Any:
+    """What becomes of a file's content; None where there is no file or nothing in it."""
+    if not file.is_file():
+        return None
+    content = read_json_lines(file) if file.suffix == ".jsonl" else read_json(file)
+    try:
+        return build(content) if content else None
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise ConfigError(f"{file} is not what RANS writes there: {error!r}.") from error
 
 
 def validation_section(report: Mapping[str, Any]) -> Section:
@@ -167,17 +179,17 @@ def validation_section(report: Mapping[str, Any]) -> Section:
     ] or [Finding(f"{title}: all {len(checks)} checks within tolerance.", True)]
     text = f"{title}. Every engine must agree with the reference within these tolerances."
     rows = [[check[key] for key in keys] for check in checks]
-    return Section("Validation", text, [Table(columns, rows)], (), findings)
+    passed = sum(check["passed"] for check in checks)
+    summary = [("checks within tolerance", f"{passed} of {len(checks)}")]
+    return Section("Validation", text, [Table(columns, rows)], (), findings, summary)
 
 
 def training_section(rows: Sequence[Mapping[str, Any]]) -> Section:
     """Learning curve from the lines of ``metrics.jsonl``; see `learning_curve` for their keys."""
     last = rows[-1]
-    parts = [f"{last['steps']:,} environment steps"] if "steps" in last else []
-    parts += [f"{last['seconds']:.3g} s"] if "seconds" in last else []
-    parts += [f"{100 * last['success']:.1f} % of episodes successful"] if "success" in last else []
+    summary = [(what, form.format(last[key])) for key, what, form in _PROGRESS if key in last]
     picture = Picture(data_uri(svg(learning_curve(rows))), "Success and return by term while training.")
-    return Section("Training", f"Ended after {', '.join(parts)}." if parts else "", (), [picture])
+    return Section("Training", "", [Table(("at the end", "value"), summary)], [picture], (), summary)
 
 
 def evaluation_section(measured: Sequence[Metrics], pictures: Sequence[Picture] = ()) -> Section:
@@ -186,7 +198,16 @@ def evaluation_section(measured: Sequence[Metrics], pictures: Sequence[Picture] 
     findings = [_solved(m) for m in measured]
     text = ("All episodes fly to their full length and count. Steps are the states after each command. "
             "Intervals are 95 % percentile bootstraps over episodes.")
-    return Section("Evaluation", text, tables, pictures, findings)
+    summary = [line for m in measured for line in _key_metrics(m)]
+    return Section("Evaluation", text, tables, pictures, findings, summary)
+
+
+def _key_metrics(measured: Metrics) -> Iterator[tuple[str, str]]:
+    yield "episodes", f"{measured.episodes:,} ({measured.engine} engine)"
+    for row in measured.rows:
+        if row.name in _KEY_METRICS:
+            name, value, interval, _ = row.texts()
+            yield name, f"{value} ({interval})"
 
 
 def _solved(measured: Metrics) -> Finding:
@@ -214,19 +235,25 @@ def comparison_section(comparison: Mapping[str, Any]) -> Section:
                 figure = svg(comparison_figure(contestants))
                 pictures.append(Picture(data_uri(figure), "Settling time against thruster on-time."))
     text = ". ".join(comparison[key] for key in ("title", "text") if key in comparison)
-    findings = [_outcome(row) for row in comparison.get("summary", [])]
-    return Section("Comparison", text, tables, pictures, findings)
+    rows = comparison.get("summary", [])
+    summary = [(row["contestant"], _outcome(row)) for row in rows]
+    return Section("Comparison", text, tables, pictures, [_compared(row) for row in rows], summary)
 
 
-def _outcome(row: Mapping[str, Any]) -> Finding:
+def _compared(row: Mapping[str, Any]) -> Finding:
     """A line about one contestant; a bound that was not found from every start is a failure."""
-    text = f"{row['contestant']} settles from {row['settled']} of {row['starts']} starts"
+    lost = row["kind"] == "bound" and row["flown"] < row["starts"]
+    return Finding(f"{row['contestant']} {_outcome(row)}.", False if lost else None)
+
+
+def _outcome(row: Mapping[str, Any]) -> str:
+    text = f"settles from {row['settled']} of {row['starts']} starts"
     for key, what in (("median_settling_time", "s (median)"), ("mean_impulse", "N s of thrust (mean)")):
         if row.get(key) is not None:
             text += f", {row[key]:.2f} {what}"
     if row["kind"] == "bound" and row["flown"] < row["starts"]:
-        return Finding(f"{text}; the optimiser found none from {row['starts'] - row['flown']}.", False)
-    return Finding(f"{text}.")
+        text += f"; the optimiser found none from {row['starts'] - row['flown']}"
+    return text
 
 
 def _contestants(rows: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, list[float]]]:
@@ -255,14 +282,16 @@ def _find_metrics(found: Any) -> Iterator[Metrics]:
             yield from _find_metrics(inner)
 
 
-def _header(config: Mapping[str, Any]) -> dict[str, str]:
-    """The entries of `_HEADER`, a group of them in one line."""
-    lines = {}
-    for name in _HEADER:
-        if name in config:
-            pairs = (f"{key} {show(value)}".strip() for key, value in _leaves(config[name]))
-            lines[name] = ", ".join(pairs)
-    return lines
+def _header(content: Mapping[str, Any]) -> dict[str, str]:
+    """How it was made, from ``config.json`` or ``validation.json``; a group in one line."""
+    known = {key: content[key] for key in ("seed", "device", "environment") if key in content}
+    return {name: ", ".join(f"{key} {show(value)}".strip() for key, value in _leaves(group))
+            for name, group in (content.get("about", {}) | known).items()}
+
+
+def _configuration(config: Mapping[str, Any]) -> Section:
+    rows = [(name, show(value)) for name, value in _leaves(config) if not name.startswith("about.")]
+    return Section("Configuration", tables=[Table(("setting", "value"), rows)])
 
 
 def _leaves(value: Any, name: str = "") -> list[tuple[str, Any]]:
@@ -271,25 +300,3 @@ def _leaves(value: Any, name: str = "") -> list[tuple[str, Any]]:
         return [(name, ", ".join(map(show, value)) if isinstance(value, list) else value)]
     names = {key: f"{name}.{key}" if name else key for key in value}
     return [leaf for key, inner in value.items() for leaf in _leaves(inner, names[key])]
-
-
-def _read_json(file: Path) -> Any:
-    """The file's value, or None where there is no such file."""
-    try:
-        return json.loads(file.read_text("utf-8"))
-    except FileNotFoundError:
-        return None
-    except (OSError, ValueError) as error:
-        raise ConfigError(f"cannot read {str(file)!r}: {error}.") from error
-
-
-def _read_lines(file: Path) -> list[dict[str, Any]]:
-    """The rows of a JSON-lines file; a last line cut off by an interruption is left out."""
-    rows = []
-    lines = file.read_text("utf-8").splitlines() if file.is_file() else []
-    for line in lines:
-        try:
-            rows.append(json.loads(line))
-        except ValueError:
-            break
-    return rows

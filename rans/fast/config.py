@@ -85,9 +85,11 @@ class TrainConfig:
     """Torch device."""
     total_timesteps: int = 10_000_000
     """Environment steps after which training ends, solved or not."""
+    report_interval: int = 16
+    """Iterations of PPO between reports, each of which judges the agent on 1,024 episodes."""
     solved_share: float | None = 0.995
-    """Training ends once this share of 1,024 episodes keeps within the task's tolerances throughout the
-    last fifth. None: train for all steps."""
+    """Training ends once two reports in a row find this share of episodes within the task's tolerances
+    throughout the last fifth. None: train for all steps."""
 
 
 def to_table(config: TrainConfig) -> dict[str, Any]:

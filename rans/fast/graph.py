@@ -20,7 +20,7 @@ def fused(function: Callable[P, R], device: torch.device) -> Callable[P, R]:
 
 
 def graphed(function: Callable[[], Tensor], device: torch.device) -> Callable[[], Tensor]:
-    """The same function, replayed from a CUDA graph after three ordinary calls; on a CPU, itself.
+    """The same function, replayed from a CUDA graph after two ordinary calls; on a CPU, itself.
 
     Args:
         function: without arguments, working on memory that never moves and without waiting for the
@@ -33,7 +33,7 @@ def graphed(function: Callable[[], Tensor], device: torch.device) -> Callable[[]
 class _Graphed:
     """The first calls compile and warm up, which a graph cannot record; they count as real calls."""
 
-    _WARM_UP = 3
+    _WARM_UP = 2
 
     def __init__(self, function: Callable[[], Tensor]) -> None:
         self._function = function

@@ -5,7 +5,7 @@ from __future__ import annotations
 from rans.fast.config import PPOSettings
 
 _CPU = PPOSettings()
-_GPU = PPOSettings(n_envs=16_384, n_steps=16, batch_size=65_536, layers=(128, 128))
+_GPU = PPOSettings(n_envs=512, batch_size=8192, layers=(128, 128))
 
 PRESETS: dict[tuple[str, int, str], PPOSettings] = {
     ("go-to-pose", 2, "cpu"): _CPU,

@@ -11,7 +11,7 @@ import torch
 
 from rans.errors import ConfigError
 from rans.fast.config import TrainConfig, from_table, to_table
-from rans.files import environment, read_json, replace_file, write_json, write_text
+from rans.files import environment, read_json, read_json_lines, replace_file, write_json, write_text
 from rans.spacecraft import Spacecraft
 from rans.spacecraft_file import load_spacecraft, spacecraft_text
 
@@ -67,15 +67,7 @@ class RunFolder:
 
     def metrics(self) -> list[dict[str, Any]]:
         """Rows so far; a row cut off in the middle of writing is left out."""
-        if not self.metrics_file.exists():
-            return []
-        rows = []
-        for line in self.metrics_file.read_text("utf-8").splitlines():
-            try:
-                rows.append(json.loads(line))
-            except ValueError:
-                break
-        return rows
+        return read_json_lines(self.metrics_file) if self.metrics_file.exists() else []
 
     def forget_after(self, steps: int) -> None:
         """Drop the metrics of steps that a resumed training will take again."""

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import torch
 from stable_baselines3.common.policies import ActorCriticPolicy
+from torch import Tensor
 
 from rans.fast.engine import Engine
+from rans.fast.graph import fused, graphed
 from rans.fast.policy import evaluate
 from rans.scenario import SELECTION_SEED
 from rans.spacecraft import Spacecraft
@@ -19,36 +21,48 @@ class Selection:
     """Flies the agent from the same 1,024 starts whenever asked.
 
     Args:
+        policy: the agent; its weights may change between flights.
         craft: the spacecraft.
         task: as in training; its evaluation starts are used.
         timing: as in training.
-        device: torch device.
+        device: torch device of the policy.
     """
 
-    def __init__(self, craft: Spacecraft, task: Task, timing: Timing, device: str) -> None:
-        self._engine = Engine(craft, task.for_evaluation(), EPISODES, timing, seed=SELECTION_SEED, device=device)
+    def __init__(self, policy: ActorCriticPolicy, craft: Spacecraft, task: Task, timing: Timing,
+                 device: str) -> None:
+        self._policy = policy
+        self._engine = Engine(craft, task.for_evaluation(), EPISODES, timing, seed=SELECTION_SEED,
+                              device=device)
+        self._act = fused(likeliest_action, self._engine.device)
+        self._flight = graphed(self._fly, self._engine.device)
 
-    @torch.no_grad()
-    def judge(self, policy: ActorCriticPolicy) -> tuple[float, dict[str, float]]:
+    def judge(self) -> tuple[float, dict[str, float]]:
         """Share of episodes that keep within all tolerances at every step of the last fifth.
 
         Returns:
             The share, and the mean errors over the last fifth by name.
         """
+        share, *errors = self._flight().tolist()
+        return share, dict(zip(self._engine.errors(), errors, strict=True))
+
+    @torch.no_grad()
+    def _fly(self) -> Tensor:
         engine, steps = self._engine, self._engine.timing.episode_steps
+        last_fifth = range(steps - max(1, steps // 5), steps)
         observation = engine.reset(SELECTION_SEED)
-        kept = torch.ones(EPISODES, dtype=torch.bool, device=engine.device)
-        ended = ~kept
-        total: dict[str, torch.Tensor] = {}
+        ended = torch.zeros(EPISODES, dtype=torch.bool, device=engine.device)
+        kept, total = ~ended, torch.zeros(len(engine.errors()), device=engine.device)
         for t in range(steps):
-            errors = engine.errors()
-            step = engine.step(evaluate(policy, observation).mode())
+            if t in last_fifth:
+                total += torch.stack([error.mean() for error in engine.errors().values()])
+            step = engine.step(self._act(self._policy, observation))
             observation = step.observation
-            # The state at the end of the last step is reset away: its errors are left out of the mean.
-            if t > steps - steps // 5:
-                total = {name: total.get(name, 0.0) + error.mean() for name, error in errors.items()}
-            if t >= steps - steps // 5:
+            if t in last_fifth:
                 kept &= step.reached & ~ended
             ended |= step.terminated
-        means = {name: float(value) / (steps // 5 - 1) for name, value in total.items()}
-        return float(kept.to(torch.float32).mean()), means
+        return torch.cat((kept.to(total.dtype).mean()[None], total / len(last_fifth)))
+
+
+def likeliest_action(policy: ActorCriticPolicy, observation: Tensor) -> Tensor:
+    """The deterministic agent's action (N, thrusters)."""
+    return evaluate(policy, observation).mode()

@@ -1,0 +1,66 @@
+# The commands of a checkout; `make help` lists them. Everything is installed into .venv and nowhere else.
+
+SHELL := bash
+PYTHON ?= python3
+ifndef RUN
+RUN := runs/demo-$(shell date +%Y%m%d-%H%M%S)
+endif
+ifdef QUICK  # minutes become seconds and the agent stays a beginner: tests the way, not the result
+TRAIN_OPTIONS := --total-timesteps 300000
+EVALUATE_OPTIONS := --episodes 128
+COMPARE_OPTIONS := --episodes 2
+else
+COMPARE_OPTIONS := --episodes 16
+endif
+
+# Commands are written as a user types them, with .venv active; but .venv is made by the Python outside it.
+override PYTHON := $(shell command -v $(PYTHON) || echo $(PYTHON))
+export PATH := $(CURDIR)/.venv/bin:$(PATH)
+export PIP_DISABLE_PIP_VERSION_CHECK := 1
+
+.PHONY: help setup demo test lint clean
+
+help:
+	@echo "make demo    set everything up, then validate, train, evaluate, compare and report into a new"
+	@echo "             folder under runs/ (another one: RUN=folder; a shortened run: QUICK=1)"
+	@echo "make test    set everything up, then lint, types and tests"
+	@echo "make setup   install RANS into .venv (another Python: PYTHON=python3.13)"
+	@echo "make lint    ruff and pyright only"
+	@echo "make clean   remove what was built; runs/ stays"
+
+demo: .venv/installed
+	rans validate --spacecraft floating-platform --quick --output $(RUN)
+	rans train go-to-pose --spacecraft floating-platform --run $(RUN) $(TRAIN_OPTIONS)
+	rans evaluate $(RUN) $(EVALUATE_OPTIONS)
+	rans compare $(RUN) $(COMPARE_OPTIONS)
+	rans report $(RUN)
+
+test: lint
+	pytest -n 2
+
+lint: .venv/installed-dev
+	ruff check
+	pyright
+
+setup: .venv/installed
+
+.venv/installed: pyproject.toml constraints.txt
+	$(call install,.)
+
+.venv/installed-dev: pyproject.toml constraints.txt
+	$(call install,.[dev])
+	@touch .venv/installed
+
+clean:
+	rm -rf .venv build dist .pytest_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -prune -exec rm -rf {} +
+
+# $(call install,what): Debian's Python has venv but, without python3-venv, no ensurepip.
+define install
+@$(PYTHON) -c "import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))" 2>/dev/null || { \
+	echo "RANS needs Python 3.11 or later with its venv module as '$(PYTHON)', which is $$( \
+		$(PYTHON) --version 2>&1 | tail -1). On Debian and Ubuntu: sudo apt-get install -y python3-venv make" >&2; exit 1; }
+@trap '' INT; $(PYTHON) -m venv .venv
+python -m pip install -c constraints.txt -e '$1'
+@touch $@
+endef

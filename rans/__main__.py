@@ -1,0 +1,9 @@
+"""``python -m rans`` is ``rans``."""
+
+from __future__ import annotations
+
+import sys
+
+from rans.cli import main
+
+sys.exit(main())

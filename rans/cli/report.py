@@ -1,0 +1,32 @@
+"""``rans report``: everything a run folder holds, on one page."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+
+@dataclass(frozen=True)
+class Report:
+    """Gather a run's checks, training, evaluation and comparison on one page that opens offline."""
+
+    run_folder: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RUN")]
+    """Run folder; what it does not hold yet is left out."""
+
+    def run(self) -> int:
+        """Write report.html into the run folder and print a summary."""
+        from rich.console import Console
+
+        from rans.evaluation.report import report_from_run
+
+        report, file = report_from_run(self.run_folder), self.run_folder / "report.html"
+        report.write(file)
+        Console().print(report.summary())
+        print(f"The report is {file}.")
+        return 0
+
+
+COMMAND = Report
