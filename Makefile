@@ -44,23 +44,23 @@ lint: .venv/installed-dev
 
 setup: .venv/installed
 
-.venv/installed: pyproject.toml constraints.txt
-	$(call install,.)
+.venv/installed: pyproject.toml constraints.txt | .venv/bin/pip
+	python -m pip install -c constraints.txt -e .
+	@touch $@
 
-.venv/installed-dev: pyproject.toml constraints.txt
-	$(call install,.[dev])
-	@touch .venv/installed
+.venv/installed-dev: pyproject.toml constraints.txt | .venv/bin/pip
+	python -m pip install -c constraints.txt -e '.[dev]'
+	@touch .venv/installed $@
+
+# Debian's Python has the module venv but, without the package python3-venv, no ensurepip. Ctrl-C waits for the
+# few seconds this takes, so that no .venv is left half made.
+.venv/bin/pip:
+	@$(PYTHON) -c "import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))" 2>/dev/null || { \
+		echo "RANS needs Python 3.11 or later with its venv module as '$(PYTHON)', which is $$( \
+			$(PYTHON) --version 2>&1 | tail -1). On Debian and Ubuntu: sudo apt-get install -y" \
+			"python3-venv make" >&2; exit 1; }
+	@trap '' INT; $(PYTHON) -m venv --clear .venv
 
 clean:
 	rm -rf .venv build dist .pytest_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -prune -exec rm -rf {} +
-
-# $(call install,what): Debian's Python has venv but, without python3-venv, no ensurepip.
-define install
-@$(PYTHON) -c "import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))" 2>/dev/null || { \
-	echo "RANS needs Python 3.11 or later with its venv module as '$(PYTHON)', which is $$( \
-		$(PYTHON) --version 2>&1 | tail -1). On Debian and Ubuntu: sudo apt-get install -y python3-venv make" >&2; exit 1; }
-@trap '' INT; $(PYTHON) -m venv .venv
-python -m pip install -c constraints.txt -e '$1'
-@touch $@
-endef

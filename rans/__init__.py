@@ -1,7 +1,7 @@
 """RANS trains agents that fly thruster-driven spacecraft, and proves what they are worth.
 
-Importing it registers the Gymnasium environments of `rans.tasks.GYMNASIUM_IDS`. What needs torch is
-loaded when first used.
+Importing it registers the Gymnasium environments of `rans.tasks.GYMNASIUM_IDS`, each also as moved by
+Drake: "rans/GoToPose2D-Drake-v0". What needs torch or Drake is loaded when first used.
 """
 
 from __future__ import annotations
@@ -46,11 +46,17 @@ def _register() -> None:
     """Gymnasium has no plug-in mechanism (since 1.0): its registry must be told on import."""
     for task_name, ids in GYMNASIUM_IDS.items():
         for dimension, gymnasium_id in zip((2, 3), ids, strict=True):
+            kwargs = {"task_name": task_name, "dimension": dimension}
             gymnasium.register(
                 gymnasium_id,
                 entry_point="rans.fast.env:SpacecraftEnv",
                 vector_entry_point="rans.fast.vector_env:SpacecraftVectorEnv",
-                kwargs={"task_name": task_name, "dimension": dimension},
+                kwargs=kwargs,
+            )
+            gymnasium.register(
+                gymnasium_id.replace("-v", "-Drake-v"),
+                entry_point="rans.reference.env:DrakeEnv",
+                kwargs=kwargs,
             )
 
 

@@ -36,7 +36,8 @@ def replace_file(file: Path, write: Callable[[Path], object]) -> None:
     except (OSError, RuntimeError) as error:  # torch reports a full disk as a RuntimeError
         raise ConfigError(f"cannot write {file}: {error}; is the disk full or read-only?") from error
     finally:
-        draft.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            draft.unlink()
 
 
 def write_text(file: Path, text: str) -> None:
@@ -77,6 +78,11 @@ def read_json_lines(file: Path) -> list[Any]:
     with contextlib.suppress(ValueError):
         values.extend(map(json.loads, lines))  # keeps what came before the line that is cut off
     return values
+
+
+def first_line(error: Exception) -> str:
+    """What an error of another library says, without its advice."""
+    return str(error).partition("\n")[0].rstrip(".") or type(error).__name__
 
 
 def environment() -> dict[str, str]:

@@ -72,7 +72,7 @@ class Flight:
     def rewards(self) -> dict[str, np.ndarray]:
         """Reward terms of every step, each (T, N)."""
         after = map_leaves(lambda x: x[1:], self.states)
-        return self.task.reward(after, self.goals, thrust(self.craft, np.moveaxis(self.commands, 2, 0)))
+        return self.task.reward(after, self.goals, thrust(self.craft, tuple(np.moveaxis(self.commands, 2, 0))))
 
     def failed(self) -> np.ndarray:
         """(N,) whether the task ever declared the episode failed."""
@@ -101,7 +101,8 @@ def fly(craft: Spacecraft, task: Task, controller: Controller, starts: Scenario,
 
     Episodes run for the full time, failed or not, so that nothing is dropped from a statistic.
     """
-    state, goal = starts.start, starts.goal
+    state: Any = starts.start
+    goal = starts.goal
     body, count = MassProperties.of(craft), len(leaves(starts.start)[0])
     controller.reset(count)
     states, commands = [state], []

@@ -135,9 +135,20 @@ class Random:
 
     def at_rest(self, p: Vec2 | Vec3, attitude: Heading | Quat) -> State:
         """The state at this place with no velocity."""
-        if isinstance(p, Vec2):
-            return PlanarState(p, attitude, Vec2(0.0, 0.0), 0.0)  # type: ignore[arg-type]
-        return SpatialState(p, attitude, Vec3(0.0, 0.0, 0.0), Vec3(0.0, 0.0, 0.0))  # type: ignore[arg-type]
+        return self._state(p, attitude, self.origin())
+
+    def moving(self, velocity: Vec2 | Vec3, attitude: Heading | Quat) -> State:
+        """The state at the origin with this velocity and no spin."""
+        return self._state(self.origin(), attitude, velocity)
+
+    def _state(self, p: Any, attitude: Any, v: Any) -> State:
+        if self.dimension == 2:
+            return PlanarState(p, attitude, v, 0.0)
+        return SpatialState(p, attitude, v, Vec3(0.0, 0.0, 0.0))
+
+    def no_rotation(self) -> Heading | Quat:
+        """The attitude of W."""
+        return Heading(0.0) if self.dimension == 2 else Quat(1.0, 0.0, 0.0, 0.0)
 
     def origin(self) -> Vec2 | Vec3:
         """The origin of W."""

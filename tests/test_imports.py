@@ -14,16 +14,18 @@ HEAVY = {"torch", "pydrake", "casadi", "stable_baselines3", "gymnasium", "matplo
 
 LAYERS: list[set[str]] = [
     {"rans.errors", "rans.fields"},
-    {"rans.files", "rans.spacecraft", "rans.timing"},
+    {"rans.files", "rans.processes", "rans.spacecraft", "rans.timing"},
     {"rans.spacecraft_file", "rans.dynamics"},
     {"rans.scenario"},
     {"rans.tasks"},
     {"rans.flight"},
-    {"rans.drawing"},
+    {"rans.drawing", "rans.spaces"},
+    {"rans.environment"},
     {"rans.fast", "rans.reference", "rans.optimal"},
     {"rans.evaluation"},
     {"validation"},
-    {"rans.cli", "rans.__main__"},
+    {"rans.cli"},
+    {"rans.__main__"},
 ]
 """From the bottom up: a module imports from its own package and from lower layers only, so that engines
 do not know one another. The package's front door, `rans` itself, hands out names of any layer lazily."""

@@ -26,11 +26,35 @@ class Check:
     """Of value and tolerance; "-" for none."""
     reason: str
     """Why the tolerance is what it is, as one sentence."""
+    worst: str = ""
+    """Where the value was found, among the many that were looked at."""
 
     @property
     def passed(self) -> bool:
         """Whether the bound is kept; a NaN keeps none."""
         return abs(self.value) <= self.tolerance
+
+
+@dataclass(frozen=True)
+class Skipped:
+    """What could not be checked here."""
+
+    name: str
+    """What was not measured."""
+    reason: str
+    """Why, as one sentence."""
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Measured points behind a figure of the report."""
+
+    figure: str
+    """Name of the figure, see `validation.page`."""
+    name: str
+    """What was measured, for the legend."""
+    x: tuple[float, ...]
+    y: tuple[float, ...]
 
 
 @dataclass(frozen=True)
@@ -43,6 +67,10 @@ class Report:
     """In the order of the table."""
     settings: dict[str, Any] = field(default_factory=dict)
     """What a reader needs to repeat the study: seed, counts, times."""
+    skipped: tuple[Skipped, ...] = ()
+    """What could not be checked."""
+    curves: tuple[Curve, ...] = ()
+    """Behind the figures."""
 
     @property
     def passed(self) -> bool:
@@ -61,6 +89,8 @@ class Report:
             verdict = "[green]pass[/]" if check.passed else "[bold red]FAIL[/]"
             numbers = (f"{check.value:.1e}", f"{check.tolerance:.1e}")
             table.add_row(check.name, *numbers, check.unit, verdict)
+        for skipped in self.skipped:
+            table.add_row(skipped.name, "", "", "", "[yellow]not run[/]")
         return table
 
     def as_dict(self) -> dict[str, Any]:
@@ -70,7 +100,9 @@ class Report:
             value = check.value if math.isfinite(check.value) else None
             checks.append(asdict(check) | {"value": value, "passed": check.passed})
         return {"title": self.title, "passed": self.passed, "settings": self.settings,
-                "environment": environment(), "checks": checks}
+                "environment": environment(), "checks": checks,
+                "skipped": [asdict(skipped) for skipped in self.skipped],
+                "curves": [asdict(curve) for curve in self.curves]}
 
     def write(self, file: Path) -> None:
         """Write the report as a JSON file, its folder made where missing.

@@ -10,6 +10,8 @@ from rans.dynamics import AnyState, MassProperties, PlanarState, SpatialState, a
 from rans.fields import Heading, Quat, leaves, unflatten, wrap
 from rans.scenario import Random, seed_words
 from rans.spacecraft import Spacecraft
+from rans.tasks.base import UNITS
+from validation.checks import Check
 
 FASTEST = 1.0
 """Largest sampled speed (m/s) and spin (rad/s): twice what the paper's tasks ask for."""
@@ -34,19 +36,20 @@ class Restless:
     silent. This one flies like a mediocre agent: near the goal, in all attitudes, always firing. A
     thruster opens when the acceleration it gives, projected on the acceleration that a critically
     damped spring to the goal asks for (time constants 3 s for position, 1 s for attitude), covers
-    more than half of the strongest thruster's.
+    more than a share of the strongest thruster's.
 
     Args:
         craft: what it flies; any set of thrusters.
         seed: of the wrong decisions.
+        share: by default a half; at 0 every thruster is always fully open or works the wrong way, which
+            is bang-bang control.
     """
 
     name = "restless"
 
-    def __init__(self, craft: Spacecraft, seed: int) -> None:
-        self._random = np.random.default_rng(seed)
-        columns = np.array(craft.wrench_map)
-        size = craft.dimension
+    def __init__(self, craft: Spacecraft, seed: int, share: float = 0.5) -> None:
+        self._random, self._share = np.random.default_rng(seed), share
+        columns, size = np.array(craft.wrench_map), craft.dimension
         moments = np.array([[craft.inertia[2][2]]]) if size == 2 else np.array(craft.inertia)
         linear = columns[:, :size] / craft.mass
         angular = np.linalg.solve(moments, columns[:, size:].T).T
@@ -62,7 +65,7 @@ class Restless:
         turn = _rotation_vector(state.attitude.to(goal.attitude))
         angular = [angle - 2.0 * rate for angle, rate in zip(turn, state.spin(), strict=True)]
         wanted = np.stack([*linear.columns(), *angular], axis=1)
-        opened = wanted @ self._projection > 0.5
+        opened = wanted @ self._projection > self._share
         return opened ^ (self._random.random(opened.shape) < 0.05)
 
 
@@ -88,16 +91,32 @@ def rollout(craft: Spacecraft, start: AnyState, commands: Any, period: float,
     return unflatten(start, [np.stack([np.asarray(x, dtype=np.float64) for x in c]) for c in columns])
 
 
-def gap(a: Any, b: Any) -> dict[str, float]:
-    """Largest difference of two states of arrays: position (m), attitude (rad), velocity, spin."""
+def gaps(a: Any, b: Any) -> dict[str, np.ndarray]:
+    """How far two states of arrays differ: position (m), attitude (rad), velocity, spin."""
     spin = [x - y for x, y in zip(a.spin(), b.spin(), strict=True)]
-    differences = {
-        "position": (a.p - b.p).norm(),
-        "attitude": a.attitude.to(b.attitude).magnitude(),
-        "velocity": (a.v - b.v).norm(),
+    return {
+        "position": np.asarray((a.p - b.p).norm()),
+        "attitude": np.asarray(a.attitude.to(b.attitude).magnitude()),
+        "velocity": np.asarray((a.v - b.v).norm()),
         "spin": np.linalg.norm(np.array(spin), axis=0),
     }
-    return {name: float(np.max(value)) for name, value in differences.items()}
+
+
+def gap(a: Any, b: Any) -> dict[str, float]:
+    """The largest of the `gaps`."""
+    return {name: float(np.max(value)) for name, value in gaps(a, b).items()}
+
+
+def gap_checks(layer: str, ours: Any, drake: Any, tolerance: float, reason: str) -> list[Check]:
+    """One check per quantity of the largest of the `gaps`, which may have the shape (N,) or (T + 1, N)."""
+    return [Check(f"{layer}: {name}", float(np.max(value)), tolerance, UNITS[name], reason, _where(value))
+            for name, value in gaps(ours, drake).items()]
+
+
+def _where(values: np.ndarray) -> str:
+    """Which of the states, or which flight and control period, has the largest value."""
+    *period, number = np.unravel_index(np.argmax(values), values.shape)
+    return f"flight {number}, period {period[0]}" if period else f"state {number}"
 
 
 def _scaled(accelerations: np.ndarray) -> np.ndarray:

@@ -76,8 +76,10 @@ def engine_rate(craft: Spacecraft, task: Task, num_envs: int, device: str, bandw
 
 
 def step_bytes(engine: Engine, action: Tensor) -> int:
-    """Bytes one environment's step must read and write: state, goal and counters both ways, the
-    action in, the results out."""
+    """Bytes that one environment's step must read and write.
+
+    State, goal and counters move both ways, the action in, the results out.
+    """
     count = engine.num_envs
     kept = sum(buffer.nbytes for buffer in engine.save_state()["buffers"])
     results = sum(tensor.nbytes for tensor in engine.step(action))

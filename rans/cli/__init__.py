@@ -55,9 +55,9 @@ def main(arguments: list[str] | None = None) -> int:
 
 def _run(arguments: list[str]) -> int:
     if arguments == ["--version"]:
-        from rans import __version__
+        from importlib.metadata import version
 
-        print(f"rans {__version__}")
+        print(f"rans {version('rans')}")
         return 0
     return _parse(arguments or ["--help"]).run()
 
@@ -66,7 +66,8 @@ def _parse(arguments: list[str]) -> Any:
     """Import only the command that was asked for, so that ``rans train`` loads no Drake."""
     import tyro
 
-    wanted = [c for c in COMMANDS if c in arguments[:1]] or list(COMMANDS)
+    # Not list(COMMANDS): once it is imported, `list` is the module of the command.
+    wanted = [c for c in COMMANDS if c in arguments[:1]] or COMMANDS
     modules = {name: importlib.import_module(f"rans.cli.{name}") for name in wanted}
     commands = {name: module.COMMAND for name, module in modules.items()}
     return tyro.extras.subcommand_cli_from_dict(commands, args=arguments, prog="rans",

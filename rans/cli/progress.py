@@ -53,6 +53,6 @@ def describe(row: dict[str, Any], total: int) -> str:
     """Success, return by term, speed, and the longest that training can still take."""
     terms = " ".join(f"{key.removeprefix('return/')} {value:.0f}" for key, value in row.items()
                      if key.startswith("return/"))
-    left = (total - row["steps"]) / max(row["steps_per_s"], 1)
+    left = max(total - row["steps"], 0) / max(row["steps_per_s"], 1)
     return (f"{row['steps'] / 1e6:.2f} M steps, success {row['success']:.1%}, return: {terms}, "
             f"{row['steps_per_s'] / 1e6:.2f} M steps/s, at most {left:.0f} s left")

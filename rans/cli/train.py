@@ -18,7 +18,7 @@ from rans.errors import ConfigError
 
 if TYPE_CHECKING:
     from rans.fast.config import TrainConfig
-    from rans.fast.run_folder import RunFolder
+    from rans.fast.trainer import Trainer
 
 
 @dataclass(frozen=True)
@@ -31,10 +31,10 @@ class Train:
 
     task: Positional[str | None] = None
     """What to learn: see `rans list`."""
-    spacecraft: str = "floating-platform"
-    """Name of a spacecraft that comes with RANS, or your own TOML file."""
-    seed: int = 0
-    """Decides everything random: the same seed gives the same agent, bit by bit on a CPU."""
+    spacecraft: str | None = None
+    """Name of a spacecraft that comes with RANS, or your own TOML file; by default floating-platform."""
+    seed: int | None = None
+    """Decides everything random: the same seed gives the same agent, bit by bit on a CPU; by default 0."""
     device: str | None = None
     """cpu or cuda; by default a GPU if there is one."""
     total_timesteps: int | None = None
@@ -46,32 +46,38 @@ class Train:
     config: Path | None = None
     """Start from the config.json of another run instead of a task's preset."""
     resume: Path | None = None
-    """Continue the training in this run folder from its last checkpoint."""
+    """Continue the training in this run folder from its last checkpoint, or begin it if there is none."""
 
-    def _run_folder(self) -> RunFolder:
-        """The folder to train in, with its config written."""
+    def _trainer(self) -> Trainer:
+        """Ready to train; a new run folder is begun only once its config has proved to work."""
         from rans.fast.run_folder import RunFolder
-        from rans.fast.trainer import run_path
+        from rans.fast.trainer import Trainer, run_path
+        from rans.spacecraft_file import load_spacecraft
 
         if self.resume is not None:
-            if self.task or self.config or self.set or self.output:
+            if replace(self, resume=None) != Train():
                 raise ConfigError("--resume takes everything from the run folder; give nothing else.")
-            return RunFolder(self.resume)
+            run = RunFolder(self.resume)
+            trainer = Trainer(run.config(), run.spacecraft(), run)
+            trainer.resume()
+            return trainer
         config = self._config()
-        folder = RunFolder(self.output or run_path(config))
-        folder.begin(config, shlex.join(["rans", *sys.argv[1:]]))
-        return folder
+        run = RunFolder(self.output or run_path(config))
+        trainer = Trainer(config, load_spacecraft(config.spacecraft), run)
+        run.begin(config, shlex.join(["rans", *sys.argv[1:]]))
+        return trainer
 
     def _config(self) -> TrainConfig:
+        """A preset or another run's config, with whatever else was given."""
         from rans.fast.config import from_table, to_table
         from rans.fast.run_folder import read_config
 
         if (self.task is None) == (self.config is None):
             raise ConfigError("say what to train: a task, such as `rans train go-to-pose`, or --config FILE.")
-        config = read_config(self.config) if self.config else self._preset()
-        if self.total_timesteps is not None:
-            config = replace(config, total_timesteps=self.total_timesteps)
-        table = json.loads(json.dumps(to_table(config)))
+        table = json.loads(json.dumps(to_table(read_config(self.config) if self.config else self._preset())))
+        for name in ("spacecraft", "seed", "device", "total_timesteps"):
+            if (given := getattr(self, name)) is not None:
+                table[name] = given
         for change in self.set:
             _change(table, change)
         return from_table(table)
@@ -84,33 +90,28 @@ class Train:
         from rans.spacecraft_file import load_spacecraft
         from rans.tasks import task_class
 
-        task = str(self.task)
-        settings, craft = task_class(task)(), load_spacecraft(self.spacecraft)
+        task, spacecraft = str(self.task), self.spacecraft or "floating-platform"
+        settings, craft = task_class(task)(), load_spacecraft(spacecraft)
         device = self.device or ("cuda" if torch.cuda.is_available() else "cpu")
-        return TrainConfig(task, settings, self.spacecraft, preset(task, craft.dimension, device),
-                           seed=self.seed, device=device)
+        return TrainConfig(task, settings, spacecraft, preset(task, craft.dimension, device), device=device)
 
     def run(self) -> int:
         """Train with progress; 130 when it was stopped early."""
         from rans.cli.progress import TrainingProgress
         from rans.evaluation.figures import learning_curve
-        from rans.fast.trainer import Trainer
         from rans.files import replace_file
 
-        folder = self._run_folder()
-        trainer = Trainer(folder.config(), folder)
-        if self.resume is not None:
-            trainer.resume()
+        trainer = self._trainer()
         with TrainingProgress(trainer.config) as progress, _stop_gently() as stop:
-            trainer.train(lambda row: progress.show(row) or stop.asked)
-        picture = folder.path / "learning_curve.svg"
-        if rows := folder.metrics():
+            trainer.train(progress.show, lambda: stop.asked)
+        picture = trainer.run.path / "learning_curve.svg"
+        if rows := trainer.run.metrics():
             replace_file(picture, lambda draft: learning_curve(rows).savefig(draft, format="svg"))
         print(_summary(trainer, stop.asked, time.monotonic() - STARTED))
         return 130 if stop.asked else 0
 
 
-def _summary(trainer: Any, stopped: bool, seconds: float) -> str:
+def _summary(trainer: Trainer, stopped: bool, seconds: float) -> str:
     """One paragraph: how it ended, what it took, where it is."""
     path = trainer.run.path
     ending = ("Stopped" if stopped else "Solved" if trainer.solved else
@@ -143,7 +144,7 @@ def _change(table: dict[str, Any], change: str) -> None:
 
 
 class _stop_gently:
-    """Within it Ctrl-C asks for a stop at the next report; a second one interrupts at once."""
+    """Within it Ctrl-C asks for a stop after this iteration; a second one interrupts at once."""
 
     asked = False
 

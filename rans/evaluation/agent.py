@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zipfile
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,6 +13,7 @@ from stable_baselines3.common.policies import ActorCriticPolicy
 from rans.errors import ConfigError
 from rans.fast.policy import evaluate
 from rans.fast.run_folder import RunFolder
+from rans.files import first_line
 from rans.spacecraft import Spacecraft
 from rans.tasks import Task, observation_width
 from rans.timing import Timing
@@ -63,10 +63,10 @@ def load_agent(path: Path) -> LoadedRun:
         raise ConfigError(f"{path} has no policy.zip yet: training was stopped before its first checkpoint.")
     try:
         policy = PPO.load(run.policy_file, device="cpu").policy
-    except (zipfile.BadZipFile, ValueError, KeyError, EOFError, OSError, RuntimeError) as error:
-        raise ConfigError(f"{run.policy_file} is damaged: {error}.") from error
+    except Exception as error:  # a damaged pickle raises anything
+        raise ConfigError(f"{run.policy_file} is damaged: {first_line(error)}.") from error
     _check_fit(policy, craft, run)
-    return LoadedRun(Agent(policy, path.name), craft, config.settings, config.timing)
+    return LoadedRun(Agent(policy, path.resolve().name), craft, config.settings, config.timing)
 
 
 def _check_fit(policy: ActorCriticPolicy, craft: Spacecraft, run: RunFolder) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -53,23 +54,32 @@ class PPOSettings:
     """Between the layers."""
 
     def __post_init__(self) -> None:
-        for name in ("n_envs", "n_steps", "batch_size", "n_epochs"):
-            _require(getattr(self, name) >= 1, name, getattr(self, name), ">= 1")
+        for name, least in (("n_envs", 1), ("n_steps", 1), ("batch_size", 2), ("n_epochs", 1)):
+            _require(getattr(self, name) >= least, name, getattr(self, name), f">= {least}")
         for name in ("learning_rate", "clip_range", "max_grad_norm", "reward_scale"):
-            _require(0 < getattr(self, name) < float("inf"), name, getattr(self, name), "> 0")
+            _require(0 < getattr(self, name) < math.inf, name, getattr(self, name), "finite and > 0")
+        for name in ("ent_coef", "vf_coef"):
+            _require(0 <= getattr(self, name) < math.inf, name, getattr(self, name), "finite and >= 0")
         for name in ("gamma", "gae_lambda"):
             _require(0 < getattr(self, name) <= 1, name, getattr(self, name), "in (0, 1]")
-        _require(bool(self.layers) and min(self.layers) >= 1, "layers", self.layers, "units >= 1 each")
+        divergence = self.desired_kl is None or 0 < self.desired_kl < math.inf
+        _require(divergence, "desired_kl", self.desired_kl, "finite and > 0, or null")
+        layers = len(self.layers) > 0 and min(self.layers) >= 1
+        _require(layers, "layers", list(self.layers), "one or more numbers >= 1")
 
 
 def _require(holds: bool, name: str, value: object, bound: str) -> None:
     if not holds:
-        raise ConfigError(f"ppo.{name} must be {bound}, got {value}.")
+        raise ConfigError(f"{name} must be {bound}, got {value}.")
 
 
 @dataclass(frozen=True)
 class TrainConfig:
-    """One training: the same config and seed give the same agent, bit by bit on a CPU."""
+    """One training: the same config and seed give the same agent, bit by bit on a CPU.
+
+    Raises:
+        ConfigError: a value is out of its range.
+    """
 
     task: str
     """Name of the task."""
@@ -90,6 +100,14 @@ class TrainConfig:
     solved_share: float | None = 0.995
     """Training ends once two reports in a row find this share of episodes within the task's tolerances
     throughout the last fifth. None: train for all steps."""
+
+    def __post_init__(self) -> None:
+        # What NumPy's generator takes, which Stable-Baselines3 seeds too.
+        _require(0 <= self.seed < 2**32, "seed", self.seed, "between 0 and 2^32 - 1")
+        for name in ("total_timesteps", "report_interval"):
+            _require(getattr(self, name) >= 1, name, getattr(self, name), ">= 1")
+        share = self.solved_share
+        _require(share is None or 0 < share <= 1, "solved_share", share, "in (0, 1], or null")
 
 
 def to_table(config: TrainConfig) -> dict[str, Any]:
@@ -117,7 +135,10 @@ def _structure(table: Any, cls: type, where: str) -> Any:
     try:
         return converter.structure(table, cls)
     except Exception as error:
-        raise ConfigError(f"{where}: {'; '.join(cattrs.transform_error(error, format_exception=_say))}.") from error
+        reasons = cattrs.transform_error(error, path=where, format_exception=_say)
+        # cattrs ends each with its place; a reader wants that first.
+        places = (": ".join(reason.rsplit(" @ ", 1)[::-1]) for reason in reasons)
+        raise ConfigError(f"{'; '.join(places)}.") from error
 
 
 def _strict(value: Any, kind: type) -> Any:
@@ -136,4 +157,6 @@ def _say(error: BaseException, _: type | None) -> str:
         return f"unknown key {', '.join(sorted(map(repr, error.extra_fields)))}"
     if isinstance(error, KeyError):
         return f"the key {error} is missing"
+    if isinstance(error, TypeError):
+        return "expected a table or a list of values"
     return str(error)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import gymnasium
@@ -20,7 +21,7 @@ class BodyFrame(nn.Module):
 
     The paper's observation gives velocity and way to go in W, but thrusters push in B: a network
     would have to learn the rotation, and to learn it again for every heading. Without gravity or
-    floor nothing else depends on W, so the attitude itself is dropped (docs/decisions/004-body-frame-policy.md).
+    floor nothing else depends on W, so the attitude itself is dropped (decision 004).
 
     Plane, 10 columns to 8: v_B (2), w, task flag, first vector of the task data in B (2), rest (2).
     Space, 22 columns to 16: v_B (3), w (3), task flag, first vector in B (3), rest (6).
@@ -74,7 +75,7 @@ class NormalisedMlp(BaseFeaturesExtractor):
         self.register_buffer("variance", torch.ones(width))
         self.register_buffer("count", torch.zeros(()))
         sizes = [width, *layers]
-        modules = [m for i, o in zip(sizes[:-1], sizes[1:], strict=True)
+        modules = [m for i, o in pairwise(sizes)
                    for m in (nn.Linear(i, o), ACTIVATIONS[activation]())]
         self.trunk = nn.Sequential(*modules)
 

@@ -30,7 +30,8 @@ class PPO(stable_baselines3.PPO):
     Constructor, callbacks, logger, ``predict``, ``save`` and ``load`` are SB3's, and what it saves
     opens with ``stable_baselines3.PPO.load``. The update equals SB3's on the same minibatch;
     different are: minibatches are whole environments, unshuffled; ``on_step`` callbacks come after
-    each rollout, one a step; ``env`` must be an `SB3VecEnv`.
+    each rollout, one a step; ``env`` must be an `SB3VecEnv`. On a GPU, float32 matrix products use
+    TF32, for the whole process.
 
     Args:
         policy: as SB3.
@@ -85,6 +86,8 @@ class PPO(stable_baselines3.PPO):
 
     def _prepare(self, engine: Engine) -> None:
         """Fixed memory and fixed functions of one training iteration."""
+        if self.device.type == "cuda":
+            torch.set_float32_matmul_precision("high")
         self.policy.to(engine.dtype)
         group = self.policy.optimizer.param_groups[0]
         group["lr"] = torch.tensor(float(group["lr"]), dtype=torch.float32, device=self.device)
@@ -93,6 +96,9 @@ class PPO(stable_baselines3.PPO):
         self._loss = fused(ppo_loss, self.device)
         self.collect = graphed(self._collect_on_device, self.device)
         self.update = graphed(self._update_on_device, self.device)
+
+    def _maybe_recommend_cpu(self, mlp_class_name: str = "") -> None:
+        """SB3 warns that PPO is slow on a GPU; this one is not."""
 
     def _excluded_save_params(self) -> list[str]:
         return [*super()._excluded_save_params(), "_rollout", "_loss", "collect", "update", "_last_obs",
@@ -188,13 +194,13 @@ class PPO(stable_baselines3.PPO):
             NonFiniteState: a loss is NaN or infinite.
         """
         engine = self.env.engine  # type: ignore[union-attr]
-        losses = Losses(*statistics[:len(Losses._fields)])
+        losses = dict(zip(Losses._fields, statistics, strict=False))
         truncated, ended, reached, *terms = statistics[len(Losses._fields):]
         if not all(abs(x) < float("inf") for x in statistics):
             raise NonFiniteState(
                 f"training produced a value that is not finite after {self.num_timesteps} steps "
                 f"(losses {losses}); the usual cause is a learning rate or a reward that is too large.")
-        for name, value in losses._asdict().items():
+        for name, value in losses.items():
             self.logger.record(f"train/{name}", value)
         self.logger.record("train/learning_rate", float(self.policy.optimizer.param_groups[0]["lr"]))
         if ended:

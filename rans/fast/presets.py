@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from rans.fast.config import PPOSettings
+from rans.tasks import TASKS
 
 _CPU = PPOSettings()
+_CPU_SPACE = PPOSettings(n_envs=256, batch_size=4096, layers=(256, 256, 256), activation="elu")
 _GPU = PPOSettings(n_envs=512, batch_size=8192, layers=(128, 128))
 
+_GPU_SPACE = PPOSettings(n_envs=2048, n_steps=32, batch_size=16_384, layers=(256, 256, 256),
+                         activation="elu", learning_rate=3e-4)
+_BY_BODY = {(2, "cpu"): _CPU, (3, "cpu"): _CPU_SPACE, (2, "cuda"): _GPU, (3, "cuda"): _GPU_SPACE}
+
 PRESETS: dict[tuple[str, int, str], PPOSettings] = {
-    ("go-to-pose", 2, "cpu"): _CPU,
-    ("go-to-pose", 2, "cuda"): _GPU,
-    ("go-to-pose", 3, "cpu"): PPOSettings(n_envs=256, batch_size=4096, layers=(256, 256, 256), activation="elu"),
-    ("go-to-pose", 3, "cuda"): PPOSettings(
-        n_envs=8192, n_steps=16, batch_size=32_768, layers=(256, 256, 256), activation="elu",
-        learning_rate=3e-4),
+    (task, *body): settings for task in TASKS for body, settings in _BY_BODY.items()
 }
 """By task, dimension and kind of device."""
 

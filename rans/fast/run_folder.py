@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import pickle
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,15 @@ import torch
 
 from rans.errors import ConfigError
 from rans.fast.config import TrainConfig, from_table, to_table
-from rans.files import environment, read_json, read_json_lines, replace_file, write_json, write_text
+from rans.files import (
+    environment,
+    first_line,
+    read_json,
+    read_json_lines,
+    replace_file,
+    write_json,
+    write_text,
+)
 from rans.spacecraft import Spacecraft
 from rans.spacecraft_file import load_spacecraft, spacecraft_text
 
@@ -61,9 +68,16 @@ class RunFolder:
         return load_spacecraft(self.spacecraft_file)
 
     def append_metrics(self, row: dict[str, Any]) -> None:
-        """Add one row to ``metrics.jsonl``."""
-        with self.metrics_file.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(row) + "\n")
+        """Add one row to ``metrics.jsonl``.
+
+        Raises:
+            ConfigError: the disk refused.
+        """
+        try:
+            with self.metrics_file.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(row) + "\n")
+        except OSError as error:
+            raise ConfigError(f"cannot write {self.metrics_file}: {error}; is the disk full?") from error
 
     def metrics(self) -> list[dict[str, Any]]:
         """Rows so far; a row cut off in the middle of writing is left out."""
@@ -82,15 +96,12 @@ class RunFolder:
         """The latest checkpoint.
 
         Raises:
-            ConfigError: there is none, or it is damaged.
+            ConfigError: it cannot be read or is damaged.
         """
         try:
             return torch.load(self.checkpoint_file, map_location=device, weights_only=True)
-        except FileNotFoundError as error:
-            raise ConfigError(
-                f"{self.path} has no checkpoint yet: it was stopped before the first one; train anew.") from error
-        except (RuntimeError, EOFError, OSError, ValueError, pickle.UnpicklingError) as error:
-            raise ConfigError(f"{self.checkpoint_file} is damaged: {error}.") from error
+        except Exception as error:  # a damaged pickle raises anything
+            raise ConfigError(f"{self.checkpoint_file} is damaged: {first_line(error)}.") from error
 
 
 def read_config(file: Path) -> TrainConfig:

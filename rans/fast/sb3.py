@@ -12,7 +12,7 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvO
 from torch import Tensor
 
 from rans.fast.engine import Engine
-from rans.fast.spaces import action_space, observation_space
+from rans.spaces import action_space, observation_space
 
 
 class SB3VecEnv(VecEnv):

@@ -20,9 +20,7 @@ from rans.fast.run_folder import RunFolder
 from rans.fast.sb3 import SB3VecEnv
 from rans.fast.selection import Selection
 from rans.files import replace_file
-
-Report = Callable[[dict[str, Any]], object]
-"""Called with one row of metrics after each report; a true result ends the training."""
+from rans.spacecraft import Spacecraft
 
 _WARM_UP_ITERATIONS = 3
 """On a GPU: two that compile, one that records the graphs. They train, but are timed apart."""
@@ -36,41 +34,56 @@ class Trainer:
 
     Args:
         config: what to train.
-        run: where to keep it; `RunFolder.begin` was called.
+        craft: the spacecraft the config names.
+        run: where to keep it; nothing is written there before `train`.
 
     Raises:
         ConfigError: the config cannot work.
     """
 
-    def __init__(self, config: TrainConfig, run: RunFolder) -> None:
-        _check_device(config.device)
-        self.config, self.run, self.seconds, self.warm_up, self.solved = config, run, 0.0, 0.0, False
-        craft, ppo = run.spacecraft(), config.ppo
-        self.engine = Engine(craft, config.settings, ppo.n_envs, config.timing, seed=config.seed,
+    def __init__(self, config: TrainConfig, craft: Spacecraft, run: RunFolder) -> None:
+        check_device(config.device)
+        self.config, self.run, self.seconds, self.warm_up = config, run, 0.0, 0.0
+        self.engine = Engine(craft, config.settings, config.ppo.n_envs, config.timing, seed=config.seed,
                              device=config.device)
-        self.model = make_ppo(self.engine, ppo, config.seed)
+        self.model = make_ppo(self.engine, config.ppo, config.seed)
         self.selection = Selection(self.model.policy, craft, config.settings, config.timing, config.device)
+        self._solved_in_a_row = 0
+        self._reported = (0, 0.0)
         # Opened with the first row, so that a start that fails leaves no empty event file.
         self._logger: Logger | None = None
 
-    def train(self, report: Report) -> None:
-        """Train until solved, out of steps, or told to stop by ``report``.
+    @property
+    def solved(self) -> bool:
+        """Whether enough reports in a row found the task solved."""
+        return self._solved_in_a_row >= _SOLVED_IN_A_ROW
+
+    @property
+    def _ended(self) -> bool:
+        return self.solved or self.model.num_timesteps >= self.config.total_timesteps
+
+    def train(self, report: Callable[[dict[str, Any]], object],
+              stop: Callable[[], bool] = lambda: False) -> None:
+        """Train until solved, out of steps, or told to stop.
+
+        Args:
+            report: called with every row of metrics.
+            stop: asked after every iteration.
 
         Raises:
             NonFiniteState: a value became NaN; the state was dumped into the run folder.
+            ConfigError: the disk refused.
         """
         self._open_log()
         self._warm_up()
-        in_a_row, stop, saved = 0, False, time.monotonic()
-        while not stop and not self.solved and self.model.num_timesteps < self.config.total_timesteps:
+        stopped, saved = False, time.monotonic()
+        while not (stopped or self._ended):
             begun = time.monotonic()
-            steps = self._learn(self.config.report_interval)
-            spent = time.monotonic() - begun
-            self.seconds += spent
-            row = self._report(steps / spent)
-            in_a_row = in_a_row + 1 if self._is_solved(row) else 0
-            self.solved = in_a_row == _SOLVED_IN_A_ROW
-            stop = bool(report(row))
+            self._iterate()
+            self.seconds += time.monotonic() - begun
+            stopped = stop()
+            if stopped or self._ended or self._is_report_due():
+                report(self._report())
             if time.monotonic() - saved > _CHECKPOINT_SECONDS:
                 self.save()
                 saved = time.monotonic()
@@ -78,38 +91,44 @@ class Trainer:
 
     def _warm_up(self) -> None:
         """On a GPU, compile and record everything; training is timed from then on."""
-        if self.engine.device.type == "cuda":
+        self._reported = (self.model.num_timesteps, self.seconds)
+        if self.engine.device.type == "cuda" and not self._ended:
             begun = time.monotonic()
-            self._learn(_WARM_UP_ITERATIONS)
             for _ in range(_WARM_UP_ITERATIONS):
+                self._iterate()
                 self.selection.judge()
             self.warm_up = time.monotonic() - begun
 
-    def _is_solved(self, row: dict[str, Any]) -> bool:
-        needed = self.config.solved_share
-        return needed is not None and row["success"] >= needed
+    def _is_report_due(self) -> bool:
+        """Counted from the first step, so that a resumed training judges the agents it would have."""
+        iteration = self.model.num_timesteps // (self.config.ppo.n_envs * self.config.ppo.n_steps)
+        return iteration % self.config.report_interval == 0
 
-    def _learn(self, iterations: int) -> int:
-        """Some iterations of PPO; the number of environment steps they took."""
-        before = self.model.num_timesteps
-        left = self.config.total_timesteps - before
-        rollout = self.config.ppo.n_envs * self.config.ppo.n_steps
+    def _iterate(self) -> None:
+        """One iteration of PPO."""
         try:
-            self.model.learn(min(iterations * rollout, left), log_interval=None,  # type: ignore[arg-type]
-                             reset_num_timesteps=before == 0)
+            self.model.learn(1, log_interval=None,  # type: ignore[arg-type]
+                             reset_num_timesteps=self.model.num_timesteps == 0)
         except NonFiniteState as error:
             file = self.run.path / "nonfinite.pt"
             replace_file(file, lambda draft: torch.save(self._checkpoint(), draft))
             raise NonFiniteState(f"{error} State and weights are in {file}.") from error
-        return self.model.num_timesteps - before
 
-    def _report(self, rate: float) -> dict[str, Any]:
+    def _report(self) -> dict[str, Any]:
         """Judge the agent, write one row of metrics everywhere, and return it."""
         solved, errors = self.selection.judge()
+        needed = self.config.solved_share
+        if self._is_report_due():
+            found = needed is not None and solved >= needed
+            self._solved_in_a_row = self._solved_in_a_row + 1 if found else 0
+        steps, seconds = self._reported
+        self._reported = (self.model.num_timesteps, self.seconds)
+        rate = (self.model.num_timesteps - steps) / max(self.seconds - seconds, 1e-9)
         row = {"steps": self.model.num_timesteps, "seconds": round(self.seconds, 3),
                "steps_per_s": round(rate), "success": solved,
                **{f"error/{name}": value for name, value in errors.items()},
-               **{k: v for k, v in self.model.logger.name_to_value.items() if k.startswith(("return/", "train/", "rollout/"))}}
+               **{key: value for key, value in self.model.logger.name_to_value.items()
+                  if key.startswith(("return/", "train/", "rollout/"))}}
         for key in ("success", *(f"error/{name}" for name in errors)):
             self.model.logger.record(f"evaluation/{key.removeprefix('error/')}", row[key])
         self.model.logger.record("perf/steps_per_s", rate)
@@ -119,7 +138,8 @@ class Trainer:
 
     def _open_log(self) -> None:
         if self._logger is None:
-            self._logger = Logger(str(self.run.path), [TensorBoardOutputFormat(str(self.run.path / "tensorboard"))])
+            events = TensorBoardOutputFormat(str(self.run.path / "tensorboard"))
+            self._logger = Logger(str(self.run.path), [events])
             self.model.set_logger(self._logger)
 
     def save(self) -> None:
@@ -137,27 +157,32 @@ class Trainer:
             "cuda_generator": cuda,
             "steps": self.model.num_timesteps,
             "seconds": self.seconds,
+            "solved_in_a_row": self._solved_in_a_row,
         }
 
     def resume(self) -> None:
-        """Continue from the run's checkpoint, bit-identically on a CPU.
+        """Continue from the run's checkpoint, bit-identically on a CPU; without one, from the start.
 
         Raises:
-            ConfigError: there is no checkpoint, it is damaged, or it is of another network.
+            ConfigError: the checkpoint is damaged, or it is of another network.
         """
-        saved = self.run.load_checkpoint(self.config.device)
+        if self.run.checkpoint_file.exists():
+            self._restore(self.run.load_checkpoint(self.config.device))
+        self.run.forget_after(self.model.num_timesteps)
+
+    def _restore(self, saved: dict[str, Any]) -> None:
         try:
             self.model.restore(saved["policy"], saved["optimizer"], saved["steps"])
             self.engine.load_state(saved["engine"])
-        except (RuntimeError, KeyError, ValueError) as error:
+            torch.set_rng_state(saved["generator"].cpu())
+            if saved["cuda_generator"] is not None:
+                torch.cuda.set_rng_state(saved["cuda_generator"].cpu())
+            self.seconds, self._solved_in_a_row = saved["seconds"], saved["solved_in_a_row"]
+        except (RuntimeError, KeyError, ValueError, TypeError, AttributeError) as error:
+            reason = " ".join(str(error).split())
             raise ConfigError(
-                f"{self.run.checkpoint_file} does not fit the run's config: {error}; the usual cause is "
+                f"{self.run.checkpoint_file} does not fit the run's config: {reason}; the usual cause is "
                 "a config.json edited after training began.") from error
-        torch.set_rng_state(saved["generator"].cpu())
-        if saved["cuda_generator"] is not None:
-            torch.cuda.set_rng_state(saved["cuda_generator"].cpu())
-        self.seconds = saved["seconds"]
-        self.run.forget_after(saved["steps"])
 
 
 def make_ppo(engine: Engine, settings: PPOSettings, seed: int) -> PPO:
@@ -176,7 +201,12 @@ def make_ppo(engine: Engine, settings: PPOSettings, seed: int) -> PPO:
     )
 
 
-def _check_device(device: str) -> None:
+def check_device(device: str) -> None:
+    """Whether training is possible on this torch device, here and now.
+
+    Raises:
+        ConfigError: it is not.
+    """
     try:
         kind = torch.device(device).type
     except RuntimeError as error:

@@ -13,8 +13,8 @@ from torch import Tensor
 
 from rans.errors import ConfigError
 from rans.fast.engine import Engine
-from rans.fast.spaces import action_space, choose, observation_space
 from rans.spacecraft import Spacecraft
+from rans.spaces import action_space, choose, observation_space
 from rans.tasks import Task
 from rans.tasks.base import Dimension
 from rans.timing import Timing

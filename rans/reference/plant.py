@@ -105,6 +105,16 @@ class Plant:
         return np.array([self.wrenches(np.tile(alone, (self.count, 1)))[0]
                          for alone in np.eye(len(self.craft.thrusters))])
 
+    def mass_matrix(self) -> np.ndarray:
+        """What resists acceleration at rest, about the centre of mass, axes of B: (3, 3) or (6, 6).
+
+        Rows and columns are ordered as in `wrenches`; kg, kg m (zero) and kg m^2.
+        """
+        self._set(np.tile(self._rest(), (self.count, 1)), np.zeros((self.count, len(self.craft.thrusters))))
+        own = self._velocity[0]
+        matrix = self._plant.CalcMassMatrix(self._plant_context)[np.ix_(own, own)]
+        return matrix if self.craft.dimension == 2 else np.roll(matrix, (3, 3), axis=(0, 1))
+
     def accelerations(self, states: np.ndarray, commands: np.ndarray) -> np.ndarray:
         """Time derivatives of v_WB in W and of the angular velocity's components in B.
 

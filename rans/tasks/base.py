@@ -35,8 +35,10 @@ class Task(Protocol):
         ...
 
     def residual(self, state: Any, goal: Any) -> tuple[Field, ...]:
-        """The paper's task data td (Table 1), smooth: observed by policies, driven to
-        `residual_target` by optimal controllers."""
+        """The paper's task data td (Table 1), smooth.
+
+        Policies observe it, optimal controllers drive it to `residual_target`.
+        """
         ...
 
     def residual_target(self, dimension: Dimension) -> tuple[float, ...]:

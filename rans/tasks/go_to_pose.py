@@ -8,9 +8,10 @@ from typing import Any
 
 from rans.dynamics import State
 from rans.errors import ConfigError
-from rans.fields import Field, exp
+from rans.fields import Field
 from rans.scenario import Random
 from rans.tasks.base import Column, Dimension, check_settings
+from rans.tasks.rewards import nearness, price
 
 
 @dataclass(frozen=True)
@@ -103,11 +104,11 @@ class GoToPose:
         """
         distance, angle = self.errors(state, goal).values()
         return {
-            "position": exp(distance * (-1.0 / self.position_scale)),
-            "attitude": exp(angle * (-1.0 / self.attitude_scale)),
-            "approach": exp(distance * (-1.0 / self.approach_scale)) * self.approach_weight,
-            "turn": exp(angle * (-1.0 / self.turn_scale)) * self.approach_weight,
-            "thrust": sum(thrust[1:], start=thrust[0]) * -self.thrust_weight,
+            "position": nearness(distance, self.position_scale),
+            "attitude": nearness(angle, self.attitude_scale),
+            "approach": nearness(distance, self.approach_scale) * self.approach_weight,
+            "turn": nearness(angle, self.turn_scale) * self.approach_weight,
+            "thrust": price(thrust, self.thrust_weight),
         }
 
     def failed(self, state: Any, goal: Any) -> Field:

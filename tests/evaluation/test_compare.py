@@ -129,8 +129,6 @@ def test_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
         "idle", "LQR", "minimum time (bound)", "minimum fuel in 20 s (bound)"]
     # the idle agent stays where it starts
     assert 300 <= read["starts"][0]["position_error_cm"] <= 400
-    assert "1 starts of seed 0, floating-platform" in capsys.readouterr().out
+    assert "1 starts of seed 2023, floating-platform" in capsys.readouterr().out
     with pytest.raises(ConfigError, match="--episodes must be at least 1, got 0"):
         Compare(tmp_path, episodes=0).run()
-    with pytest.raises(ConfigError, match=r"--spawn-distance must be two numbers .* got 4.0 3.0"):
-        Compare(tmp_path, spawn_distance=(4.0, 3.0)).run()

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import io
 import json
 import os
 from html.parser import HTMLParser
@@ -7,8 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from rich.console import Console
 
-from rans.errors import ConfigError, RansError
+from rans.errors import ConfigError
 from rans.evaluation.metrics import measure
 from rans.evaluation.report import (
     Finding,
@@ -54,11 +56,14 @@ def run(tmp_path: Path) -> Path:
     for name in ("evaluation.svg", "episode.svg"):
         (tmp_path / name).write_text('<svg xmlns="http://www.w3.org/2000/svg"/>')
     contents: dict[str, Any] = {
-        "config.json": {"command": "rans train go-to-pose", "seed": 3, "versions": {"rans": "0.1.0"},
-                        "timing": {"control_period": 0.2, "substeps": None}},
+        "config.json": {"seed": 3, "timing": {"control_period": 0.2, "substeps": None},
+                        "about": {"command": "rans train go-to-pose",
+                                  "environment": {"rans": "0.1.0", "revision": "abc1234"}}},
         "validation.json": {"title": "Dynamics", "checks": [CHECK, LATE]},
         "evaluation.json": {"agent": measure(flight).to_json()},
-        "compare.json": {"starts": [
+        "compare.json": {"summary": [
+            {"contestant": "agent", "kind": "controller", "starts": 1, "flown": 1, "settled": 1,
+             "median_settling_time": 6.5, "mean_impulse": 20.0}], "starts": [
             {"start": 0, "contestant": "agent", "settling_time": 6.5, "on_time": 20.0},
             {"start": 0, "contestant": "LQR", "settling_time": None, "on_time": 28.0}]},
     }
@@ -69,17 +74,17 @@ def run(tmp_path: Path) -> Path:
 
 
 def test_report_from_run_holds_everything(run: Path) -> None:
-    page = Page(report_from_run(run).read_text("utf-8"))
+    page = Page(report_from_run(run).html())
     headings = ["Validation", "Training", "Evaluation", "Comparison", "Configuration"]
     assert [text for text in page.text if text in headings] == headings * 2  # in the links and above
-    for text in ("rans train go-to-pose", "rans 0.1.0", "timing.control_period", "2.45 cm", "LQR",
-                 "Ended after 10,000 environment steps, 5 s, 100.0 % of episodes successful."):
+    for text in ("rans train go-to-pose", "rans 0.1.0, revision abc1234", "timing.control_period",
+                 "2.45 cm", "LQR", "10,000", "5.0 s", "100.0%"):
         assert text in page.text
     assert page.tags.count("img") == 4  # learning curve, two of the flight, comparison
 
 
 def test_report_loads_nothing_from_elsewhere(run: Path) -> None:
-    html = report_from_run(run).read_text("utf-8")
+    html = report_from_run(run).html()
     page = Page(html)
     assert page.links
     assert all(link.startswith(("data:", "#")) for link in page.links)
@@ -89,11 +94,21 @@ def test_report_loads_nothing_from_elsewhere(run: Path) -> None:
     assert len(html) < 3e6
 
 
+def test_how_it_was_made_is_on_top(run: Path) -> None:
+    assert report_from_run(run).header == {"command": "rans train go-to-pose", "seed": "3",
+                                           "environment": "rans 0.1.0, revision abc1234"}
+    (run / "config.json").unlink()
+    assert report_from_run(run).header == {}
+    checked = {"checks": [CHECK], "environment": {"drake": "1.51.1"}, "settings": {"seed": 3}}
+    (run / "validation.json").write_text(json.dumps(checked))
+    assert report_from_run(run).header == {"environment": "drake 1.51.1"}
+
+
 def test_failures_come_first(run: Path) -> None:
-    text = Page(report_from_run(run).read_text("utf-8")).text
+    text = Page(report_from_run(run).html()).text
     marks = [mark for mark in text[:20] if mark in ("pass", "FAIL", "note")]
     assert text[3] == "Something has failed."
-    assert marks == ["FAIL", "FAIL"]
+    assert marks == ["FAIL", "FAIL", "note"]
     assert "rollout: 0.002 m, tolerance 1e-09." in text[:20]
 
 
@@ -102,7 +117,7 @@ def test_what_is_missing_is_left_out(run: Path, kept: str) -> None:
     for file in run.iterdir():
         if file.name != kept:
             file.unlink()
-    page = Page(report_from_run(run).read_text("utf-8"))
+    page = Page(report_from_run(run).html())
     assert page.tags.count("section") == 1
 
 
@@ -118,6 +133,29 @@ def test_a_damaged_file_is_named(run: Path) -> None:
     (run / "compare.json").write_text('{"starts": [')
     with pytest.raises(ConfigError, match=r"compare\.json"):
         report_from_run(run)
+
+
+@pytest.mark.parametrize("name", ["config.json", "validation.json", "evaluation.json", "compare.json"])
+@pytest.mark.parametrize("content", [
+    '[3]', '3', '"text"', '{"rows": 3, "checks": 3, "summary": 3, "controller": 3, "about": 3}'])
+def test_other_content_is_named(run: Path, name: str, content: str) -> None:
+    """Valid JSON that is not what RANS writes there: an error that names the file, or nothing to show."""
+    (run / name).write_text(content)
+    try:
+        report_from_run(run)
+    except ConfigError as error:
+        assert name in str(error)  # noqa: PT017 - either way is right, a traceback is not
+
+
+def test_summary_tells_the_essence(run: Path) -> None:
+    console = Console(width=120, file=io.StringIO())
+    console.print(report_from_run(run).summary())
+    text = console.file.getvalue()  # type: ignore[attr-defined]
+    parts = ["Validation", "1 of 2", "Training", "10,000", "5.0 s", "100.0%", "Evaluation", "50 %", "2.45 cm",
+             "Comparison", "agent", "settles from 1 of 1 starts, 6.50 s (median)"]
+    places = [text.find(part) for part in parts]
+    assert -1 not in places
+    assert places == sorted(places)
 
 
 def test_text_is_escaped() -> None:
@@ -172,6 +210,7 @@ def test_an_unsolved_bound_is_a_failure_and_a_slow_controller_is_not() -> None:
     section = comparison_section({"title": "4 starts", "text": "All fly.", "summary": [agent, bound]})
     assert section.text == "4 starts. All fly."
     assert [finding.passed for finding in section.findings] == [None, False]
+    assert section.findings[1].text.endswith("; the optimiser found none from 1.")
     assert section.findings[0].text == "agent settles from 2 of 4 starts, 12.00 N s of thrust (mean)."
 
 
@@ -183,7 +222,7 @@ def test_a_failed_write_keeps_the_old_report(tmp_path: Path, monkeypatch: pytest
         raise OSError("no space left on device")
 
     monkeypatch.setattr(os, "replace", full_disk)
-    with pytest.raises(RansError, match=r"cannot write the report.*no space left"):
+    with pytest.raises(ConfigError, match=r"cannot write .*report\.html.*no space left"):
         Report("new", []).write(path)
     assert [file.name for file in tmp_path.iterdir()] == ["report.html"]
     assert path.read_text() == "old"

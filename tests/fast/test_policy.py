@@ -14,8 +14,8 @@ from torch import Tensor
 
 from rans.dynamics import PlanarState, SpatialState
 from rans.fast.policy import BodyFrame, NormalisedMlp, OnOff, evaluate
-from rans.fast.spaces import action_space, observation_space
 from rans.fields import Heading, Quat, Vec2, Vec3
+from rans.spaces import action_space, observation_space
 from rans.tasks import GoToPose, observation
 from tests.crafts import random_states
 from tests.fast.engines import PLATFORM, both_crafts
@@ -137,7 +137,8 @@ def test_statistics_are_those_of_all_observations(dtype: torch.dtype) -> None:
     extractor = NormalisedMlp(spaces.Box(-9, 9, (10,))).to(dtype)
     generator = torch.Generator().manual_seed(2)
     scale, shift = torch.rand(2, 10, generator=generator) * 5
-    parts = [torch.randn(n, 10, generator=generator) * scale + shift * i for i, n in enumerate((3, 500, 1, 64))]
+    parts = [torch.randn(count, 10, generator=generator) * scale + shift * part
+             for part, count in enumerate((3, 500, 1, 64))]
     for part in parts:
         extractor.update_statistics(part)
     everything = extractor.body_frame(torch.cat(parts).double()).numpy()

@@ -39,7 +39,7 @@ def tiny_trainer(path: Path, config: TrainConfig = CONFIG) -> Trainer:
     """A trainer in a new run folder."""
     run = RunFolder(path)
     run.begin(config, "rans train")
-    return Trainer(config, run)
+    return Trainer(config, run.spacecraft(), run)
 
 
 def weights(policy: ActorCriticPolicy) -> Tensor:

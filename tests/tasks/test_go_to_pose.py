@@ -54,15 +54,18 @@ def test_errors() -> None:
 
 
 def test_reward() -> None:
-    """exp(-0.5 / 0.25) = 0.1353353; exp(-(pi / 6) / 0.25) = 0.1231447; three open thrusters of 0.02."""
+    """exp(-0.5 / 0.25) = 0.1353353; exp(-(pi / 6) / 0.25) = 0.1231447; three open thrusters of 0.02.
+
+    The wide copies: exp(-0.5 / 1.5) / 2 = 0.3582657; exp(-pi / 6) / 2 = 0.2961925.
+    """
     task = GoToPose(thrust_weight=0.02)
     terms = task.reward(PLANAR, PLANAR_GOAL, (1.0, 0.0, 1.0, 1.0))
-    expected = {"position": 0.1353353, "attitude": 0.1231447, "thrust": -0.06}
+    expected = {"position": 0.1353353, "attitude": 0.1231447, "approach": 0.3582657,
+                "turn": 0.2961925, "thrust": -0.06}
     assert terms == pytest.approx(expected, abs=1e-7)
-    assert GoToPose().reward(PLANAR, PLANAR_GOAL, (1.0,)).keys() == {"position", "attitude"}
     far = GoToPose(position_scale=3.0, attitude_scale=2 * math.pi / 3)
-    assert far.reward(SPATIAL, SPATIAL_GOAL, (1.0,)) == pytest.approx(
-        {"position": 0.3678794, "attitude": 0.3678794}, abs=1e-7)
+    terms = far.reward(SPATIAL, SPATIAL_GOAL, (1.0,))
+    assert [terms["position"], terms["attitude"]] == pytest.approx([0.3678794] * 2, abs=1e-7)
 
 
 @pytest.mark.parametrize(("distance", "angle", "expected"), [

@@ -1,0 +1,166 @@
+"""One spacecraft as an ordinary Gymnasium environment, whatever engine moves it."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.error import ResetNeeded
+
+from rans.dynamics import thrust
+from rans.errors import ConfigError
+from rans.fields import leaves, map_leaves
+from rans.scenario import Scenario, scenario
+from rans.spacecraft import Spacecraft
+from rans.spaces import action_space, choose, observation_space
+from rans.tasks import Task, observation, reached
+from rans.tasks.base import Dimension
+from rans.timing import Timing
+
+
+class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
+    """One spacecraft flying one task: NumPy in and out, float64 inside.
+
+    Everything but the motion: episodes by number, observation, reward, ends and pictures. Episodes end
+    by themselves: ``terminated`` when the task has failed, otherwise ``truncated`` after
+    ``timing.episode_steps``.
+
+    Observation: (10,) in the plane or (22,) in space, float32, `rans.tasks.observation_columns`.
+    Action: (thrusters,), 0 (shut) or 1 (open).
+    ``info``: "reward_terms" and "errors" by name; at the end of an episode also "is_success", whether
+    time ran out within the task's tolerances.
+
+    Args:
+        task_name: key of `rans.tasks.TASKS`.
+        dimension: 2 (plane) or 3 (space).
+        spacecraft: name, TOML file or object; None: the usual one of this dimension.
+        task: settings; None: the defaults.
+        timing: control period, accuracy and length of an episode.
+        render_mode: None or "rgb_array".
+
+    Raises:
+        ConfigError: one of these does not exist or does not fit the others.
+    """
+
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 5}  # noqa: RUF012  (Gymnasium's interface)
+
+    def __init__(self, task_name: str, dimension: Dimension, *,
+                 spacecraft: str | Path | Spacecraft | None = None, task: Task | None = None,
+                 timing: Timing | None = None, render_mode: str | None = None) -> None:
+        if render_mode not in (None, "rgb_array"):
+            raise ConfigError(f'render_mode must be None or "rgb_array", got {render_mode!r}.')
+        self.craft, self.task = choose(task_name, dimension, spacecraft, task)
+        self.timing = timing or Timing()
+        self.observation_space = observation_space(self.craft)
+        self.action_space = action_space(self.craft)
+        self.render_mode = render_mode
+        self.metadata = {**self.metadata, "render_fps": 1.0 / self.timing.control_period}
+        self._seed: int | None = None
+        self._episode = 0
+        self._state: Any = None
+        self._scene: Any = None
+
+    def reset(self, *, seed: int | None = None,
+              options: dict[str, Any] | None = None) -> tuple[np.ndarray, dict[str, Any]]:
+        """Start the next episode.
+
+        Args:
+            seed: start with episode 0 of this seed; by default the next episode of the last one, or
+                at first of a random one.
+            options: {"scenario": `Scenario`} flies this scenario in place of the numbered one.
+
+        Raises:
+            ConfigError: the options hold anything else.
+        """
+        super().reset(seed=seed)
+        self._count(seed)
+        given = _given_scenario(options or {}, self.craft)
+        chosen = given or scenario(self.task, self.craft.dimension, self._seed or 0, self._episode)
+        self._state, self._goal, self._steps = chosen.start, chosen.goal, 0
+        self._command: tuple[float, ...] = (0.0,) * len(self.craft.thrusters)
+        self._trail: list[tuple[float, ...]] = []
+        return self._observe(), {"errors": self._errors()}
+
+    def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+        """Hold the thrusters for one control period.
+
+        Raises:
+            ConfigError: the action is not one 0 or 1 per thruster.
+            gymnasium.error.ResetNeeded: there was no `reset` yet.
+        """
+        self._require_reset()
+        self._command = self._checked(action)
+        self._trail.append(self._state.p.columns())
+        self._state = map_leaves(float, self._moved(self._state, self._command).normalised())
+        self._steps += 1
+        terms = self.task.reward(self._state, self._goal, thrust(self.craft, self._command))
+        terminated = bool(self.task.failed(self._state, self._goal))
+        truncated = self._steps >= self.timing.episode_steps and not terminated
+        info: dict[str, Any] = {
+            "reward_terms": {name: float(term) for name, term in terms.items()},
+            "errors": self._errors(),
+        }
+        if terminated or truncated:
+            info["is_success"] = truncated and bool(reached(self.task, self._state, self._goal))
+        return self._observe(), float(sum(terms.values())), terminated, truncated, info
+
+    @abstractmethod
+    def _moved(self, state: Any, command: tuple[float, ...]) -> Any:
+        """The state after the command was held for one control period, of numbers or arrays of one."""
+
+    def render(self) -> np.ndarray | None:  # type: ignore[override]
+        """A frame (480, 640, 3) uint8 if the render mode asks for it; see `rans.drawing.Scene`."""
+        self._require_reset()
+        if self.render_mode is None:
+            return None
+        if self._scene is None:
+            from rans.drawing import Scene
+
+            self._scene = Scene(self.craft)
+        return self._scene.render(self._state, self._goal, self._command, self._trail)
+
+    def _count(self, seed: int | None) -> None:
+        """Choose seed and number of the episode that starts."""
+        if seed is None and self._seed is not None:
+            self._episode += 1
+            return
+        self._seed = int(self.np_random.integers(2**63)) if seed is None else seed
+        self._episode = 0
+
+    def _require_reset(self) -> None:
+        if self._state is None:
+            raise ResetNeeded("call reset() before step() and render().")
+
+    def _checked(self, action: Any) -> tuple[float, ...]:
+        values, count = np.asarray(action), len(self.craft.thrusters)
+        if values.shape != (count,) or not np.isin(values, (0, 1)).all():
+            raise ConfigError(
+                f"an action must be {count} numbers, 0 (shut) or 1 (open), one per thruster of "
+                f"{self.craft.name!r}, got {action!r}.")
+        return tuple(values.astype(float).tolist())
+
+    def _observe(self) -> np.ndarray:
+        return np.array(observation(self.task, self._state, self._goal), dtype=np.float32)
+
+    def _errors(self) -> dict[str, float]:
+        return {name: float(x) for name, x in self.task.errors(self._state, self._goal).items()}
+
+
+def _given_scenario(options: dict[str, Any], craft: Spacecraft) -> Scenario | None:
+    """The scenario among the options of `reset`, if there is one."""
+    for key in options:
+        if key != "scenario":
+            raise ConfigError(f'unknown option {key!r} of reset; the only one is "scenario".')
+    given = options.get("scenario")
+    if given is None:
+        return None
+    width = 2 * craft.degrees_of_freedom + (craft.dimension == 3)  # a quaternion has four entries
+    states = (given.start, given.goal) if isinstance(given, Scenario) else ((), ())
+    if not all(len(leaves(s)) == width and np.isfinite(leaves(s)).all() for s in states):
+        raise ConfigError(
+            f"the scenario of reset must be a rans.scenario.Scenario whose start and goal are {width} "
+            f"finite numbers each, got {given!r}.")
+    return given

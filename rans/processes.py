@@ -1,0 +1,69 @@
+"""Worker processes that start fresh, keep quiet when interrupted and never outlive their parent."""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ProcessPoolExecutor
+from typing import Any, TypeVar
+
+Answer = TypeVar("Answer")
+
+
+@contextlib.contextmanager
+def submitted(function: Callable[..., Answer], jobs: Iterable[tuple[Any, ...]], workers: int | None,
+              prepare: Callable[..., object], arguments: tuple[Any, ...]) -> Iterator[list[Future[Answer]]]:
+    """Jobs at work in other processes, as futures in their order.
+
+    The processes are started afresh, not forked: the parent may hold threads (torch, Drake) that a fork
+    would copy half alive. With the default start method of a script that means its top level must be
+    guarded by ``if __name__ == "__main__"``. An interrupt waits for the jobs in work, drops the rest and
+    is raised again.
+
+    Args:
+        function: does one job; of a module's top level, as `prepare` is.
+        jobs: the function's arguments, one tuple a job.
+        workers: processes; by default one per processor.
+        prepare: called once in every process before its first job.
+        arguments: of `prepare`.
+    """
+    with ProcessPoolExecutor(workers or os.cpu_count() or 1, multiprocessing.get_context("spawn"),
+                             _begin, (prepare, arguments)) as pool:
+        try:
+            with _interrupts_ignored():  # by the workers that start now, for as long as they live
+                futures = [pool.submit(function, *job) for job in jobs]
+            yield futures
+        except BaseException:
+            pool.shutdown(cancel_futures=True)  # waits for the few in work
+            raise
+
+
+def _begin(prepare: Callable[..., object], arguments: tuple[Any, ...]) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all processes; the parent decides
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    prepare(*arguments)
+
+
+def _end_with_parent() -> None:
+    """A parent that was killed leaves no workers behind."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
+
+
+@contextlib.contextmanager
+def _interrupts_ignored() -> Iterator[None]:
+    """A process started now ignores Ctrl-C from its first moment, and not only once it has loaded."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)

@@ -1,0 +1,106 @@
+"""Go to a position and stay there with any attitude, in the plane (GoToXY) or in space (GoToXYZ)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+from rans.dynamics import State
+from rans.errors import ConfigError
+from rans.fields import Field, sqrt
+from rans.scenario import Random
+from rans.tasks.base import Column, Dimension, check_settings
+from rans.tasks.rewards import nearness, price
+
+
+@dataclass(frozen=True)
+class GoToPosition:
+    """Go to a position and stay there (paper: Table 1, rows "Go to position"; sections 3.2 and 4.3).
+
+    Goal: the origin of W. Start: at rest, any bearing, any attitude.
+
+    Observed task data: p_goal - p in W (2 or 3 columns, m).
+    """
+
+    spawn_distance: tuple[float, float] = (0.5, 4.5)
+    """Range of the start's distance from the goal in training, m (original system)."""
+    evaluation_distance: tuple[float, float] = (3.0, 4.0)
+    """The same in evaluations, m (paper, section 4.1; in space it says 1 to 5 m)."""
+    position_scale: float = 0.25
+    """Error at which the position reward has fallen to 1/e, m (original system, 2023)."""
+    approach_weight: float = 0.5
+    """Weight of the reward that is felt from afar; 0 gives the original system's reward."""
+    approach_scale: float = 1.5
+    """Distance at which the approach reward has fallen to 1/e, m."""
+    stillness_weight: float = 0.5
+    """Weight of the reward for not spinning: without it agents spin at 3 to 7 rad/s unseen."""
+    stillness_scale: float = 0.25
+    """Angular speed at which the stillness reward has fallen to 1/e, rad/s."""
+    thrust_weight: float = 0.02
+    """Reward lost per step and fully open thruster; it also stops the chatter at the goal."""
+    position_tolerance: float = 0.05
+    """Distance that counts as reached, m."""
+    fail_distance: float = 8.0
+    """An episode fails beyond this distance, m (original system)."""
+    fail_spin: float = 4.0
+    """A spatial episode fails beyond this rate, rad/s: without it policies spin up for good."""
+
+    flag = 0
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+        if self.fail_distance <= self.spawn_distance[1]:
+            raise ConfigError(
+                f"fail_distance must exceed the farthest start, {self.spawn_distance[1]} m, got "
+                f"{self.fail_distance}: episodes would fail as they begin.")
+
+    def for_evaluation(self) -> GoToPosition:
+        """The task with the starts that agents are judged on."""
+        return replace(self, spawn_distance=self.evaluation_distance)
+
+    def sample(self, random: Random) -> tuple[State, State]:
+        """Start around the goal, goal at the origin."""
+        direction, distance = random.direction(), random.uniform(*self.spawn_distance)
+        start = random.at_rest(direction.scale(distance), random.attitude())
+        return start, random.at_rest(random.origin(), random.no_rotation())
+
+    def residual(self, state: Any, goal: Any) -> tuple[Field, ...]:
+        """The way still to go."""
+        return (goal.p - state.p).columns()
+
+    def residual_target(self, dimension: Dimension) -> tuple[float, ...]:
+        """No way to go."""
+        return (0.0,) * dimension
+
+    def residual_columns(self, dimension: Dimension) -> tuple[Column, ...]:
+        """See the class."""
+        return tuple((f"d{axis}", "m", "W") for axis in "xyz"[:dimension])
+
+    def errors(self, state: Any, goal: Any) -> dict[str, Field]:
+        """Distance to the goal, and angular speed."""
+        return {"position": (goal.p - state.p).norm(), "spin": speed(state.spin())}
+
+    def tolerances(self) -> dict[str, float]:
+        """See the settings."""
+        return {"position": self.position_tolerance}
+
+    def reward(self, state: Any, goal: Any, thrust: tuple[Field, ...]) -> dict[str, Field]:
+        """exp(-distance / scale), as the original system; a wider copy; stillness; thrust."""
+        distance, spin = self.errors(state, goal).values()
+        return {
+            "position": nearness(distance, self.position_scale),
+            "approach": nearness(distance, self.approach_scale) * self.approach_weight,
+            "stillness": nearness(spin, self.stillness_scale) * self.stillness_weight,
+            "thrust": price(thrust, self.thrust_weight),
+        }
+
+    def failed(self, state: Any, goal: Any) -> Field:
+        """Too far away, or in space spinning too fast."""
+        distance, spin = self.errors(state, goal).values()
+        lost = distance > self.fail_distance
+        return lost if len(state.spin()) == 1 else lost | (spin > self.fail_spin)
+
+
+def speed(spin: tuple[Field, ...]) -> Field:
+    """Length of an angular velocity, rad/s."""
+    return sqrt(sum(w * w for w in spin))

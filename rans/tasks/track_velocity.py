@@ -1,0 +1,91 @@
+"""Reach a velocity and hold it, in the plane (TrackXYVelocity) or in space (TrackXYZVelocity)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from rans.dynamics import State
+from rans.fields import Field
+from rans.scenario import Random
+from rans.tasks.base import Column, Dimension, check_settings
+from rans.tasks.go_to_position import speed
+from rans.tasks.rewards import nearness, price
+
+
+@dataclass(frozen=True)
+class TrackVelocity:
+    """Reach a velocity and hold it (paper: Table 1, rows "Track velocity"; section 4.2).
+
+    Goal: any direction, up to the highest speed. Start: at rest at the origin, any attitude.
+
+    Observed task data: v_goal - v in W (2 or 3 columns, m/s).
+    """
+
+    target_speed: tuple[float, float] = (0.0, 0.75)
+    """Range of the speed to track, m/s (original system)."""
+    velocity_scale: float = 0.25
+    """Error at which the velocity reward has fallen to 1/e, m/s (original system, 2023)."""
+    fine_weight: float = 0.5
+    """Weight of a narrower copy of the velocity reward."""
+    fine_scale: float = 0.05
+    """Error at which that copy has fallen to 1/e, m/s."""
+    stillness_weight: float = 0.5
+    """Weight of the reward for not spinning."""
+    stillness_scale: float = 0.25
+    """Angular speed at which the stillness reward has fallen to 1/e, rad/s."""
+    thrust_weight: float = 0.02
+    """Reward lost per step and fully open thruster."""
+    velocity_tolerance: float = 0.05
+    """Velocity error that counts as reached, m/s."""
+    fail_spin: float = 6.0
+    """An episode fails beyond this rate, rad/s."""
+
+    flag = 2
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+
+    def for_evaluation(self) -> TrackVelocity:
+        """The same: starts and goals of training are those of evaluation."""
+        return self
+
+    def sample(self, random: Random) -> tuple[State, State]:
+        """At rest at the origin; the goal moves."""
+        start = random.at_rest(random.origin(), random.attitude())
+        velocity = random.direction().scale(random.uniform(*self.target_speed))
+        return start, random.moving(velocity, random.no_rotation())
+
+    def residual(self, state: Any, goal: Any) -> tuple[Field, ...]:
+        """The velocity still to gain."""
+        return (goal.v - state.v).columns()
+
+    def residual_target(self, dimension: Dimension) -> tuple[float, ...]:
+        """No velocity to gain."""
+        return (0.0,) * dimension
+
+    def residual_columns(self, dimension: Dimension) -> tuple[Column, ...]:
+        """See the class."""
+        return tuple((f"dv_{axis}", "m/s", "W") for axis in "xyz"[:dimension])
+
+    def errors(self, state: Any, goal: Any) -> dict[str, Field]:
+        """Velocity error, and angular speed."""
+        return {"velocity": (goal.v - state.v).norm(), "spin": speed(state.spin())}
+
+    def tolerances(self) -> dict[str, float]:
+        """See the settings."""
+        return {"velocity": self.velocity_tolerance}
+
+    def reward(self, state: Any, goal: Any, thrust: tuple[Field, ...]) -> dict[str, Field]:
+        """exp(-error / scale), as the original system; a narrower copy; stillness; thrust."""
+        velocity, spin = self.errors(state, goal).values()
+        return {
+            "velocity": nearness(velocity, self.velocity_scale),
+            "fine": nearness(velocity, self.fine_scale) * self.fine_weight,
+            "stillness": nearness(spin, self.stillness_scale) * self.stillness_weight,
+            "thrust": price(thrust, self.thrust_weight),
+        }
+
+    def failed(self, state: Any, goal: Any) -> Field:
+        """Spinning too fast; there is no place to leave."""
+        return speed(state.spin()) > self.fail_spin

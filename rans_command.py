@@ -1,0 +1,36 @@
+"""Where the command ``rans`` starts: Ctrl-C ends it without a traceback, also while its parts are loaded."""
+
+from __future__ import annotations
+
+import signal
+from types import FrameType
+
+
+def main() -> int:
+    """Run the command line; see `rans.cli.main`."""
+    if signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+        return _run()  # interrupts are ignored, as in a shell script's `rans ... &`
+    signal.signal(signal.SIGINT, _interrupt)
+    try:
+        return _run()
+    finally:  # Python's way out: nothing is left to lose
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
+def _run() -> int:
+    from rans.cli import main as run
+
+    return run()
+
+
+def _interrupt(_: int, frame: FrameType | None) -> None:
+    """Raise KeyboardInterrupt, but end the process at once in the middle of an import.
+
+    Libraries in C++ turn an exception in their initialisation into an ImportError, or abort.
+    """
+    while frame is not None:
+        if frame.f_code.co_filename.startswith("<frozen importlib"):
+            signal.signal(signal.SIGINT, signal.SIG_DFL)
+            signal.raise_signal(signal.SIGINT)
+        frame = frame.f_back
+    raise KeyboardInterrupt

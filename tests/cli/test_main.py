@@ -1,0 +1,209 @@
+"""The command line's manners: one sentence and an exit code, whatever is typed."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import os
+import random
+import re
+import signal
+import subprocess
+import sys
+import warnings
+from importlib.metadata import version
+from pathlib import Path
+
+import pytest
+
+from rans import cli
+from rans.cli import COMMANDS, main
+from rans.errors import ConfigError
+
+MISSPELT = ["--sed", "--no-such-option", "-x", "--", "--seed=", "--=", "---"]
+OPTIONS = ["--seed", "--episodes", "--engine", "--set", "--device", "--total-timesteps", "--num-envs",
+           "--picture", "--quick", "--help", "--version", *MISSPELT]
+VALUES = ["-1", "0", "1e400", "nan", "", " ", "go-to-pose", "go-to-mars", "x=", "=", "ppo.n_steps=0",
+          "settings=3", "cpu", "cuda:99", "tpu", "drake", "\N{ROCKET}", "a\nb", "[red]", "{}", "%s", "../..",
+          "--", "\udcff"]
+
+
+def code_of(arguments: list[str]) -> int:
+    """The exit code a shell would see."""
+    try:
+        return main(arguments)
+    except SystemExit as end:  # tyro's way of ending after help and after a wrong option
+        return end.code if isinstance(end.code, int) else 1
+
+
+class Broken:
+    """A command that ends in an exception."""
+
+    def __init__(self, error: BaseException) -> None:
+        self.error = error
+
+    def run(self) -> int:
+        raise self.error
+
+
+def broken(monkeypatch: pytest.MonkeyPatch, error: BaseException) -> None:
+    monkeypatch.setattr(cli, "_parse", lambda _: Broken(error))
+
+
+def test_nothing_typed_shows_the_help(capsys: pytest.CaptureFixture[str]) -> None:
+    assert code_of([]) == 0
+    printed = capsys.readouterr().out
+    assert all(command in printed for command in COMMANDS)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_explains_its_options(command: str, monkeypatch: pytest.MonkeyPatch,
+                                            capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setenv("COLUMNS", "500")  # beside one another, columns would mix
+    assert code_of([command, "--help"]) == 0
+    printed = " ".join(capsys.readouterr().out.replace("│", " ").replace("`", "").split())
+    described = importlib.import_module(f"rans.cli.{command}").COMMAND
+    assert f"usage: rans {command}" in printed
+    for explanation in re.findall(r'\n    """(.*?)"""', inspect.getsource(described), re.DOTALL)[1:]:
+        assert " ".join(explanation.replace("`", "").split()) in printed
+
+
+def test_version(capsys: pytest.CaptureFixture[str]) -> None:
+    assert code_of(["--version"]) == 0
+    assert capsys.readouterr().out == f"rans {version('rans')}\n"
+
+
+def test_the_module_is_the_command() -> None:
+    done = subprocess.run([sys.executable, "-m", "rans", "--version"], capture_output=True, text=True,
+                          check=True)
+    assert done.stdout == f"rans {version('rans')}\n"
+
+
+def test_an_unknown_command_is_told_the_known_ones(capsys: pytest.CaptureFixture[str]) -> None:
+    assert code_of(["evalute"]) == 2
+    said = capsys.readouterr().err
+    assert all(command in said for command in COMMANDS)
+
+
+def test_a_misspelt_option_is_told_the_near_ones(capsys: pytest.CaptureFixture[str]) -> None:
+    assert code_of(["train", "--sed", "3"]) == 2
+    assert "--seed" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("error", "code", "said"), [
+    (ConfigError("the mass must be > 0 kg, got -1."), 2, "rans: the mass must be > 0 kg, got -1.\n"),
+    (OSError(28, "No space left on device", "metrics.jsonl"), 2,
+     "rans: [Errno 28] No space left on device: 'metrics.jsonl'.\n"),
+    (KeyboardInterrupt(), 130, "\nrans: interrupted; what was finished is kept.\n"),
+])
+def test_ends_with_a_sentence(error: BaseException, code: int, said: str, monkeypatch: pytest.MonkeyPatch,
+                              capsys: pytest.CaptureFixture[str]) -> None:
+    broken(monkeypatch, error)
+    assert main(["list"]) == code
+    assert capsys.readouterr() == ("", said)
+
+
+def test_a_mistake_of_ours_is_not_hidden(monkeypatch: pytest.MonkeyPatch) -> None:
+    broken(monkeypatch, ZeroDivisionError())
+    with pytest.raises(ZeroDivisionError):
+        main(["list"])
+
+
+@pytest.mark.filterwarnings("default")
+def test_a_warning_is_one_sentence(monkeypatch: pytest.MonkeyPatch,
+                                   capsys: pytest.CaptureFixture[str]) -> None:
+    class Warns:
+        def run(self) -> int:
+            warnings.warn("its thrusters\n  cannot turn it.", stacklevel=2)
+            return 0
+
+    monkeypatch.setattr(cli, "_parse", lambda _: Warns())
+    before = warnings.showwarning
+    assert main(["list"]) == 0
+    assert capsys.readouterr().err == "rans: warning: its thrusters cannot turn it.\n"
+    assert warnings.showwarning is before
+
+
+INTERRUPTED = """
+import os, signal, sys
+import rans_command
+
+def interrupt(*_):
+    os.kill(os.getpid(), signal.SIGINT)
+
+signal.signal(signal.SIGINT, signal.default_int_handler)  # as in a terminal
+sys.argv = ["rans", "--version"]
+match {moment!r}:
+    case "loading":
+        sys.meta_path.insert(0, type("Finder", (), {{"find_spec": interrupt}})())
+    case "running":
+        import rans.cli
+        rans.cli._run = interrupt
+code = rans_command.main()
+interrupt() if {moment!r} == "leaving" else sys.exit(code)
+"""
+
+
+@pytest.mark.parametrize(("moment", "code", "said"), [
+    ("loading", -signal.SIGINT, ""), ("running", 130, "\nrans: interrupted; what was finished is kept.\n"),
+    ("leaving", -signal.SIGINT, ""), ("never", 0, "")])
+def test_an_interrupt_shows_no_traceback(moment: str, code: int, said: str) -> None:
+    done = subprocess.run([sys.executable, "-c", INTERRUPTED.format(moment=moment)], capture_output=True,
+                          text=True, check=False)
+    assert (done.returncode, done.stderr) == (code, said)
+
+
+def test_a_reader_who_leaves_is_no_error() -> None:
+    """As in ``rans list | head -1``, for output that Python buffers and for output that it does not."""
+    for unbuffered in ("", "1"):
+        reader, writer = os.pipe()
+        os.close(reader)
+        environment = os.environ | {"PYTHONUNBUFFERED": unbuffered}
+        done = subprocess.run([sys.executable, "-m", "rans", "--version"], stdout=writer,
+                              stderr=subprocess.PIPE, env=environment, check=False)
+        os.close(writer)
+        assert (done.returncode, done.stderr) == (1, b"")
+
+
+def test_any_line_ends_with_a_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+                                       capfd: pytest.CaptureFixture[str]) -> None:
+    """500 random lines: only `list` can succeed, as all else is given a wrong spacecraft or run folder."""
+    monkeypatch.chdir(tmp_path)
+    wrong = wrong_places(tmp_path)
+    draw = random.Random(0)
+    codes: list[int] = []
+    for _ in range(500):
+        line = random_line(draw, wrong)
+        code = code_of(line)
+        said = capfd.readouterr().err
+        assert code in (0, 2), line
+        assert "Traceback" not in said, line
+        assert code == 0 or said.strip(), line
+        codes.append(code)
+    assert 20 < codes.count(0) < 250
+
+
+def random_line(draw: random.Random, wrong: list[str]) -> list[str]:
+    """A command with options and values that cannot all be right."""
+    command = draw.choice([*COMMANDS, "", "lisst", "--help"])
+    extra = [draw.choice(draw.choice((OPTIONS, VALUES, wrong))) for _ in range(draw.randrange(4))]
+    if command in ("evaluate", "compare", "report"):
+        return [command, draw.choice(wrong), *extra]
+    if command in ("train", "validate", "benchmark"):
+        needed = ["go-to-pose"] if command == "train" and draw.random() < 0.5 else []
+        return [command, *needed, *extra, "--spacecraft", draw.choice(wrong)]
+    return [command, *extra]
+
+
+def wrong_places(folder: Path) -> list[str]:
+    """Files and folders that are neither a spacecraft nor a run."""
+    (folder / "empty").mkdir()
+    contents = {"binary.toml": b"\xff\x00", "empty.toml": b"", "list.json": b"[]", "half.json": b'{"task": ',
+                "damaged/config.json": b'{"task": "go-to-pose", "ppo": 3}', "number/config.json": b"3",
+                "damaged/compare.json": b'{"summary": [{"kind": 1}]}', "number/metrics.jsonl": b"3\n4\n",
+                "half/config.json": b"{", "half/spacecraft.toml": b"mass = -1"}
+    for name, content in contents.items():
+        (folder / name).parent.mkdir(exist_ok=True)
+        (folder / name).write_bytes(content)
+    folders = sorted(path.name for path in folder.iterdir() if path.is_dir())
+    return [*contents, *folders, "nowhere", "", "/", "a\0b", "x" * 300]

@@ -1,0 +1,115 @@
+from __future__ import annotations
+
+import os
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rans import files
+from rans.errors import ConfigError
+from rans.files import (
+    environment,
+    first_line,
+    git_revision,
+    read_json,
+    read_json_lines,
+    replace_file,
+    write_json,
+    write_text,
+)
+
+
+def test_a_file_is_replaced_as_a_whole(tmp_path: Path) -> None:
+    file = tmp_path / "new" / "folder" / "x.txt"
+    write_text(file, "old")
+    seen = []
+
+    def write(draft: Path) -> None:
+        draft.write_text("half")
+        seen.append(file.read_text())
+        draft.write_text("new ä")
+
+    replace_file(file, write)
+    assert (seen, file.read_text("utf-8")) == (["old"], "new ä")
+    assert os.listdir(file.parent) == ["x.txt"]
+
+
+@pytest.mark.parametrize("error", [OSError(28, "No space left on device"), RuntimeError("write failed"),
+                                   KeyboardInterrupt()])
+def test_a_failed_write_leaves_the_old_file(tmp_path: Path, error: BaseException) -> None:
+    file = tmp_path / "x.txt"
+    write_text(file, "old")
+
+    def write(draft: Path) -> None:
+        draft.write_text("half")
+        raise error
+
+    expected: Any = KeyboardInterrupt if isinstance(error, KeyboardInterrupt) else ConfigError
+    with pytest.raises(expected) as caught:
+        replace_file(file, write)
+    if expected is ConfigError:
+        assert str(file) in str(caught.value)
+        assert "disk full" in str(caught.value)
+    assert file.read_text() == "old"
+    assert os.listdir(tmp_path) == ["x.txt"]
+
+
+def test_places_that_cannot_be_written(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    (tmp_path / "folder" / "x.txt").mkdir(parents=True)
+    for place in ("file/x.txt", "file/y/x.txt", "folder/x.txt"):
+        with pytest.raises(ConfigError, match=f"cannot write .*{place}"):
+            write_text(tmp_path / place, "text")
+
+
+def test_json(tmp_path: Path) -> None:
+    file = tmp_path / "x.json"
+    value = {"a": [1, 2.5, None, True], "ä": "ö"}
+    write_json(file, value)
+    assert read_json(file) == value
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        write_json(file, float("nan"))
+    assert read_json(file) == value
+
+
+def test_json_that_cannot_be_read(tmp_path: Path) -> None:
+    file = tmp_path / "x.json"
+    with pytest.raises(ConfigError, match=r"cannot read .*x\.json"):
+        read_json(file)
+    for content in (b"{", b"\xff\xfe\x00", b""):
+        file.write_bytes(content)
+        with pytest.raises(ConfigError, match=r"x\.json is damaged"):
+            read_json(file)
+
+
+def test_json_lines(tmp_path: Path) -> None:
+    file = tmp_path / "x.jsonl"
+    with pytest.raises(ConfigError, match=r"cannot read .*x\.jsonl"):
+        read_json_lines(file)
+    for content, expected in ((b"", []), (b'{"a": 1}\n{"a": 2}\n', [{"a": 1}, {"a": 2}]),
+                              (b'{"a": 1}\n{"a":', [{"a": 1}]), (b"1\n\xff\xfe\n3\n", [1])):
+        file.write_bytes(content)
+        assert read_json_lines(file) == expected
+
+
+def test_first_line() -> None:
+    assert first_line(ValueError("Too bad.\nTry again.")) == "Too bad"
+    assert first_line(EOFError()) == "EOFError"
+
+
+def test_environment() -> None:
+    known = environment()
+    assert known["numpy"].count(".") >= 1
+    assert known["cores"] == str(os.cpu_count())
+    assert all(isinstance(value, str) and value for value in known.values())
+
+
+def test_revision_without_git(monkeypatch: pytest.MonkeyPatch) -> None:
+    for failure in (FileNotFoundError("git"), subprocess.TimeoutExpired("git", 5)):
+        def fail(*_: Any, failure: Exception = failure, **__: Any) -> None:
+            raise failure
+
+        monkeypatch.setattr(files.subprocess, "run", fail)
+        assert git_revision() == "unknown"

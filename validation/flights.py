@@ -1,0 +1,141 @@
+"""Whole flights of 25 s, under three kinds of input, against Drake.
+
+Thousands of periods add up what one period hides, and they show how accurate the default step is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from rans.errors import ConfigError
+from rans.fields import leaves, map_leaves
+from rans.flight import Flight, fly, scenarios
+from rans.reference.flight import rows_from_states, states_from_rows
+from rans.reference.plant import Plant
+from rans.scenario import Scenario
+from rans.spacecraft import Spacecraft
+from rans.tasks import GoToPose
+from rans.timing import Timing
+from validation.checks import Check, Curve, Skipped
+from validation.dynamics import VALIDATION_SUBSTEPS
+from validation.sampling import Restless, gap_checks, gaps, rollout
+
+_OPTIMAL_STARTS = 4
+
+
+def flight_checks(craft: Spacecraft, seed: int, count: int) -> list[Check | Curve]:
+    """Under a restless controller: all attitudes, always firing, near the goal."""
+    timing, task = Timing(), GoToPose()
+    starts = scenarios(task, craft, seed, count)
+    flight = fly(craft, task, Restless(craft, seed), starts, timing)
+    coarse, fine = (drake_states(craft, starts.start, flight.commands, timing, step)
+                    for step in (0.01, 0.005))
+    reason = "Its fixed step halved: the judge must be a decade better than what it judges."
+    return [
+        *gap_checks("Drake's own error", coarse, fine, 0.1 * _agreement(flight.states), reason)[:2],
+        *_growth("Drake, 0.01 s against 0.005 s", coarse, fine, timing),
+        *_accuracy("25 s", craft, starts.start, flight.commands, fine, timing),
+        *_float32("25 s", flight, starts.start),
+    ]
+
+
+def bang_bang_checks(craft: Spacecraft, seed: int, count: int) -> list[Check | Curve]:
+    """Under full thrust one way or the other at every moment, the hardest input a controller gives."""
+    timing, task = Timing(), GoToPose()
+    starts = scenarios(task, craft, seed + 1, count)
+    commands = fly(craft, task, Restless(craft, seed, share=0.0), starts, timing).commands
+    drake = drake_states(craft, starts.start, commands, timing, 0.005)
+    return _accuracy("bang-bang", craft, starts.start, commands, drake, timing)
+
+
+def optimal_checks(craft: Spacecraft, seed: int, count: int = _OPTIMAL_STARTS) -> list[Check | Curve | Skipped]:
+    """Under minimum-fuel inputs, which are anything between shut and open."""
+    from rans.optimal.objectives import MinimumFuel
+    from rans.optimal.transcription import Transcription
+
+    name, objective = "optimal input", MinimumFuel()
+    starts = scenarios(GoToPose().for_evaluation(), craft, seed, count)
+    try:
+        solver = Transcription(craft, GoToPose(), objective)
+        found = [solver.solve(s.start, s.goal) for s in _each(starts)]
+    except ConfigError as error:
+        return [Skipped(name, str(error))]
+    solved = np.array([trajectory.solved for trajectory in found])
+    if not solved.any():
+        return [Skipped(name, f"The optimiser found no trajectory: {found[0].status}.")]
+    commands = np.stack([t.commands for t in found if t.solved], axis=1)
+    start = map_leaves(lambda x: x[solved], starts.start)
+    timing = Timing(control_period=objective.control_period)
+    drake = drake_states(craft, start, commands, timing, 0.005)
+    return _accuracy(name, craft, start, commands, drake, timing)
+
+
+def drake_states(craft: Spacecraft, start: Any, commands: np.ndarray, timing: Timing,
+                 max_step: float) -> Any:
+    """Commands (T, N, thrusters) replayed by Drake at an integration step, s."""
+    plant = Plant(craft, commands.shape[1], max_step)
+    rows = plant.rollout(rows_from_states(start), commands, timing.control_period)
+    return states_from_rows(rows, start)
+
+
+def _accuracy(layer: str, craft: Spacecraft, start: Any, commands: np.ndarray, drake: Any,
+              timing: Timing) -> list[Check | Curve]:
+    """Default substeps (a bound on accuracy), and in space validation substeps (the equations)."""
+    default = timing.substeps_in(craft.dimension)
+    ours = rollout(craft, start, commands, timing.control_period, default)
+    if craft.dimension == 2:
+        reason = "The plane's step is exact: rounding, and Drake's own error, over the whole flight."
+        return [*gap_checks(layer, ours, drake, _agreement(drake), reason),
+                *_growth(f"{layer}, default", ours, drake, timing)]
+    substeps = VALIDATION_SUBSTEPS[3]
+    fine = rollout(craft, start, commands, timing.control_period, substeps)
+    reason = "A hundredth of what a task notices (1 cm, 1 mrad); more substeps lower the error."
+    position, attitude, *_ = gap_checks(f"{layer}, default substeps", ours, drake, 1e-4, reason)
+    return [
+        position, replace(attitude, tolerance=1e-5),
+        *gap_checks(f"{layer}, {substeps} substeps", fine, drake, _agreement(drake),
+                    "Fourth-order truncation; a wrong term of the equations would not shrink with it."),
+        *_growth(f"{layer}, default", ours, drake, timing),
+        *_growth(f"{layer}, {substeps} substeps", fine, drake, timing),
+    ]
+
+
+def _float32(layer: str, flight: Flight, start: Any) -> list[Check | Curve]:
+    """The precision agents train in, on the library they train with."""
+    import torch
+
+    single = map_leaves(lambda x: torch.tensor(x, dtype=torch.float32), start)
+    commands = torch.tensor(flight.commands, dtype=torch.float32)
+    substeps = flight.timing.substeps_in(flight.craft.dimension)
+    ours = rollout(flight.craft, single, commands, flight.timing.control_period, substeps)
+    reason = "125 periods of float32 rounding (1e-7), most of it heading error times way flown."
+    checks = gap_checks(f"{layer}, float32", ours, flight.states, 1e-3 * reach(flight.states), reason)[:2]
+    return [*checks, *_growth(f"{layer}, float32 against float64", ours, flight.states, flight.timing)]
+
+
+def _growth(name: str, ours: Any, reference: Any, timing: Timing) -> Iterator[Curve]:
+    """The largest difference at every instant."""
+    times = tuple(np.arange(len(leaves(reference)[0])) * timing.control_period)
+    for quantity in ("position", "attitude"):
+        values = gaps(ours, reference)[quantity].max(axis=1)
+        yield Curve(f"{quantity} error over time", name, times, tuple(values.tolist()))
+
+
+def _agreement(states: Any) -> float:
+    """How closely a flight must agree with Drake where the step size plays no part."""
+    return (1e-9 if len(states.p.columns()) == 2 else 1e-6) * reach(states)
+
+
+def reach(states: Any) -> float:
+    """How far beyond 10 m a flight went: rounding and truncation grow with the way flown."""
+    return max(1.0, float(np.max(states.p.norm())) / 10.0)
+
+
+def _each(starts: Scenario) -> Iterator[Scenario]:
+    """The scenarios of a batch, of floats."""
+    for k in range(len(leaves(starts.start)[0])):
+        yield map_leaves(lambda field, k=k: float(field[k]), starts)
