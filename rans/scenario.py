@@ -133,18 +133,27 @@ class Random:
         a, b = sqrt(1.0 - u), sqrt(u)
         return Quat(b * cos(second), a * sin(first), a * cos(first), b * sin(second))
 
+    def spin(self, fastest: float) -> Field | Vec3:
+        """An angular velocity up to this rate, rad/s: about z either way, or about any axis of B."""
+        if self.dimension == 2:
+            return self.uniform(-fastest, fastest)
+        return self.direction().scale(self.uniform(0.0, fastest))  # type: ignore[return-value]
+
     def at_rest(self, p: Vec2 | Vec3, attitude: Heading | Quat) -> State:
         """The state at this place with no velocity."""
-        return self._state(p, attitude, self.origin())
+        return self._state(p, attitude, self.origin(), self.no_spin())
 
-    def moving(self, velocity: Vec2 | Vec3, attitude: Heading | Quat) -> State:
-        """The state at the origin with this velocity and no spin."""
-        return self._state(self.origin(), attitude, velocity)
+    def moving(self, velocity: Vec2 | Vec3, attitude: Heading | Quat,
+               spin: Field | Vec3 | None = None) -> State:
+        """The state at the origin with this velocity and spin, by default none."""
+        return self._state(self.origin(), attitude, velocity, self.no_spin() if spin is None else spin)
 
-    def _state(self, p: Any, attitude: Any, v: Any) -> State:
-        if self.dimension == 2:
-            return PlanarState(p, attitude, v, 0.0)
-        return SpatialState(p, attitude, v, Vec3(0.0, 0.0, 0.0))
+    def _state(self, p: Any, attitude: Any, v: Any, w: Any) -> State:
+        return PlanarState(p, attitude, v, w) if self.dimension == 2 else SpatialState(p, attitude, v, w)
+
+    def no_spin(self) -> Field | Vec3:
+        """No angular velocity."""
+        return 0.0 if self.dimension == 2 else Vec3(0.0, 0.0, 0.0)
 
     def no_rotation(self) -> Heading | Quat:
         """The attitude of W."""

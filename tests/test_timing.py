@@ -17,7 +17,7 @@ def test_defaults_are_25_seconds_at_5_hz() -> None:
 
 
 def test_substeps_follow_the_dimension_unless_given() -> None:
-    assert (Timing().substeps_in(2), Timing().substeps_in(3)) == (1, 2)
+    assert (Timing().substeps_in(2), Timing().substeps_in(3)) == (1, 3)
     assert (Timing(substeps=7).substeps_in(2), Timing(substeps=7).substeps_in(3)) == (7, 7)
 
 

@@ -5,7 +5,7 @@ Thousands of periods add up what one period hides, and they show how accurate th
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -25,6 +25,9 @@ from validation.dynamics import VALIDATION_SUBSTEPS
 from validation.sampling import Restless, gap_checks, gaps, rollout
 
 _OPTIMAL_STARTS = 4
+_HARDER = 4.0
+"""How much farther off the default step may be when every thruster always fires: such flights spin up to
+1.4 times as fast, and the fourth-order error of a step grows with the fifth power of the angle turned."""
 
 
 def flight_checks(craft: Spacecraft, seed: int, count: int) -> list[Check | Curve]:
@@ -49,16 +52,16 @@ def bang_bang_checks(craft: Spacecraft, seed: int, count: int) -> list[Check | C
     starts = scenarios(task, craft, seed + 1, count)
     commands = fly(craft, task, Restless(craft, seed, share=0.0), starts, timing).commands
     drake = drake_states(craft, starts.start, commands, timing, 0.005)
-    return _accuracy("bang-bang", craft, starts.start, commands, drake, timing)
+    return _accuracy("bang-bang", craft, starts.start, commands, drake, timing, _HARDER)
 
 
-def optimal_checks(craft: Spacecraft, seed: int, count: int = _OPTIMAL_STARTS) -> list[Check | Curve | Skipped]:
+def optimal_checks(craft: Spacecraft, seed: int) -> Sequence[Check | Curve | Skipped]:
     """Under minimum-fuel inputs, which are anything between shut and open."""
     from rans.optimal.objectives import MinimumFuel
     from rans.optimal.transcription import Transcription
 
     name, objective = "optimal input", MinimumFuel()
-    starts = scenarios(GoToPose().for_evaluation(), craft, seed, count)
+    starts = scenarios(GoToPose().for_evaluation(), craft, seed, _OPTIMAL_STARTS)
     try:
         solver = Transcription(craft, GoToPose(), objective)
         found = [solver.solve(s.start, s.goal) for s in _each(starts)]
@@ -83,7 +86,7 @@ def drake_states(craft: Spacecraft, start: Any, commands: np.ndarray, timing: Ti
 
 
 def _accuracy(layer: str, craft: Spacecraft, start: Any, commands: np.ndarray, drake: Any,
-              timing: Timing) -> list[Check | Curve]:
+              timing: Timing, harder: float = 1.0) -> list[Check | Curve]:
     """Default substeps (a bound on accuracy), and in space validation substeps (the equations)."""
     default = timing.substeps_in(craft.dimension)
     ours = rollout(craft, start, commands, timing.control_period, default)
@@ -94,9 +97,10 @@ def _accuracy(layer: str, craft: Spacecraft, start: Any, commands: np.ndarray, d
     substeps = VALIDATION_SUBSTEPS[3]
     fine = rollout(craft, start, commands, timing.control_period, substeps)
     reason = "A hundredth of what a task notices (1 cm, 1 mrad); more substeps lower the error."
-    position, attitude, *_ = gap_checks(f"{layer}, default substeps", ours, drake, 1e-4, reason)
+    position, attitude, *_ = gap_checks(f"{layer}, default substeps", ours, drake, 1e-4 * harder,
+                                         reason)
     return [
-        position, replace(attitude, tolerance=1e-5),
+        position, replace(attitude, tolerance=1e-5 * harder),
         *gap_checks(f"{layer}, {substeps} substeps", fine, drake, _agreement(drake),
                     "Fourth-order truncation; a wrong term of the equations would not shrink with it."),
         *_growth(f"{layer}, default", ours, drake, timing),

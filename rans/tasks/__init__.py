@@ -6,12 +6,16 @@ from rans.errors import ConfigError
 from rans.tasks.base import Task, observation, observation_columns, observation_width, reached
 from rans.tasks.go_to_pose import GoToPose
 from rans.tasks.go_to_position import GoToPosition
+from rans.tasks.track_twist import TrackTwist
 from rans.tasks.track_velocity import TrackVelocity
+from rans.tasks.track_velocity_heading import TrackVelocityHeading
 
 TASKS: dict[str, type] = {
     "go-to-position": GoToPosition,
     "go-to-pose": GoToPose,
     "track-velocity": TrackVelocity,
+    "track-twist": TrackTwist,
+    "track-velocity-heading": TrackVelocityHeading,
 }
 """Every task by the name the command line uses."""
 
@@ -19,6 +23,8 @@ GYMNASIUM_IDS: dict[str, tuple[str, str]] = {
     "go-to-position": ("rans/GoToXY-v0", "rans/GoToXYZ-v0"),
     "go-to-pose": ("rans/GoToPose2D-v0", "rans/GoToPose3D-v0"),
     "track-velocity": ("rans/TrackXYVelocity-v0", "rans/TrackXYZVelocity-v0"),
+    "track-twist": ("rans/TrackXYOVelocity-v0", "rans/TrackXYZOVelocity-v0"),
+    "track-velocity-heading": ("rans/TrackXYVelocityHeading-v0", "rans/TrackXYZVelocityAttitude-v0"),
 }
 """Gymnasium ids of every task: (plane, space)."""
 
@@ -35,6 +41,7 @@ def task_class(name: str) -> type:
 
 
 __all__ = [
-    "GYMNASIUM_IDS", "TASKS", "GoToPose", "GoToPosition", "Task", "TrackVelocity", "observation",
-    "observation_columns", "observation_width", "reached", "task_class",
+    "GYMNASIUM_IDS", "TASKS", "GoToPose", "GoToPosition", "Task", "TrackTwist", "TrackVelocity",
+    "TrackVelocityHeading", "observation", "observation_columns", "observation_width", "reached",
+    "task_class",
 ]

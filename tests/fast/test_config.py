@@ -93,8 +93,10 @@ def test_wrong_tables(place: str, value: Any, message: str) -> None:
 def test_every_mistake_is_named() -> None:
     table = changed("ppo.n_envs", "64")
     table["seed"] = 0.5
-    with pytest.raises(ConfigError, match=r"config\.ppo\.n_envs: .*; config\.seed: |config\.seed: .*; config\.ppo"):
+    with pytest.raises(ConfigError) as caught:
         from_table(table)
+    assert "config.ppo.n_envs: expected int" in str(caught.value)
+    assert "config.seed: expected int" in str(caught.value)
 
 
 @pytest.mark.parametrize("table", [None, 3, [], "go-to-pose", {}])
@@ -124,7 +126,7 @@ NUMBERS = [f.name for f in fields(PPOSettings) if f.name not in ("layers", "acti
 def test_numbers_out_of_range(name: str, value: float) -> None:
     whole = type(getattr(PPOSettings(), name)) is int
     with pytest.raises(ConfigError, match=f"{name} must be .*, got {-1 if whole else value}"):
-        PPOSettings(**{name: -1 if whole else value})
+        PPOSettings(**{name: -1 if whole else value})  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("layers", [(), (0,), (64, -1)])

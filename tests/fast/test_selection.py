@@ -38,7 +38,7 @@ def test_share_of_episodes_that_keep_within_tolerance(craft: Any) -> None:
     kept = (errors["position"][-4:] < 1.1).all(axis=0) & (errors["attitude"][-4:] < 2.5).all(axis=0)
     expected = (kept & ~flight.failed()).mean()
     assert (kept & flight.failed()).sum() + (~kept).sum() > 50  # failure and tolerances both count
-    assert 0.1 < expected < 0.9
+    assert 0.02 < expected < 0.9
     # In float32 a few thrusters near their threshold choose otherwise.
     assert share == pytest.approx(expected, abs=5 / EPISODES)
 
@@ -46,11 +46,10 @@ def test_share_of_episodes_that_keep_within_tolerance(craft: Any) -> None:
 @both_crafts
 def test_mean_errors_of_the_last_fifth(craft: Any) -> None:
     """Of the states acted in, while nobody fails."""
-    share, errors, flight = judged(craft, replace(LENIENT, fail_distance=1e3, fail_spin=1e3))
+    _, errors, flight = judged(craft, replace(LENIENT, fail_distance=1e3, fail_spin=1e3))
     assert not flight.failed().any()
     for name, error in flight.errors().items():
         assert errors[name] == pytest.approx(error[-5:-1].mean(), rel=1e-3)  # as above
-    assert 0.1 < share < 0.9
 
 
 def test_it_always_judges_the_same_flights() -> None:

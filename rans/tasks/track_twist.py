@@ -1,0 +1,108 @@
+"""Reach a linear and an angular velocity and hold them (TrackXYOVelocity, TrackXYZOVelocity)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from rans.dynamics import State
+from rans.fields import Field
+from rans.scenario import Random
+from rans.tasks.base import Column, Dimension, check_settings
+from rans.tasks.go_to_position import speed
+from rans.tasks.rewards import nearness, price
+
+
+@dataclass(frozen=True)
+class TrackTwist:
+    """Reach a linear and an angular velocity and hold both (paper: Table 1, "TrackXYOVelocity").
+
+    Goal: a velocity in any direction; in the plane a rate of either sign, in space a rate about any
+    axis of the body. Start: at rest at the origin, any attitude.
+
+    Observed task data: v_goal - v in W (2 or 3 columns, m/s), then w_goal - w (plane: 1 column; space:
+    3 columns in B; rad/s).
+
+    On/off thrusters reach a lattice of spins only: one nozzle of the floating platform that is open for
+    one period of 0.2 s changes its spin by q = 1 N * 0.31 m * 0.2 s / 0.2045 kg m^2 = 0.303 rad/s. A
+    target anywhere between two such spins is missed by q / 4 = 0.076 rad/s on average and by up to
+    q / 2 = 0.152 rad/s; changing between the two meets it in the mean, at a larger mean error. The free
+    flyer has the same q about three axes: 0.48 q = 0.146 rad/s on average (a uniform point of a unit cube
+    is 0.4803 from its centre), up to 0.87 q = 0.263 rad/s. A higher control rate divides all of these.
+    """
+
+    target_speed: tuple[float, float] = (0.0, 0.5)
+    """Range of the speed to track, m/s (original system: each component up to 0.5)."""
+    target_spin: float = 0.5
+    """Highest rate to track, rad/s (original system)."""
+    velocity_scale: float = 0.25
+    """Error at which the velocity reward has fallen to 1/e, m/s (original system, 2023)."""
+    spin_scale: float = 0.25
+    """Error at which the spin reward has fallen to 1/e, rad/s."""
+    fine_weight: float = 0.5
+    """Weight of a narrower copy of the velocity reward."""
+    fine_scale: float = 0.05
+    """Error at which that copy has fallen to 1/e, m/s."""
+    thrust_weight: float = 0.02
+    """Reward lost per step and fully open thruster."""
+    velocity_tolerance: float = 0.1
+    """Velocity error that counts as reached, m/s."""
+    spin_tolerance: float = 0.3
+    """Spin error that counts as reached, rad/s (original system's evaluations; see the class)."""
+    fail_spin: float = 6.0
+    """An episode fails beyond this rate, rad/s."""
+
+    flag = 3
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+
+    def for_evaluation(self) -> TrackTwist:
+        """The same: starts and goals of training are those of evaluation."""
+        return self
+
+    def sample(self, random: Random) -> tuple[State, State]:
+        """At rest at the origin; the goal moves and turns."""
+        start = random.at_rest(random.origin(), random.attitude())
+        velocity = random.direction().scale(random.uniform(*self.target_speed))
+        return start, random.moving(velocity, random.no_rotation(), random.spin(self.target_spin))
+
+    def residual(self, state: Any, goal: Any) -> tuple[Field, ...]:
+        """The velocities still to gain."""
+        return (*(goal.v - state.v).columns(), *spin_difference(state, goal))
+
+    def residual_target(self, dimension: Dimension) -> tuple[float, ...]:
+        """No velocity to gain."""
+        return (0.0,) * (3 if dimension == 2 else 6)
+
+    def residual_columns(self, dimension: Dimension) -> tuple[Column, ...]:
+        """See the class."""
+        linear = tuple((f"dv_{axis}", "m/s", "W") for axis in "xyz"[:dimension])
+        return (*linear, *((f"dw_{axis}", "rad/s", "B") for axis in ("z" if dimension == 2 else "xyz")))
+
+    def errors(self, state: Any, goal: Any) -> dict[str, Field]:
+        """Lengths of both differences."""
+        return {"velocity": (goal.v - state.v).norm(), "spin": speed(spin_difference(state, goal))}
+
+    def tolerances(self) -> dict[str, float]:
+        """See the settings."""
+        return {"velocity": self.velocity_tolerance, "spin": self.spin_tolerance}
+
+    def reward(self, state: Any, goal: Any, thrust: tuple[Field, ...]) -> dict[str, Field]:
+        """exp(-error / scale) of both velocities; a narrower copy of the linear one; thrust."""
+        velocity, spin = self.errors(state, goal).values()
+        return {
+            "velocity": nearness(velocity, self.velocity_scale),
+            "spin": nearness(spin, self.spin_scale),
+            "fine": nearness(velocity, self.fine_scale) * self.fine_weight,
+            "thrust": price(thrust, self.thrust_weight),
+        }
+
+    def failed(self, state: Any, goal: Any) -> Field:
+        """Spinning too fast; there is no place to leave."""
+        return speed(state.spin()) > self.fail_spin
+
+
+def spin_difference(state: Any, goal: Any) -> tuple[Field, ...]:
+    """Goal's less own angular velocity, rad/s: about z in the plane, in B in space."""
+    return tuple(wanted - w for wanted, w in zip(goal.spin(), state.spin(), strict=True))

@@ -1,0 +1,103 @@
+"""What the pages say is so: examples run, commands parse, links lead somewhere, tables are the code's."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+import shlex
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+
+from rans.cli import COMMANDS, _parse
+from rans.spacecraft import Spacecraft
+from rans.spacecraft_file import parse_spacecraft
+from rans.tasks import GoToPose, observation_columns
+
+ROOT = Path(__file__).parents[1]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+every_page = pytest.mark.parametrize("page", PAGES, ids=[page.name for page in PAGES])
+
+
+def blocks(page: Path, language: str) -> list[str]:
+    """Code blocks of a language."""
+    return re.findall(rf"^```{language}\n(.*?)^```$", page.read_text("utf-8"), re.DOTALL | re.MULTILINE)
+
+
+def rows(page: Path, heading: str) -> list[list[str]]:
+    """Cells of the table whose first heading this is."""
+    lines = page.read_text("utf-8").splitlines()
+    first = next(k for k, line in enumerate(lines) if line.startswith(f"| {heading} |")) + 2
+    end = next(k for k in range(first, len(lines)) if not lines[k].startswith("|"))
+    return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines[first:end]]
+
+
+def test_python_examples_run() -> None:
+    examples = blocks(ROOT / "README.md", "python")
+    assert len(examples) == 3
+    names: dict[str, Any] = {}
+    for example in examples:
+        exec(example, names)
+        if "envs" in names and "env" not in names:
+            assert names["observation"].shape == (4096, 10)
+            assert torch.isfinite(names["reward"]).all()
+    assert names["picture"].ndim == 3
+    assert names["agent"].num_timesteps >= 1000
+    names["env"].close()
+
+
+@every_page
+def test_commands_parse(page: Path) -> None:
+    text = page.read_text("utf-8")
+    spans = re.findall(r"`(rans [^`\n]+)`", text)
+    lines = re.findall(r"^(rans .+)$", "".join(blocks(page, "")), re.MULTILINE)
+    for line in [*spans, *lines]:
+        arguments = shlex.split(line, comments=True)[1:]
+        if len(arguments) > 1 and arguments[0] in COMMANDS:
+            _parse(arguments)
+
+
+@every_page
+def test_links_lead_somewhere(page: Path) -> None:
+    for target in re.findall(r"\]\(([^)#]+)", page.read_text("utf-8")):
+        if not target.startswith("https://"):
+            assert (page.parent / target).exists(), target
+
+
+def test_every_decision_is_in_the_index() -> None:
+    index = (ROOT / "docs" / "index.md").read_text("utf-8")
+    for page in sorted((ROOT / "docs" / "decisions").glob("*.md")):
+        title = page.read_text("utf-8").splitlines()[0].removeprefix("# ")
+        assert f"- [{title}](decisions/{page.name})" in index
+
+
+def test_the_layout_is_the_layout() -> None:
+    layout, = (block for block in blocks(ROOT / "README.md", "") if block.startswith("rans/spacecraft.py"))
+    for line in layout.splitlines():
+        first, *others = re.split(r",? +", line.partition("   ")[0].strip())
+        for name in (first, *(f"{Path(first).parent}/{other}" for other in others)):
+            assert (ROOT / name).exists(), name
+
+
+def test_the_spacecraft_page_has_a_spacecraft_and_all_its_keys() -> None:
+    page = ROOT / "docs" / "spacecraft.md"
+    toml, = blocks(page, "toml")
+    craft = parse_spacecraft(toml, page.name)  # warns, which is an error here, if it cannot be controlled
+    # Thruster 0 pushes along x at y = 0.2 m: a torque of -0.2 N m, wherever along x the centre is.
+    assert craft.wrench_map[0] == pytest.approx((1.0, 0.0, -0.2), abs=1e-15)
+    keys = {key for row in rows(page, "key") for key in re.findall(r"`([a-z_]+)`", row[0])}
+    assert keys == {field.name for field in dataclasses.fields(Spacecraft)} - {"thrusters"} | {"thruster"}
+
+
+def test_the_tasks_page_has_the_observation_and_the_rewards() -> None:
+    page, task = ROOT / "docs" / "tasks.md", GoToPose()
+    columns = [(str(k), *column) for k, column in enumerate(observation_columns(task, 2))]
+    assert [tuple(row) for row in rows(page, "column")] == columns
+    settings = {"position": task.position_scale, "attitude": task.attitude_scale,
+                "approach": task.approach_scale, "turn": task.turn_scale, "thrust": task.thrust_weight}
+    told = {row[0].strip("`"): row[1] for row in rows(page, "term")}
+    assert told.keys() == settings.keys()
+    for term, value in settings.items():
+        assert f"{value:g}" in told[term]
