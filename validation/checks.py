@@ -28,6 +28,8 @@ class Check:
     """Why the tolerance is what it is, as one sentence."""
     worst: str = ""
     """Where the value was found, among the many that were looked at."""
+    layer: str = ""
+    """Part of the study it belongs to, see `validation.study`."""
 
     @property
     def passed(self) -> bool:

@@ -16,8 +16,8 @@ from rans.flight import fly, scenarios
 from rans.spacecraft import Spacecraft
 from rans.tasks import GoToPose
 from rans.timing import Timing
-from validation.checks import Check, Skipped
-from validation.flights import reach
+from validation.checks import Check, Curve, Skipped
+from validation.flights import growth, reach
 from validation.sampling import Restless, gap_checks
 
 _ENDLESS = GoToPose(fail_distance=1e6, fail_spin=1e6)
@@ -27,7 +27,7 @@ _LONGER = Timing(episode_steps=_TIMING.episode_steps + 1)
 """Nor when its time is up."""
 
 
-def engine_checks(craft: Spacecraft, seed: int, count: int) -> list[Check]:
+def engine_checks(craft: Spacecraft, seed: int, count: int) -> Sequence[Check | Curve]:
     """Eager paths over 25 s: NumPy and torch in float64, and float32, in which agents train."""
     starts = scenarios(_ENDLESS, craft, seed, count)
     flight = fly(craft, _ENDLESS, Restless(craft, seed), starts, _TIMING)
@@ -42,6 +42,7 @@ def engine_checks(craft: Spacecraft, seed: int, count: int) -> list[Check]:
         *gap_checks("engine, NumPy float64", numpy, flight.states, 1e-11 * size, rounding),
         *gap_checks("engine, torch float64", eager, flight.states, 1e-11 * size, rounding),
         *gap_checks("engine, float32", single, flight.states, 1e-3 * size, training),
+        *growth("float32 against float64", single, flight.states, _TIMING),
     ]
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from rans.errors import ConfigError
 from rans.fields import leaves, map_leaves
-from rans.flight import Flight, fly, scenarios
+from rans.flight import fly, scenarios
 from rans.reference.flight import rows_from_states, states_from_rows
 from rans.reference.plant import Plant
 from rans.scenario import Scenario
@@ -40,9 +40,8 @@ def flight_checks(craft: Spacecraft, seed: int, count: int) -> list[Check | Curv
     reason = "Its fixed step halved: the judge must be a decade better than what it judges."
     return [
         *gap_checks("Drake's own error", coarse, fine, 0.1 * _agreement(flight.states), reason)[:2],
-        *_growth("Drake, 0.01 s against 0.005 s", coarse, fine, timing),
+        *growth("Drake, 0.01 s against 0.005 s", coarse, fine, timing),
         *_accuracy("25 s", craft, starts.start, flight.commands, fine, timing),
-        *_float32("25 s", flight, starts.start),
     ]
 
 
@@ -93,7 +92,7 @@ def _accuracy(layer: str, craft: Spacecraft, start: Any, commands: np.ndarray, d
     if craft.dimension == 2:
         reason = "The plane's step is exact: rounding, and Drake's own error, over the whole flight."
         return [*gap_checks(layer, ours, drake, _agreement(drake), reason),
-                *_growth(f"{layer}, default", ours, drake, timing)]
+                *growth(f"{layer}, default", ours, drake, timing)]
     substeps = VALIDATION_SUBSTEPS[3]
     fine = rollout(craft, start, commands, timing.control_period, substeps)
     reason = "A hundredth of what a task notices (1 cm, 1 mrad); more substeps lower the error."
@@ -103,26 +102,13 @@ def _accuracy(layer: str, craft: Spacecraft, start: Any, commands: np.ndarray, d
         position, replace(attitude, tolerance=1e-5 * harder),
         *gap_checks(f"{layer}, {substeps} substeps", fine, drake, _agreement(drake),
                     "Fourth-order truncation; a wrong term of the equations would not shrink with it."),
-        *_growth(f"{layer}, default", ours, drake, timing),
-        *_growth(f"{layer}, {substeps} substeps", fine, drake, timing),
+        *growth(f"{layer}, default", ours, drake, timing),
+        *growth(f"{layer}, {substeps} substeps", fine, drake, timing),
     ]
 
 
-def _float32(layer: str, flight: Flight, start: Any) -> list[Check | Curve]:
-    """The precision agents train in, on the library they train with."""
-    import torch
-
-    single = map_leaves(lambda x: torch.tensor(x, dtype=torch.float32), start)
-    commands = torch.tensor(flight.commands, dtype=torch.float32)
-    substeps = flight.timing.substeps_in(flight.craft.dimension)
-    ours = rollout(flight.craft, single, commands, flight.timing.control_period, substeps)
-    reason = "125 periods of float32 rounding (1e-7), most of it heading error times way flown."
-    checks = gap_checks(f"{layer}, float32", ours, flight.states, 1e-3 * reach(flight.states), reason)[:2]
-    return [*checks, *_growth(f"{layer}, float32 against float64", ours, flight.states, flight.timing)]
-
-
-def _growth(name: str, ours: Any, reference: Any, timing: Timing) -> Iterator[Curve]:
-    """The largest difference at every instant."""
+def growth(name: str, ours: Any, reference: Any, timing: Timing) -> Iterator[Curve]:
+    """The largest position and attitude difference at every instant, of states (T + 1, N)."""
     times = tuple(np.arange(len(leaves(reference)[0])) * timing.control_period)
     for quantity in ("position", "attitude"):
         values = gaps(ours, reference)[quantity].max(axis=1)

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from rans.dynamics import MassProperties, Wrench, advance, wrench
-from rans.fields import Quat, Vec2, Vec3, leaves
+from rans.fields import Heading, Quat, Vec2, Vec3, leaves
 from rans.spacecraft import Spacecraft
 from rans.timing import Timing
 from validation.checks import Check
-from validation.sampling import gap, random_states
+from validation.dynamics import tensor
+from validation.sampling import gap, gap_checks, random_states
 
 _COAST = 5.0
 """Length of a flight without thrust, s."""
@@ -34,6 +36,8 @@ def invariant_checks(craft: Spacecraft, seed: int, count: int, substeps: int) ->
     return [
         *_coasting_checks(states, body, substeps),
         _work_check(states, applied, body, substeps),
+        _superposition_check(states, applied, body),
+        *_turned_world_checks(states, applied, body),
         _order_check(states, applied, body) if craft.dimension == 3
         else _exactness_check(states, applied, body),
     ]
@@ -77,6 +81,37 @@ def _work_check(states: Any, applied: Wrench, body: MassProperties, substeps: in
     return Check("work less energy gained", float(error), bound, "relative", reason)
 
 
+def _superposition_check(states: Any, applied: Wrench, body: MassProperties) -> Check:
+    """With the same torque, two forces together give the velocities that each gives, added up."""
+    period = Timing().control_period
+    force: Any = applied.force
+    shares = (force.scale(0.3), force.scale(0.7), force)
+    first, second, both = (advance(states, replace(applied, force=f), body, period).v - states.v
+                           for f in shares)
+    error = np.max((first + second - both).norm())
+    return Check("superposition of forces", float(error), 1e-13 * max(1.0, float(np.max(both.norm()))),
+                 "m/s", "Motion is linear in the force where the attitude is given: rounding.")
+
+
+def _turned_world_checks(states: Any, applied: Wrench, body: MassProperties) -> list[Check]:
+    """Mechanics does not know where north is: to turn the world before or after a flight is the same."""
+    period = Timing().control_period
+
+    def turned(state: Any) -> Any:
+        north: Any
+        if isinstance(state.p, Vec2):
+            north = Heading(1.1)
+            attitude: Any = Heading(state.attitude.angle + north.angle)
+        else:
+            north = Quat(0.5, -0.1, 0.7, 0.5).normalised()
+            attitude = north.times(state.attitude)
+        return replace(state, p=north.rotate(state.p), v=north.rotate(state.v), attitude=attitude)
+
+    before = advance(turned(states), applied, body, period)
+    after = turned(advance(states, applied, body, period))
+    return gap_checks("world turned", before, after, 1e-12, "The same to rounding (1e-16 of 5 m).")
+
+
 def _order_check(states: Any, applied: Wrench, body: MassProperties) -> Check:
     """Order of accuracy, from how much two successive halvings of the step change the result."""
     period = Timing().control_period
@@ -91,7 +126,7 @@ def _exactness_check(states: Any, applied: Wrench, body: MassProperties) -> Chec
     period = Timing().control_period
     once, eight = (advance(states, applied, body, period, n) for n in (1, 8))
     return Check("one substep against eight", max(gap(once, eight).values()), 1e-10, "SI",
-                 "Exact but for five-node quadrature, good to 1e-10 for turns up to 2 rad a period.")
+                 "Exact but for six-node quadrature, good to 1e-10 for turns up to 2 rad a period.")
 
 
 def _silence(states: Any) -> Wrench:
@@ -100,17 +135,9 @@ def _silence(states: Any) -> Wrench:
     return Wrench(Vec3(0.0, 0.0, 0.0), Vec3(0.0, 0.0, 0.0))
 
 
-def _tensor(body: MassProperties) -> np.ndarray:
-    """The inertia as a matrix, 1x1 in the plane."""
-    if len(body.inertia) == 1:
-        return np.array([body.inertia])
-    xx, xy, xz, yy, yz, zz = body.inertia
-    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-
-
 def _angular_momentum(states: Any, body: MassProperties) -> np.ndarray:
     """About the centre of mass, in W, (1 or 3, N)."""
-    in_body = _tensor(body) @ np.array(states.spin())
+    in_body = tensor(body) @ np.array(states.spin())
     if isinstance(states.attitude, Quat):
         return np.array(states.attitude.rotate(Vec3(*in_body)).columns())
     return in_body
@@ -123,7 +150,7 @@ def _largest_momentum(states: Any, body: MassProperties) -> float:
 def _rotation_energy(states: Any, body: MassProperties) -> np.ndarray:
     """Half of w I w, (N,) J."""
     spin = np.array(states.spin())
-    return 0.5 * np.sum(spin * (_tensor(body) @ spin), axis=0)
+    return 0.5 * np.sum(spin * (tensor(body) @ spin), axis=0)
 
 
 def _energy(states: Any, body: MassProperties) -> np.ndarray:

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import os
+import shutil
+import sys
 from dataclasses import asdict, dataclass
 from pathlib import Path
+
+from rans.errors import ConfigError
 
 
 @dataclass(frozen=True)
@@ -27,13 +32,17 @@ class Benchmark:
         from rich.console import Console
         from rich.table import Table
 
+        from rans.fast.trainer import check_device
         from rans.files import environment, write_json
         from rans.spacecraft_file import load_spacecraft
         from rans.tasks import task_class
         from validation.speed import measurements
 
         device = self.device or ("cuda" if torch.cuda.is_available() else "cpu")
+        check_device(device)
         on_gpu = device.startswith("cuda")
+        if not on_gpu:
+            _check_compiler()
         sizes = list(self.num_envs) or ([16_384, 262_144, 4_194_304] if on_gpu else [1024, 16_384, 262_144])
         about = environment() | {"device": torch.cuda.get_device_name() if on_gpu else "CPU",
                                  "threads": str(torch.get_num_threads())}
@@ -51,6 +60,14 @@ class Benchmark:
             write_json(self.output, {"environment": about, "measurements": rows})
             print(f"Written to {self.output}.")
         return 0
+
+
+def _check_compiler() -> None:
+    """On a CPU torch compiles the engine with the system's C++ compiler; nothing else here needs one."""
+    compiler = os.environ.get("CXX") or ("clang++" if sys.platform == "darwin" else "g++")
+    if shutil.which(compiler) is None:
+        raise ConfigError(f"the compiled engine needs a C++ compiler, but there is no {compiler} here; "
+                          "training works without one, only this measurement does not.")
 
 
 def _hardware(about: dict[str, str]) -> str:

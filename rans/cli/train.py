@@ -122,7 +122,7 @@ def _summary(trainer: Trainer, stopped: bool, seconds: float) -> str:
     text = (f"{ending} after {steps:,} steps: {trainer.seconds:.1f} s of training "
             f"({rate:,.0f} steps/s){warm_up}, {seconds:.1f} s in all. The agent is {path}/policy.zip.")
     if stopped:
-        text += f" Continue with: rans train --resume {path}"
+        text += f" Continue with: {shlex.join(['rans', 'train', '--resume', str(path)])}"
     return text
 
 

@@ -27,8 +27,8 @@ class TrackTwist:
     one period of 0.2 s changes its spin by q = 1 N * 0.31 m * 0.2 s / 0.2045 kg m^2 = 0.303 rad/s. A
     target anywhere between two such spins is missed by q / 4 = 0.076 rad/s on average and by up to
     q / 2 = 0.152 rad/s; changing between the two meets it in the mean, at a larger mean error. The free
-    flyer has the same q about three axes: 0.48 q = 0.146 rad/s on average (a uniform point of a unit cube
-    is 0.4803 from its centre), up to 0.87 q = 0.263 rad/s. A higher control rate divides all of these.
+    flyer has the same q about three axes: 0.48 q = 0.146 rad/s on average (the mean distance from the
+    centre of a unit cube), up to 0.87 q = 0.263 rad/s. A higher control rate makes all of these smaller.
     """
 
     target_speed: tuple[float, float] = (0.0, 0.5)

@@ -41,7 +41,8 @@ def run_folder(trained: Path, tmp_path: Path) -> Path:
 def test_the_agent_is_the_policy(trained: Path) -> None:
     """Agent, our PPO and SB3's own open the same thrusters."""
     agent, craft, task, timing = load_agent(trained)
-    assert (craft.name, task, timing) == (RunFolder(trained).config().spacecraft, CONFIG.settings, CONFIG.timing)
+    config = RunFolder(trained).config()
+    assert (craft.name, task, timing) == (config.spacecraft, config.settings, config.timing)
     observations = seen(craft, 300).numpy()
     actions = agent.act(None, None, observations)
     assert actions.shape == (300, len(craft.thrusters))

@@ -1,0 +1,59 @@
+"""``rans follow``: an agent that tracks velocities, guided along a path."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from rans.scenario import EVALUATION_SEED
+
+
+@dataclass(frozen=True)
+class Follow:
+    """Fly an agent trained for track-velocity along a path with the paper's look-ahead planner.
+
+    Writes follow-PATH.json and the figure follow-PATH.svg into the run folder.
+    """
+
+    run_folder: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RUN")]
+    """Run folder of the agent, as `rans train track-velocity` made it."""
+    path: str = "circle"
+    """circle, spiral, square, lemniscate, helix (in space), or a CSV file of points x,y or x,y,z in m."""
+    speed: float = 0.25
+    """Speed to fly at, m/s."""
+    look_ahead: float = 0.25
+    """The agent is sent to the farthest point of the path within this radius, m."""
+    flights: int = 16
+    """Number of flights; each starts at rest near the path's first point with another attitude."""
+    seed: int = EVALUATION_SEED
+    """Of the starts."""
+
+    def run(self) -> int:
+        """Print a table of how well the flights followed."""
+        from rich.console import Console
+
+        from rans.errors import ConfigError
+        from rans.evaluation.agent import load_agent
+        from rans.evaluation.figures import svg
+        from rans.evaluation.follow import follow
+        from rans.evaluation.path_figures import following_figure
+        from rans.evaluation.paths import LookAhead, find_path
+        from rans.files import write_json, write_text
+
+        if self.flights < 1:
+            raise ConfigError(f"--flights must be at least 1, got {self.flights}.")
+        planner = LookAhead(find_path(self.path), self.speed, self.look_ahead)
+        agent, craft, task, timing = load_agent(self.run_folder)
+        following = follow(craft, task, agent, planner, timing, self.seed, self.flights)
+        Console().print(following.table())
+        file = self.run_folder / f"follow-{planner.path.name}.json"
+        write_json(file, following.to_json() | {"seed": self.seed})
+        write_text(file.with_suffix(".svg"), svg(following_figure(following)))
+        print(f"Written to {file}.")
+        return 0
+
+
+COMMAND = Follow

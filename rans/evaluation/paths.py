@@ -1,0 +1,277 @@
+"""Paths to fly along, and the planner that turns a path into velocity commands."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path as FilePath
+
+import numpy as np
+
+from rans.errors import ConfigError
+
+SPACING = 0.005
+"""Largest distance along a path between neighbouring points, m: a fiftieth of the paper's look-ahead. A
+corner that falls between two points is cut by less than a millimetre or two."""
+_FARTHEST = 1e4
+"""Bound of a coordinate, m."""
+_SHORTEST, _LONGEST = 0.1, 5e3
+"""Bounds of a path's length, m: five kilometres are a million points, and five hours at 0.25 m/s."""
+_DRAWN = 3600
+"""Points of a curve per turn before they are spaced (original system)."""
+
+
+@dataclass(frozen=True)
+class Path:
+    """A way through the plane or space, as equally spaced points; open or closed."""
+
+    name: str
+    points: np.ndarray
+    """(P, 2) or (P, 3) in W, m. A closed path does not repeat its first point."""
+    closed: bool
+
+    @classmethod
+    def through(cls, name: str, points: np.ndarray, closed: bool) -> Path:
+        """The path along straight lines between these points, (n, 2) or (n, 3), m."""
+        corners = np.concatenate((points, points[:1])) if closed else points
+        along = np.append(0.0, np.linalg.norm(np.diff(corners, axis=0), axis=1).cumsum())
+        count = math.ceil(along[-1] / SPACING - 1e-9)  # 12 m are 2400 gaps in spite of rounding
+        wanted = np.linspace(0.0, along[-1], count + 1)
+        spaced = np.stack([np.interp(wanted, along, column) for column in corners.T], axis=1)
+        return cls(name, spaced[:-1] if closed else spaced, closed)
+
+    @property
+    def dimension(self) -> int:
+        """2 or 3."""
+        return self.points.shape[1]
+
+    @property
+    def length(self) -> float:
+        """Of one way along it, m."""
+        return float(np.linalg.norm(np.diff(self.at(np.arange(self.last + 1)), axis=0), axis=1).sum())
+
+    @property
+    def last(self) -> int:
+        """Index at which one way along it is complete; on a closed path that is point 0 again."""
+        return len(self.points) if self.closed else len(self.points) - 1
+
+    def at(self, index: np.ndarray) -> np.ndarray:
+        """Points (..., d) at indices of any shape; they go round a closed path, and stop at open ends."""
+        return self.points[index % len(self.points) if self.closed else np.clip(index, 0, self.last)]
+
+    def in_space(self) -> Path:
+        """The same path with z = 0 if it is planar."""
+        return replace(self, points=np.pad(self.points, ((0, 0), (0, 3 - self.dimension))))
+
+    def cross_track(self, position: np.ndarray, progress: np.ndarray, reach: float) -> np.ndarray:
+        """Distance from the path near the point each flight has come to, (N,) m.
+
+        Args:
+            position: (N, d), m.
+            progress: (N,) index of that point.
+            reach: how far before and beyond it to look, m of path.
+        """
+        count = math.ceil(reach / SPACING)
+        around = self.at(progress[:, None] + np.arange(-count, count + 1))
+        start, way = around[:, :-1], np.diff(around, axis=1)
+        squared = np.maximum((way * way).sum(axis=2), np.finfo(float).tiny)  # beyond an open end: 0
+        share = (((position[:, None] - start) * way).sum(axis=2) / squared).clip(0.0, 1.0)
+        nearest = start + share[:, :, None] * way
+        return np.linalg.norm(position[:, None] - nearest, axis=2).min(axis=1)
+
+
+def circle(radius: float = 1.5) -> Path:
+    """A circle about the origin, counter-clockwise from (radius, 0) (original system)."""
+    angle = _angles(1.0)
+    points = radius * np.stack((np.cos(angle), np.sin(angle)), axis=1)
+    return Path.through("circle", points[:-1], closed=True)
+
+
+def square(side: float = 3.0) -> Path:
+    """A square about the origin, counter-clockwise from its lower left corner (original system)."""
+    corners = np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
+    return Path.through("square", 0.5 * side * corners, closed=True)
+
+
+def spiral(inner: float = 0.5, outer: float = 2.0, turns: float = 5.0) -> Path:
+    """An Archimedean spiral outwards about the origin, counter-clockwise (original system)."""
+    angle = _angles(turns)
+    radius = np.linspace(inner, outer, len(angle))
+    points = np.stack((radius * np.cos(angle), radius * np.sin(angle)), axis=1)
+    return Path.through("spiral", points, closed=False)
+
+
+def lemniscate(size: float = 1.5) -> Path:
+    """Bernoulli's lemniscate, from its right end at (size, 0) (original system's "infinite").
+
+    x = a cos t / (1 + sin^2 t), y = a sin t cos t / (1 + sin^2 t).
+    """
+    angle = _angles(1.0)[:-1]
+    scale = size / (1.0 + np.sin(angle) ** 2)
+    x, y = scale * np.cos(angle), scale * np.sin(angle) * np.cos(angle)
+    return Path.through("lemniscate", np.stack((x, y), axis=1), closed=True)
+
+
+def helix(radius: float = 1.5, pitch: float = 0.5, turns: float = 3.0) -> Path:
+    """A helix about the z axis, centred at the origin, upwards from (radius, 0, -pitch * turns / 2)."""
+    angle = _angles(turns)
+    z = pitch * (angle / math.tau - 0.5 * turns)
+    points = np.stack((radius * np.cos(angle), radius * np.sin(angle), z), axis=1)
+    return Path.through("helix", points, closed=False)
+
+
+def _angles(turns: float) -> np.ndarray:
+    return np.linspace(0.0, math.tau * turns, math.ceil(_DRAWN * turns) + 1)
+
+
+PATHS: dict[str, Callable[[], Path]] = {
+    "circle": circle, "spiral": spiral, "square": square, "lemniscate": lemniscate, "helix": helix,
+}
+"""Every path by the name the command line uses."""
+
+
+def find_path(name: str) -> Path:
+    """The path of this name, or the one in this CSV file.
+
+    Raises:
+        ConfigError: there is neither, or the file is no path.
+    """
+    if name in PATHS:
+        return PATHS[name]()
+    if name.lower().endswith(".csv"):
+        return read_path(FilePath(name))
+    raise ConfigError(f"there is no path named {name!r}; known are {', '.join(PATHS)}, and files whose "
+                      "name ends in .csv.")
+
+
+def read_path(file: FilePath) -> Path:
+    """A path from a CSV file: one point x,y or x,y,z (m) a line, with or without a header line.
+
+    Points are joined by straight lines. The path is closed if its last point repeats its first.
+
+    Raises:
+        ConfigError: the file cannot be read or holds no path; the message names the line.
+    """
+    try:
+        rows = list(csv.reader(file.read_text("utf-8-sig").splitlines()))
+    except (OSError, ValueError, csv.Error) as error:
+        raise ConfigError(f"cannot read {file}: {error}.") from error
+    numbered = [(line, row) for line, row in enumerate(rows, start=1) if any(map(str.strip, row))]
+    if numbered and not any(_is_number(cell) for cell in numbered[0][1]):
+        del numbered[0]
+    points = _distinct([_point(file, line, row, numbered[0][1]) for line, row in numbered])
+    closed = len(points) > 3 and points[0] == points[-1]
+    length = sum(math.dist(a, b) for a, b in pairwise(points))
+    if not _SHORTEST <= length <= _LONGEST:
+        raise ConfigError(f"{file}: a path must be {_SHORTEST:g} to {_LONGEST:g} m long, got {length:g} m; "
+                          "are the coordinates in metres?")
+    return Path.through(file.stem, np.array(points[:-1] if closed else points), closed)
+
+
+def _point(file: FilePath, line: int, row: list[str], first: list[str]) -> tuple[float, ...]:
+    """The numbers of one line."""
+    if len(row) not in (2, 3) or len(row) != len(first):
+        wanted = f"{len(first)}, as in the first point" if len(first) in (2, 3) else "x,y or x,y,z"
+        raise ConfigError(f"{file}, line {line}: expected {wanted}, got {len(row)} values.")
+    for cell in row:
+        if not _is_number(cell) or not abs(float(cell)) <= _FARTHEST:
+            raise ConfigError(f"{file}, line {line}: expected a number within +-{_FARTHEST:g} m, got "
+                              f"{cell.strip()!r}.")
+    return tuple(map(float, row))
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _distinct(points: list[tuple[float, ...]]) -> list[tuple[float, ...]]:
+    """The points without immediate repetitions."""
+    return [p for i, p in enumerate(points) if i == 0 or p != points[i - 1]]
+
+
+@dataclass(frozen=True)
+class LookAhead:
+    """The paper's planner (section 4.2): fly towards the farthest point of the path within a radius.
+
+    The paper takes the farthest point within 25 cm of the spacecraft, or the closest one if none is.
+    On a path that crosses itself, closes, or runs beside itself, the farthest point could be one flown
+    long ago or due much later. So the planner remembers each flight's progress, the point it came
+    closest to so far, and looks from there on along the path only: at most the window. "Farthest" is
+    farthest along the path. The original system does the same with a list of which it takes the first
+    60 points.
+
+    Args:
+        path: what to fly along.
+        speed: length of the velocity command, m/s (paper: 0.25).
+        radius: look-ahead, m (paper: 0.25).
+
+    Raises:
+        ConfigError: the speed is not a finite number > 0, or the radius not one from 0.01 m.
+    """
+
+    path: Path
+    speed: float = 0.25
+    radius: float = 0.25
+
+    def __post_init__(self) -> None:
+        if not 0 < self.speed < math.inf:
+            raise ConfigError(f"the speed must be a finite number > 0 m/s, got {self.speed}.")
+        if not 2 * SPACING <= self.radius < math.inf:
+            raise ConfigError(f"the look-ahead must be a finite number >= {2 * SPACING} m, which is two gaps "
+                              f"between a path's points, got {self.radius}.")
+
+    @property
+    def window(self) -> int:
+        """Points looked at beyond the progress.
+
+        One and a half radii of path, as it takes 1.41 of them to leave the radius around a right-angled
+        corner; never more than half of the path.
+        """
+        return min(math.ceil(1.5 * self.radius / SPACING), max(1, self.path.last // 2))
+
+    @property
+    def approach(self) -> int:
+        """Points flown before errors count: four radii of path, at most half of it.
+
+        A perfect follower's distance from a straight path falls to 1/e over one radius, so that 2 % of
+        the start's are left.
+        """
+        return min(math.ceil(4.0 * self.radius / SPACING), self.path.last // 2)
+
+    @property
+    def end(self) -> int:
+        """Progress at which all is flown: the end of an open path; on a closed one the approach and a lap."""
+        return self.path.last + (self.approach if self.path.closed else 0)
+
+    def plan(self, position: np.ndarray, progress: np.ndarray) -> tuple[np.ndarray, ...]:
+        """What to fly now.
+
+        Args:
+            position: (N, d), m.
+            progress: (N,) whole numbers: point each flight has come to, counted on over closed paths.
+
+        Returns:
+            The new progress (N,); the target's index (N,); the velocity command (N, d), m/s, which is
+            zero once the end is reached.
+        """
+        ahead = self._ahead(progress)
+        distance = np.linalg.norm(self.path.at(ahead) - position[:, None], axis=2)
+        closest = ahead[np.arange(len(ahead)), distance.argmin(axis=1)]
+        farthest = np.where(distance <= self.radius, ahead, -1).max(axis=1)
+        target = np.where(farthest >= 0, farthest, closest)
+        way = self.path.at(target) - position
+        length = np.linalg.norm(way, axis=1)
+        wanted = np.where(closest < self.end, self.speed, 0.0) / np.maximum(length, 1e-9)
+        return closest, target, way * wanted[:, None]
+
+    def _ahead(self, progress: np.ndarray) -> np.ndarray:
+        """Indices (N, window + 1) looked at."""
+        ahead = progress[:, None] + np.arange(self.window + 1)
+        return ahead if self.path.closed else np.minimum(ahead, self.path.last)

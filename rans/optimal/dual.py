@@ -1,0 +1,230 @@
+"""Lagrangian relaxation of the on/off problem: exact in attitude, dual in position and velocity.
+
+For any costate the relaxation's value bounds from below what every on/off controller pays that ends in
+the goal set. docs/certificate.md proves it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from rans.dynamics import PlanarState
+from rans.errors import ConfigError
+from rans.fields import wrap
+from rans.optimal.lattice import GoalSet, Lattice
+
+_EPSILON = float(np.finfo(np.float64).eps)
+
+
+@dataclass(frozen=True)
+class Windows:
+    """The heading indices low <= a < high that are looked at, per period and spin."""
+
+    low: np.ndarray
+    """(N + 1, spins) whole numbers, counted from the array's start."""
+    high: np.ndarray
+
+    def at_most(self, k: int, a: int) -> Windows:
+        """Those paths whose heading index at period k does not exceed a."""
+        high = self.high.copy()
+        high[k] = np.maximum(self.low[k], np.minimum(high[k], a + 1))
+        return Windows(self.low, high)
+
+    def above(self, k: int, a: int) -> Windows:
+        """The other paths."""
+        low = self.low.copy()
+        low[k] = np.minimum(self.high[k], np.maximum(low[k], a + 1))
+        return Windows(low, self.high)
+
+    def points(self) -> int:
+        """How many points of the lattice they hold."""
+        return int((self.high - self.low).sum())
+
+
+@dataclass(frozen=True)
+class Bound:
+    """What one costate proves."""
+
+    value: float
+    """No path within the windows costs less; rounding is subtracted. N s, or m/s where fuel is free."""
+    gradient: np.ndarray
+    """(4,) a supergradient with respect to the costate."""
+    costate: np.ndarray
+    """(4,) multipliers of the final velocity (x, y) and position (x, y), N s per m/s and per m."""
+    path: np.ndarray
+    """(N,) the cheapest pattern of every period."""
+
+
+class Relaxation:
+    """The dual problem from one start to one goal in N periods.
+
+    Args:
+        lattice: of the spacecraft and its control period.
+        start: of floats.
+        goal: of floats.
+        goal_set: what counts as arrived.
+        steps: N.
+        cap: only controllers that burn at most this are looked at, N s; None: all.
+        fuel: weight of the fuel: 1, or 0 to ask only whether the goal set can be reached.
+
+    Raises:
+        ConfigError: no whole number of pulses ends with the goal's spin, or numba is missing.
+    """
+
+    def __init__(self, lattice: Lattice, start: PlanarState, goal: PlanarState, goal_set: GoalSet,
+                 steps: int, cap: float | None, fuel: float = 1.0) -> None:
+        self.lattice, self.start, self.goal, self.goal_set = lattice, start, goal, goal_set
+        self.steps, self.cap, self.fuel = steps, cap, fuel
+        self.net = goal_set.net_spins(lattice, start, goal)
+        self._kernel = _kernel()
+        self._tables(self._spin_limits())
+        self._before, self._after = np.empty(self._shape), np.empty(self._shape)
+        self._after[-1] = np.where(self._arrived(), 0.0, np.inf)
+        self._before[0] = np.inf
+        self._before[0, self._reach, self._origin] = 0.0
+
+    def _spin_limits(self) -> np.ndarray:
+        """(N + 1,) bounds of |n|: by the torque at hand before and after, and by the fuel to spend."""
+        k, most = np.arange(self.steps + 1), np.abs(self.lattice.patterns.torque).max()
+        last = max(abs(n) for n in self.net)
+        limit = np.minimum(most * k, most * (self.steps - k) + last)
+        if self.cap is not None:
+            limit = np.minimum(limit, int((self.cap * self.lattice.quanta_per_fuel * (1 + 1e-12) + last) / 2))
+        return limit
+
+    def _tables(self, limits: np.ndarray) -> None:
+        lattice, steps, h = self.lattice, self.steps, self.lattice.period
+        self._reach = int(max(limits.max(), max(abs(n) for n in self.net)))
+        widest = np.concatenate([[0], np.cumsum(limits[:-1])])
+        self._origin = int(widest[-1])
+        self._shape = (steps + 1, 2 * self._reach + 1, 2 * self._origin + 1)
+        n = np.arange(-self._reach, self._reach + 1)
+        inside = np.abs(n) <= limits[:, None]
+        self.windows = Windows(np.where(inside, self._origin - widest[:, None], 0),
+                               np.where(inside, self._origin + widest[:, None] + 1, 0))
+        angle = self.start.attitude.angle + self.start.w * h * np.arange(steps)[:, None]
+        self._base = np.exp(1j * (angle + 0.5 * lattice.spin * h * n))
+        self._turned = lattice.spin * h * (np.arange(self._shape[2]) - self._origin)
+        self._cosine, self._sine = np.cos(self._turned), np.sin(self._turned)
+        self._responses = lattice.responses(self.start.w + lattice.spin * n)
+        torque = lattice.patterns.torque
+        self._firsts = np.searchsorted(torque, np.append(lattice.torque_range, torque.max() + 1))
+
+    def _arrived(self) -> np.ndarray:
+        """(spins, headings) whether the last point is in the goal set."""
+        n = np.arange(-self._reach, self._reach + 1)
+        final = self.start.attitude.angle + self.start.w * self.steps * self.lattice.period
+        heading = final + self._turned + 0.5 * self.lattice.spin * self.lattice.period * n[:, None]
+        error = np.abs(wrap(heading - self.goal.attitude.angle))
+        margin = self.lattice.drift(self.steps) + 1e-9
+        return np.isin(n, list(self.net))[:, None] & (error <= self.goal_set.heading + margin)
+
+    @property
+    def memory(self) -> int:
+        """Bytes of the two tables of values."""
+        return self._before.nbytes + self._after.nbytes
+
+    def _arguments(self, costate: np.ndarray, windows: Windows) -> tuple[Any, ...]:
+        velocity, position = complex(*costate[:2]), complex(*costate[2:])
+        left = (self.steps - np.arange(self.steps)) * self.lattice.period
+        first, second = self._responses
+        pull = np.conj(velocity + position * left)[:, None, None] * first - np.conj(position) * second
+        patterns = self.lattice.patterns
+        return (self.fuel * self.lattice.period, self._base[:, :, None] * pull / self.lattice.craft.mass,
+                self._cosine, self._sine, patterns.thrust, patterns.force, self._firsts,
+                int(self.lattice.torque_range[0]), self._reach, self._origin, windows.low, windows.high)
+
+    def bound(self, costate: np.ndarray, windows: Windows) -> Bound:
+        """The dual function: its value is infinite where the windows hold no path."""
+        arguments = self._arguments(costate, windows)
+        self._kernel.backward(*arguments, self._after)
+        constant, slope = self._constant(costate)
+        inside = windows.low[0, self._reach] <= self._origin < windows.high[0, self._reach]
+        inner = self._after[0, self._reach, self._origin] if inside else np.inf
+        if not np.isfinite(inner):
+            return Bound(np.inf, np.zeros(4), costate, np.zeros(0, dtype=int))
+        path = self._kernel.trace(*arguments, self._after)
+        gained, moved = self._effect(path)
+        effect = np.array([gained.real, gained.imag, moved.real, moved.imag])
+        return Bound(constant + inner - self.margin(costate), slope + effect, costate, path)
+
+    def shrunk(self, costate: np.ndarray, windows: Windows, limit: float) -> Windows:
+        """Windows without points through which every path costs more than the limit.
+
+        Args:
+            costate: any; the better, the more is dropped.
+            windows: within which `bound` was last asked for this costate.
+            limit: of the relaxation's value.
+        """
+        arguments = self._arguments(costate, windows)
+        self._kernel.forward(*arguments, self._before)
+        limit = limit - self._constant(costate)[0] + 2.0 * self.margin(costate)
+        return Windows(*self._kernel.shrink(self._before, self._after, limit, windows.low, windows.high))
+
+    def _constant(self, costate: np.ndarray) -> tuple[float, np.ndarray]:
+        """What the dual function has besides the inner minimum, and its supergradient."""
+        start, goal, time = self.start, self.goal, self.steps * self.lattice.period
+        drift = start.p + start.v.scale(time) - goal.p
+        miss = np.array([start.v.x - goal.v.x, start.v.y - goal.v.y, drift.x, drift.y])
+        value, slope = float(costate @ miss), miss.copy()
+        for part, radius in ((slice(0, 2), self.goal_set.velocity), (slice(2, 4), self.goal_set.position)):
+            size = float(np.linalg.norm(costate[part]))
+            value -= radius * size
+            slope[part] -= radius * costate[part] / size if size > 0 else 0.0
+        return value, slope
+
+    def points(self, path: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Spin and heading indices n_k and a_k of a path of patterns, (N + 1,) each."""
+        n = np.concatenate([[0], np.cumsum(self.lattice.patterns.torque[path])])
+        return n, np.concatenate([[0], np.cumsum(n[:-1])])
+
+    def effects(self, path: np.ndarray, patterns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Final velocity and position that patterns would add along the attitudes of a path.
+
+        Args:
+            path: (N,) patterns that turn the spacecraft.
+            patterns: (N,) or (N, M) with the same net torques, of which the forces are taken.
+
+        Returns:
+            Two complex arrays like ``patterns``, m/s and m in W.
+        """
+        n, a = self.points(path)
+        k, i = np.arange(self.steps), n[:-1] + self._reach
+        t = self.lattice.patterns.torque[path] - self.lattice.torque_range[0]
+        turn = self._base[k, i] * np.exp(1j * self._turned[a[:-1] + self._origin]) / self.lattice.craft.mass
+        speed = turn * self._responses[0][i, t]
+        way = (self.steps - k) * self.lattice.period * speed - turn * self._responses[1][i, t]
+        force = self.lattice.patterns.force[patterns].T
+        return (force * speed).T, (force * way).T
+
+    def _effect(self, path: np.ndarray) -> tuple[complex, complex]:
+        gained, moved = self.effects(path, path)
+        return complex(gained.sum()), complex(moved.sum())
+
+    def thrust_time(self, path: np.ndarray) -> float:
+        """Fuel of a path, N s."""
+        return float(self.lattice.patterns.thrust[path].sum()) * self.lattice.period
+
+    def margin(self, costate: np.ndarray) -> float:
+        """More than rounding and inexact torque multiples can change a value by (docs/certificate.md)."""
+        craft, h = self.lattice.craft, self.lattice.period
+        time = self.steps * h
+        pull = float(np.linalg.norm(costate[:2]) + time * np.linalg.norm(costate[2:])) / craft.mass
+        stage = h * sum(thruster.force for thruster in craft.thrusters) * (self.fuel + pull)
+        angle = (abs(self.start.attitude.angle) + abs(self.start.w) * time
+                 + self.lattice.spin * h * (self._origin + self._reach))
+        miss = float(np.abs(costate) @ np.abs(self._constant(np.zeros(4))[1]))
+        relative = _EPSILON * (64.0 + 8.0 * angle + 2.0 * self.steps) + self.lattice.drift(self.steps)
+        return self.steps * stage * relative + 16.0 * _EPSILON * miss
+
+
+def _kernel() -> Any:
+    try:
+        from rans.optimal import lattice_kernel
+    except ImportError as error:
+        raise ConfigError(f"the on/off certificate needs the package numba, which could not be loaded "
+                          f"({error}); install it with: pip install numba") from None
+    return lattice_kernel

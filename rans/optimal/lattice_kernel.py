@@ -1,0 +1,128 @@
+"""Dynamic programming over the lattice, compiled: the only loops that cost time.
+
+All take windows ``low`` and ``high``, whole numbers (N + 1, spins): of spin n at period k only the
+indices low[k, n] <= a < high[k, n] are looked at. A value is infinite where no pattern leads on.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+
+@njit(nogil=True)
+def price_row(prices, turn, cosine, sine, thrust, force, first, last, begin, end, row):  # noqa: ANN001, ANN201
+    """Write the cheapest pattern of one net torque for all headings of one spin into ``row``."""
+    for a in range(begin, end):
+        row[a] = np.inf
+    for p in range(first, last):
+        c = turn * force[p]
+        real, imaginary, fuel = c.real, c.imag, prices * thrust[p]
+        for a in range(begin, end):
+            cost = fuel + (real * cosine[a] - imaginary * sine[a])
+            row[a] = cost if cost < row[a] else row[a]
+
+
+@njit(nogil=True)
+def backward(fuel, turns, cosine, sine, thrust, force, firsts, least, reach, origin, low, high, value):  # noqa: ANN001, ANN201, E501
+    """Least cost from every point to the end; ``value`` (N + 1, spins, headings), its end given.
+
+    Args:
+        fuel: price of a newton of thrust over one period.
+        turns: complex (N, spins, torques), what the costate makes of a force on B at heading index 0.
+        cosine: (headings,) of the heading indices' angles.
+        sine: (headings,).
+        thrust: (P,) N, per pattern.
+        force: (P,) complex, N.
+        firsts: (torques + 1,) the first pattern of each net torque.
+        least: the smallest net torque.
+        reach: n = index - reach.
+        origin: a = index - origin; not needed as a changes by n.
+        low: see above.
+        high: see above.
+        value: filled for k < N.
+    """
+    steps, spins = turns.shape[0], turns.shape[1]
+    row = np.empty(value.shape[2])
+    for k in range(steps - 1, -1, -1):
+        for i in range(spins):
+            n = i - reach
+            for a in range(low[k, i], high[k, i]):
+                value[k, i, a] = np.inf
+            for t in range(turns.shape[2]):
+                j = i + least + t
+                if j < 0 or j >= spins:
+                    continue
+                begin = max(low[k, i], low[k + 1, j] - n)
+                end = min(high[k, i], high[k + 1, j] - n)
+                if begin >= end:
+                    continue
+                price_row(fuel, turns[k, i, t], cosine, sine, thrust, force, firsts[t], firsts[t + 1],
+                          begin, end, row)
+                for a in range(begin, end):
+                    cost = row[a] + value[k + 1, j, a + n]
+                    value[k, i, a] = cost if cost < value[k, i, a] else value[k, i, a]
+
+
+@njit(nogil=True)
+def forward(fuel, turns, cosine, sine, thrust, force, firsts, least, reach, origin, low, high, value):  # noqa: ANN001, ANN201, E501
+    """Least cost from the start to every point: as `backward`, but ``value`` at k = 0 is given."""
+    steps, spins = turns.shape[0], turns.shape[1]
+    row = np.empty(value.shape[2])
+    for k in range(steps):
+        for j in range(spins):
+            for a in range(low[k + 1, j], high[k + 1, j]):
+                value[k + 1, j, a] = np.inf
+        for i in range(spins):
+            n = i - reach
+            for t in range(turns.shape[2]):
+                j = i + least + t
+                if j < 0 or j >= spins:
+                    continue
+                begin = max(low[k, i], low[k + 1, j] - n)
+                end = min(high[k, i], high[k + 1, j] - n)
+                if begin >= end:
+                    continue
+                price_row(fuel, turns[k, i, t], cosine, sine, thrust, force, firsts[t], firsts[t + 1],
+                          begin, end, row)
+                for a in range(begin, end):
+                    cost = row[a] + value[k, i, a]
+                    value[k + 1, j, a + n] = cost if cost < value[k + 1, j, a + n] else value[k + 1, j, a + n]
+
+
+@njit(nogil=True)
+def trace(fuel, turns, cosine, sine, thrust, force, firsts, least, reach, origin, low, high, value):  # noqa: ANN001, ANN201, E501
+    """The cheapest patterns from n = a = 0 on, by the values of `backward`: (N,) indices."""
+    steps, spins = turns.shape[0], turns.shape[1]
+    chosen = np.zeros(steps, dtype=np.int64)
+    i, a = reach, origin
+    for k in range(steps):
+        best, n, best_j = np.inf, i - reach, i
+        for t in range(turns.shape[2]):
+            j = i + least + t
+            if j < 0 or j >= spins or a + n < low[k + 1, j] or a + n >= high[k + 1, j]:
+                continue
+            for p in range(firsts[t], firsts[t + 1]):
+                c = turns[k, i, t] * force[p]
+                cost = fuel * thrust[p] + (c.real * cosine[a] - c.imag * sine[a])
+                cost += value[k + 1, j, a + n]
+                if cost < best:
+                    best, best_j, chosen[k] = cost, j, p
+        i, a = best_j, a + n
+    return chosen
+
+
+@njit(nogil=True)
+def shrink(before, after, limit, low, high):  # noqa: ANN001, ANN201
+    """Windows that hold every point through which a path costs at most the limit."""
+    steps, spins = low.shape
+    new_low, new_high = np.zeros_like(low), np.zeros_like(high)
+    for k in range(steps):
+        for i in range(spins):
+            begin, end = low[k, i], high[k, i]
+            while begin < end and not before[k, i, begin] + after[k, i, begin] <= limit:
+                begin += 1
+            while end > begin and not before[k, i, end - 1] + after[k, i, end - 1] <= limit:
+                end -= 1
+            new_low[k, i], new_high[k, i] = begin, end
+    return new_low, new_high

@@ -1,0 +1,196 @@
+from __future__ import annotations
+
+import json
+import os
+import re
+import shlex
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+import stable_baselines3
+import torch
+from torch import Tensor
+
+from rans.cli import main
+from rans.fast.run_folder import RunFolder, read_config
+from tests.fast.training import weights
+
+ROOT = Path(__file__).parents[2]
+TINY = {"ppo.n_envs": 16, "ppo.n_steps": 8, "ppo.batch_size": 64, "ppo.layers": [16, 16],
+        "timing.episode_steps": 20, "solved_share": None}
+
+
+def tiny(**changes: Any) -> list[str]:
+    """Arguments for a training whose iterations take milliseconds."""
+    settings = TINY | {key.replace("__", "."): value for key, value in changes.items()}
+    given = [part for key, value in settings.items() for part in ("--set", f"{key}={json.dumps(value)}")]
+    return ["train", "go-to-pose", "--device", "cpu", *given]
+
+
+@pytest.fixture(autouse=True)
+def _elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Runs go to a folder of the test's own."""
+    monkeypatch.chdir(tmp_path)
+
+
+def trained(run: str) -> Tensor:
+    return weights(stable_baselines3.PPO.load(Path(run) / "policy.zip", device="cpu").policy)
+
+
+def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
+    assert main(["train", *arguments]) == 2
+    captured = capsys.readouterr()
+    assert captured.err.count("\n") == 1
+    return captured.err
+
+
+def test_a_run_folder_is_left(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([*tiny(), "--total-timesteps", "1000"]) == 0
+    captured = capsys.readouterr()
+    run = Path("runs/go-to-pose-floating-platform-seed0")
+    assert captured.out.startswith("Done after 1,024 steps: ")
+    assert f"The agent is {run}/policy.zip." in captured.out
+    for part in ("training: ", "success ", "return: position ", "M steps/s", "at most 0 s left"):
+        assert part in captured.err
+    assert {file.name for file in run.iterdir()} == {
+        "config.json", "spacecraft.toml", "metrics.jsonl", "checkpoint.pt", "policy.zip", "tensorboard",
+        "learning_curve.svg"}
+    assert (run / "learning_curve.svg").read_text().startswith("<?xml")
+    assert main([*tiny(), "--total-timesteps", "1000"]) == 0
+    assert Path("runs/go-to-pose-floating-platform-seed0-2").is_dir()
+
+
+def test_the_config_gives_the_same_agent() -> None:
+    """Also where training ends by itself, whenever its reports were made."""
+    easy = tiny(solved_share=0.01, settings__evaluation_distance=[0.1, 0.2], settings__position_tolerance=7.9,
+                settings__attitude_tolerance=4.0, report_interval=3, total_timesteps=10**9)
+    assert main([*easy, "--seed", "3", "--run", "first"]) == 0
+    assert main(["train", "--config", "first/config.json", "--run", "again"]) == 0
+    assert read_config(Path("again/config.json")) == read_config(Path("first/config.json"))
+    assert torch.equal(trained("first"), trained("again"))
+    rows = [[row["steps"] for row in RunFolder(Path(run)).metrics()] for run in ("first", "again")]
+    assert rows == [[384, 768]] * 2
+
+
+def test_options_change_a_config() -> None:
+    """Options beat the file, and --set beats options."""
+    assert main([*tiny(), "--total-timesteps", "100", "--run", "first"]) == 0
+    options = ["--seed", "4", "--total-timesteps", "200", "--spacecraft", "floating-platform-air-tank"]
+    assert main(["train", "--config", "first/config.json", *options, "--set", "ppo.gamma=0.9",
+                 "--run", "second"]) == 0
+    config = read_config(Path("second/config.json"))
+    assert (config.seed, config.total_timesteps, config.ppo.gamma) == (4, 200, 0.9)
+    assert config.spacecraft == "floating-platform-air-tank"
+    assert config.ppo.layers == (16, 16)
+    assert (trained("first") != trained("second")).any()
+
+
+def test_resume_goes_on(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([*tiny(), "--total-timesteps", "512", "--run", "run"]) == 0
+    config = Path("run/config.json")
+    config.write_text(config.read_text().replace('"total_timesteps": 512', '"total_timesteps": 1024'))
+    assert main(["train", "--resume", "run"]) == 0
+    assert "Done after 1,024 steps" in capsys.readouterr().out
+    assert main([*tiny(), "--total-timesteps", "1024", "--run", "whole"]) == 0
+    assert torch.equal(trained("run"), trained("whole"))
+
+
+@pytest.mark.parametrize(("change", "message"), [
+    ("ppo.n_env=3", "the config has no 'ppo.n_env'"),
+    ("ppo.layers.0=3", "the config has no 'ppo.layers.0'"),
+    ("ppo", "--set takes KEY=VALUE, got 'ppo'"),
+    ("ppo.n_envs=many", "config.ppo.n_envs: expected int, got 'many'"),
+    ("ppo.n_envs=true", "config.ppo.n_envs: expected int, got True"),
+    ("ppo.n_envs=0", "n_envs must be >= 1, got 0"),
+    ("ppo.learning_rate=NaN", "learning_rate must be finite and > 0, got nan"),
+    ("settings.fail_distance=1", "fail_distance must exceed"),
+    ("seed=-1", "seed must be between 0"),
+    ("ppo.n_steps=126", "n_steps must not exceed the episode's 125 steps, got 126"),
+    ("timing.episode_steps=10", "n_steps must not exceed the episode's 10 steps, got 64"),
+])
+def test_wrong_changes(capsys: pytest.CaptureFixture[str], change: str, message: str) -> None:
+    given = ["go-to-pose", "--device", "cpu", "--set", "ppo.n_envs=64", "--set", "ppo.batch_size=4096"]
+    if "n_steps=126" in change:
+        given += ["--set", f"ppo.batch_size={64 * 126}"]
+    assert message in refused(capsys, *given, "--set", change)
+    assert not Path("runs").exists()
+
+
+def test_wrong_options(capsys: pytest.CaptureFixture[str]) -> None:
+    assert "say what to train" in refused(capsys)
+    assert "say what to train" in refused(capsys, "go-to-pose", "--config", "x.json")
+    assert "no task named 'hover'" in refused(capsys, "hover")
+    assert "cannot read x.json" in refused(capsys, "--config", "x.json")
+    assert "nowhere.toml" in refused(capsys, "go-to-pose", "--spacecraft", "nowhere.toml")
+    assert "device must be cpu or cuda, got 'tpu'" in refused(capsys, "go-to-pose", "--device", "tpu")
+    assert "nowhere is not a run folder" in refused(capsys, "--resume", "nowhere")
+    for option in (["--seed", "0"], ["--total-timesteps", "9"], ["--device", "cpu"], ["--run", "x"],
+                   ["--spacecraft", "floating-platform"], ["--config", "x"], ["--set", "seed=1"],
+                   ["go-to-pose"]):
+        assert "give nothing else" in refused(capsys, *option, "--resume", "nowhere")
+    Path("file").write_text("")
+    assert "cannot write file/run/" in refused(capsys, *tiny()[1:], "--run", "file/run")
+
+
+def test_a_run_is_not_overwritten(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([*tiny(), "--total-timesteps", "100", "--run", "run"]) == 0
+    before = {file: file.read_bytes() for file in Path("run").glob("*.*")}
+    capsys.readouterr()
+    assert "continue it with --resume run" in refused(capsys, *tiny()[1:], "--run", "run")
+    assert before == {file: file.read_bytes() for file in Path("run").glob("*.*")}
+
+
+def test_nan_is_said_in_a_sentence(capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = [*tiny(ppo__reward_scale=1e38)[1:], "--run", "run"]
+    text = refused(capsys, *arguments)
+    assert "not finite after 128 steps" in text
+    assert "State and weights are in run/nonfinite.pt." in text
+    assert Path("run/nonfinite.pt").exists()
+
+
+def command(*arguments: str, **environment: str) -> subprocess.Popen[str]:
+    code = f"import sys; sys.path.insert(0, {str(ROOT)!r}); from rans.cli import main; sys.exit(main())"
+    return subprocess.Popen([sys.executable, "-c", code, *arguments], text=True, stdout=subprocess.PIPE,
+                            stderr=subprocess.PIPE, env=os.environ | {"OMP_NUM_THREADS": "1"} | environment)
+
+
+def stopped(process: subprocess.Popen[str], number: int) -> str:
+    """Wait until it trains, send the signal, and return what it then printed."""
+    assert process.stderr is not None
+    first = process.stderr.readline()
+    assert first.startswith("training: "), first + process.stderr.read()
+    process.send_signal(number)
+    asked = time.monotonic()
+    out, errors = process.communicate(timeout=30)
+    assert time.monotonic() - asked < 8  # a busy machine draws the learning curve in 3
+    assert process.returncode == 130
+    assert "Traceback" not in errors
+    return out
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=["SIGINT", "SIGTERM"])
+def test_signals_stop_it_gently(number: int) -> None:
+    """Nothing is lost, and the command it prints goes on from there."""
+    out = stopped(command(*tiny(total_timesteps=10**9), "--run", "run with space"), number)
+    assert out.startswith("Stopped after ")
+    run = Path("run with space")
+    assert {"policy.zip", "learning_curve.svg", "checkpoint.pt"} <= {file.name for file in run.iterdir()}
+    match = re.search(r"Continue with: rans (.*)\n", out)
+    assert match is not None
+    assert shlex.split(match[1]) == ["train", "--resume", "run with space"]
+    steps = RunFolder(run).metrics()[-1]["steps"]
+    if number == signal.SIGINT:
+        out = stopped(command(*shlex.split(match[1])), number)
+        assert RunFolder(run).metrics()[-1]["steps"] > steps
+
+
+def test_training_needs_no_compiler_and_no_git() -> None:
+    process = command(*tiny(), "--total-timesteps", "300", "--run", "run", PATH="/nowhere", CXX="nothing")
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 0, errors
+    assert Path("run/policy.zip").exists()

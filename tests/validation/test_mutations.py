@@ -1,0 +1,265 @@
+"""Classical errors, planted in our side of the comparison: the study finds each, and where it lies.
+
+Every mutation patches what flies; Drake and the closed forms stay as they are. The layers run in the
+study's order, from one thruster to the whole engine, and the first that fails must be the one that is
+responsible.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import rans.dynamics
+import rans.fields
+import rans.flight
+import validation.sampling
+from rans.dynamics import MassProperties, PlanarState, Wrench
+from rans.fields import Heading, Quat, Vec2, Vec3
+from rans.spacecraft import Spacecraft
+from tests.crafts import nasty_planar, nasty_spatial
+from validation.checks import Check
+from validation.study import LAYERS, Scope
+
+Patch = Callable[[pytest.MonkeyPatch], None]
+
+PLANE, SPACE = nasty_planar(), nasty_spatial()
+SHARING = replace(PLANE, thrust_sharing="split")
+
+
+def failures(craft: Spacecraft) -> Iterator[tuple[str, str]]:
+    """Layer and check of everything that is found, in order."""
+    scope = Scope(craft, seed=1, states=8, flights=2)
+    for name, look in LAYERS.items():
+        yield from ((name, c.name) for c in look(scope) if isinstance(c, Check) and not c.passed)
+
+
+def wrench_map(monkeypatch: pytest.MonkeyPatch, change: Callable[[np.ndarray], Any]) -> None:
+    """Change the table of full-on wrenches (thrusters, 3 or 6) that our equations use."""
+    true = Spacecraft.wrench_map.func  # type: ignore[attr-defined]
+
+    def changed(craft: Spacecraft) -> Any:
+        return tuple(map(tuple, change(np.array(true(craft)))))
+
+    monkeypatch.setattr(Spacecraft, "wrench_map", property(changed))
+
+
+def reversed_torque(monkeypatch: pytest.MonkeyPatch) -> None:
+    def change(table: np.ndarray) -> np.ndarray:
+        table[0, -1] *= -1
+        return table
+
+    wrench_map(monkeypatch, change)
+
+
+def swapped_thrusters(monkeypatch: pytest.MonkeyPatch) -> None:
+    wrench_map(monkeypatch, lambda table: table[[1, 0, *range(2, len(table))]])
+
+
+def thrusters_about_the_frame_not_the_centre_of_mass(monkeypatch: pytest.MonkeyPatch) -> None:
+    def wrench_about_frame(craft: Spacecraft, thruster: Any) -> tuple[float, ...]:
+        force = np.array(thruster.direction) * thruster.force
+        torque = np.cross(thruster.position, force)
+        parts = (*force[:2], torque[2]) if craft.dimension == 2 else (*force, *torque)
+        return tuple(float(x) for x in parts)
+
+    monkeypatch.setattr(Spacecraft, "_wrench", wrench_about_frame)
+
+
+def degrees_for_radians(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("cos", "sin"):
+        true = getattr(rans.dynamics, name)
+        monkeypatch.setattr(rans.dynamics, name, lambda x, f=true: f(x * math.pi / 180))
+
+
+def sharing_ignored(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rans.dynamics, "thrust", lambda _, command: tuple(command))
+
+
+def mass_properties(**changes: Callable[[Any], Any]) -> Patch:
+    """Change what resists the wrench."""
+    def patch(monkeypatch: pytest.MonkeyPatch) -> None:
+        true = MassProperties.of
+
+        def of(craft: Spacecraft) -> MassProperties:
+            body = true(craft)
+            return replace(body, **{key: f(getattr(body, key)) for key, f in changes.items()})
+
+        monkeypatch.setattr(MassProperties, "of", of)
+
+    return patch
+
+
+def diagonal_only(inertia: tuple[float, ...]) -> tuple[float, ...]:
+    xx, _, _, yy, _, zz = inertia
+    return (xx, 0.0, 0.0, yy, 0.0, zz)
+
+
+def products_of_the_other_sign(inertia: tuple[float, ...]) -> tuple[float, ...]:
+    xx, xy, xz, yy, yz, zz = inertia
+    return (xx, -xy, -xz, yy, -yz, zz)
+
+
+def about_the_frame_not_the_centre_of_mass(inertia: tuple[float, ...]) -> tuple[float, ...]:
+    """Steiner's term added once too often."""
+    c, m = np.array(SPACE.centre_of_mass), SPACE.mass
+    full = m * (c @ c * np.eye(3) - np.outer(c, c))
+    return tuple(x + extra for x, extra in zip(inertia, full[np.triu_indices(3)], strict=True))
+
+
+def rate(change: Callable[[Any, Wrench, MassProperties, Any], Any]) -> Patch:
+    """Change the right-hand side of the equations in space, given the true one."""
+    def patch(monkeypatch: pytest.MonkeyPatch) -> None:
+        true = rans.dynamics._rate
+        monkeypatch.setattr(rans.dynamics, "_rate",
+                            lambda state, applied, body: change(state, applied, body, true))
+
+    return patch
+
+
+def without_gyroscopic_torque(state: Any, applied: Wrench, body: MassProperties, true: Any) -> Any:
+    still = replace(state, w=Vec3(0.0, 0.0, 0.0))
+    return replace(true(state, applied, body), w=true(still, applied, body).w)
+
+
+def force_in_world(state: Any, applied: Wrench, body: MassProperties, true: Any) -> Any:
+    unturned = replace(state, attitude=Quat(1.0, 0.0, 0.0, 0.0))
+    return replace(true(state, applied, body), v=true(unturned, applied, body).v)
+
+
+def spin_in_world(state: Any, applied: Wrench, body: MassProperties, true: Any) -> Any:
+    """q' = (0, w) q / 2 is right for a spin given in W."""
+    q = Quat(0.0, *state.w.columns()).times(state.attitude)
+    return replace(true(state, applied, body), attitude=Quat(0.5 * q.w, 0.5 * q.x, 0.5 * q.y, 0.5 * q.z))
+
+
+def inverse_rotation(monkeypatch: pytest.MonkeyPatch) -> None:
+    true = Quat.rotate
+    monkeypatch.setattr(Quat, "rotate", lambda q, v: true(q.conjugate(), v))
+
+
+def scalar_last(monkeypatch: pytest.MonkeyPatch) -> None:
+    true = Quat.rotate
+    monkeypatch.setattr(Quat, "rotate", lambda q, v: true(Quat(q.z, q.w, q.x, q.y), v))
+
+
+def clockwise_heading(monkeypatch: pytest.MonkeyPatch) -> None:
+    true = rans.dynamics._advance_planar
+
+    def mirrored(state: PlanarState, applied: Wrench, body: MassProperties, *rest: Any) -> PlanarState:
+        turned = replace(state, attitude=Heading(-state.attitude.angle), w=-state.w)
+        moved = true(turned, replace(applied, torque=-applied.torque), body, *rest)
+        return replace(moved, attitude=Heading(-moved.attitude.angle), w=-moved.w)
+
+    monkeypatch.setattr(rans.dynamics, "_advance_planar", mirrored)
+
+
+def euler_step(monkeypatch: pytest.MonkeyPatch) -> None:
+    def euler(state: Any, applied: Wrench, body: MassProperties, h: float) -> Any:
+        return rans.dynamics._moved(state, rans.dynamics._rate(state, applied, body), h)
+
+    monkeypatch.setattr(rans.dynamics, "_advance_spatial", euler)
+
+
+def velocity_before_the_step(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Position advanced with the old velocity only: explicit Euler in the plane."""
+    true = rans.dynamics._advance_planar
+
+    def explicit(state: PlanarState, applied: Wrench, body: MassProperties, h: float, nodes: int) -> Any:
+        return replace(true(state, applied, body, h, nodes), p=state.p + state.v.scale(h))
+
+    monkeypatch.setattr(rans.dynamics, "_advance_planar", explicit)
+
+
+def coarse_quadrature(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(rans.dynamics._RULES, rans.dynamics.NODES, rans.dynamics._RULES[3])
+
+
+def stale_command(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each command acts one period late, as a discrete Drake plant may do."""
+    true = validation.sampling.rollout
+
+    def late(craft: Any, start: Any, commands: Any, *rest: Any) -> Any:
+        return true(craft, start, np.concatenate([commands[:1], commands[:-1]]), *rest)
+
+    for module in (validation.sampling, validation.flights, validation.oracles):
+        monkeypatch.setattr(module, "rollout", late)
+
+
+def half_the_spin_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    true = rans.dynamics.wrench
+
+    def halved(craft: Spacecraft, command: Any) -> Wrench:
+        whole: Any = true(craft, command)
+        return replace(whole, torque=whole.torque * 0.5)
+
+    for module in (rans.dynamics, rans.flight, validation.dynamics):
+        monkeypatch.setattr(module, "wrench", halved)
+
+
+MUTATIONS: list[tuple[Spacecraft, Patch, str]] = [
+    (PLANE, reversed_torque, "thrusters"),
+    (SPACE, reversed_torque, "thrusters"),
+    (PLANE, swapped_thrusters, "thrusters"),
+    (SPACE, swapped_thrusters, "thrusters"),
+    (PLANE, thrusters_about_the_frame_not_the_centre_of_mass, "thrusters"),
+    (SPACE, thrusters_about_the_frame_not_the_centre_of_mass, "thrusters"),
+    (PLANE, half_the_spin_up, "thrusters"),
+    # One thruster at a time shares with nobody: only several can show it.
+    (SHARING, sharing_ignored, "commands"),
+    (PLANE, mass_properties(mass=lambda m: m * 9.81), "mass"),
+    (SPACE, mass_properties(mass=lambda m: m * 9.81), "mass"),
+    (SPACE, mass_properties(inertia=diagonal_only), "mass"),
+    (SPACE, mass_properties(inertia=products_of_the_other_sign), "mass"),
+    (SPACE, mass_properties(inertia=about_the_frame_not_the_centre_of_mass), "mass"),
+    (SPACE, rate(without_gyroscopic_torque), "accelerations"),
+    (SPACE, rate(force_in_world), "accelerations"),
+    (SPACE, inverse_rotation, "accelerations"),
+    (SPACE, scalar_last, "accelerations"),
+    (PLANE, degrees_for_radians, "accelerations"),
+    (PLANE, clockwise_heading, "accelerations"),
+    (SPACE, rate(spin_in_world), "period"),
+    (SPACE, euler_step, "period"),
+    (PLANE, velocity_before_the_step, "period"),
+    (PLANE, coarse_quadrature, "period"),
+    # Single periods have one command: only flights have a later one.
+    (PLANE, stale_command, "oracles"),
+    (SPACE, stale_command, "oracles"),
+]
+
+
+def name(value: Any) -> str:
+    return getattr(value, "name", None) or getattr(value, "__name__", str(value))
+
+
+@pytest.mark.parametrize(("craft", "patch", "layer"), MUTATIONS, ids=name)
+def test_found_where_it_lies(craft: Spacecraft, patch: Patch, layer: str, monkeypatch: Any) -> None:
+    patch(monkeypatch)
+    assert next(failures(craft), ("nowhere", ""))[0] == layer
+
+
+@pytest.mark.parametrize("craft", [PLANE, SHARING, SPACE], ids=name)
+def test_nothing_planted_nothing_found(craft: Spacecraft) -> None:
+    assert list(failures(craft)) == []
+
+
+@pytest.mark.parametrize("change", [
+    {"mass": SPACE.mass * (1 + 1e-9)},
+    {"centre_of_mass": (SPACE.centre_of_mass[0] + 1e-6, *SPACE.centre_of_mass[1:])},
+    {"thrusters": (replace(SPACE.thrusters[0], force=SPACE.thrusters[0].force * (1 + 1e-9)),
+                   *SPACE.thrusters[1:])},
+], ids=["mass", "centre of mass", "force"])
+def test_a_millionth_is_enough(change: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Drake flies a spacecraft that differs from ours by next to nothing."""
+    from rans.reference.plant import Plant
+
+    def other(craft: Spacecraft, *arguments: Any) -> Plant:
+        return Plant(replace(craft, **change), *arguments)
+
+    monkeypatch.setattr(validation.dynamics, "Plant", other)
+    assert next(failures(SPACE), None) is not None

@@ -1,0 +1,108 @@
+"""May I trust what the fast engine computes about this spacecraft? The study behind ``rans validate``."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+
+from rans.errors import ConfigError
+from rans.spacecraft import Spacecraft
+from validation.checks import Check, Curve, Report, Skipped
+from validation.closed_loop import closed_loop_checks
+from validation.discretisation import discretisation_checks, order_curves
+from validation.dynamics import (
+    VALIDATION_SUBSTEPS,
+    acceleration_checks,
+    mass_checks,
+    period_checks,
+    thruster_checks,
+    wrench_checks,
+)
+from validation.engines import compiled_checks, engine_checks, graph_checks
+from validation.flights import bang_bang_checks, flight_checks, optimal_checks
+from validation.invariants import invariant_checks
+from validation.oracles import oracle_checks
+
+
+@dataclass(frozen=True)
+class Scope:
+    """What is studied, and how much of it."""
+
+    craft: Spacecraft
+    seed: int
+    """Of every random state and command."""
+    states: int
+    """Random states of a layer that looks at single moments or periods."""
+    flights: int
+    """Flights of 25 s of a layer that looks at these."""
+
+
+Layer = Callable[[Scope], Iterable[Check | Skipped | Curve]]
+
+LAYERS: dict[str, Layer] = {
+    "thrusters": lambda s: thruster_checks(s.craft),
+    "commands": lambda s: wrench_checks(s.craft, s.seed, s.states),
+    "mass": lambda s: mass_checks(s.craft),
+    "accelerations": lambda s: acceleration_checks(s.craft, s.seed, s.states),
+    "period": lambda s: period_checks(s.craft, s.seed, s.states),
+    "invariants": lambda s: invariant_checks(s.craft, s.seed, s.states,
+                                             VALIDATION_SUBSTEPS[s.craft.dimension]),
+    "oracles": lambda s: oracle_checks(s.craft, s.seed, s.states),
+    "flights": lambda s: flight_checks(s.craft, s.seed, s.flights),
+    "bang-bang": lambda s: bang_bang_checks(s.craft, s.seed, s.flights),
+    "engine": lambda s: engine_checks(s.craft, s.seed, s.flights),
+}
+"""Everything that is quick, from the smallest part to the whole: the first layer to fail says where to
+look."""
+
+FULL_LAYERS: dict[str, Layer] = LAYERS | {
+    "optimal": lambda s: optimal_checks(s.craft, s.seed),
+    "closed-loop": lambda s: closed_loop_checks(s.craft, s.seed, 2 * s.flights),
+    "compiled": lambda s: compiled_checks(s.craft, s.seed, s.flights),
+    "cuda": lambda s: graph_checks(s.craft, s.seed, s.flights),
+    "order": lambda s: order_curves(s.craft, s.seed, s.states),
+    "step": lambda s: discretisation_checks(s.craft, s.seed, s.flights),
+}
+"""With what takes longer: optimisation, compilation, feedback, and step sizes for the figures."""
+
+
+def study(craft: Spacecraft, seed: int = 0, quick: bool = False, layer: str | None = None,
+          progress: Callable[[str, int], object] = lambda _name, _count: None) -> Report:
+    """Compare the engine's motion of a spacecraft with Drake and with the laws of mechanics.
+
+    Args:
+        craft: planar or spatial.
+        seed: of every random state and command.
+        quick: fewer states and flights, and the quick layers only.
+        layer: the only layer to look at.
+        progress: called before each layer with its name and the number of layers in all.
+
+    Raises:
+        ConfigError: Drake refuses the spacecraft's mass properties, or there is no such layer.
+    """
+    started = time.perf_counter()
+    scope = Scope(craft, seed, *((64, 16) if quick else (512, 128)))
+    layers = _chosen(layer, LAYERS if quick and layer is None else FULL_LAYERS)
+    found: list[Check | Skipped | Curve] = []
+    seconds: dict[str, float] = {}
+    for name, look in layers.items():
+        progress(name, len(layers))
+        begun = time.perf_counter()
+        found += [replace(x, layer=name) if isinstance(x, Check) else x for x in look(scope)]
+        seconds[name] = round(time.perf_counter() - begun, 2)
+    settings = {"spacecraft": craft.name, "seed": seed, "quick": quick, "states": scope.states,
+                "flights": scope.flights, "seconds": round(time.perf_counter() - started, 2),
+                "layers": seconds}
+    return Report(f"Dynamics of {craft.name} ({craft.degrees_of_freedom}DoF)",
+                  tuple(x for x in found if isinstance(x, Check)), settings,
+                  tuple(x for x in found if isinstance(x, Skipped)),
+                  tuple(x for x in found if isinstance(x, Curve)))
+
+
+def _chosen(layer: str | None, layers: dict[str, Layer]) -> dict[str, Layer]:
+    if layer is None:
+        return layers
+    if layer not in layers:
+        raise ConfigError(f"there is no layer named {layer!r}; known are {', '.join(layers)}.")
+    return {layer: layers[layer]}
