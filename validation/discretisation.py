@@ -21,7 +21,7 @@ from rans.timing import Timing
 from validation.checks import Check, Curve
 from validation.dynamics import tensor
 from validation.flights import drake_states
-from validation.sampling import Restless, gaps, random_states
+from validation.sampling import Restless, gaps, gentle_commands, random_states
 
 Method = Callable[[Any, Any, MassProperties, float, int], Any]
 """(state, wrench, body, duration, steps) to the state after."""
@@ -76,8 +76,7 @@ def order_curves(craft: Spacecraft, seed: int, count: int) -> list[Curve]:
     """
     states, body = random_states(craft.dimension, seed, count), MassProperties.of(craft)
     period = Timing().control_period
-    opened = np.random.default_rng(seed).random((count, len(craft.thrusters))) < 0.5
-    applied = wrench(craft, tuple(opened.T.astype(np.float64)))
+    applied = wrench(craft, tuple(gentle_commands(craft, seed, count).T))
     finest = advance(states, applied, body, period, 256)
     curves = []
     for name, method in (("semi-implicit Euler", semi_implicit_euler), ("ours", advance)):

@@ -16,7 +16,7 @@ from rans.reference.plant import Plant
 from rans.spacecraft import Spacecraft
 from rans.timing import Timing
 from validation.checks import Check
-from validation.sampling import FASTEST, gap_checks, random_states
+from validation.sampling import FASTEST, gap_checks, gentle_commands, random_states
 
 VALIDATION_SUBSTEPS = {2: 1, 3: 32}
 """Physics substeps at which the equations, not the step size, are compared with Drake: the plane's step
@@ -74,7 +74,7 @@ def acceleration_checks(craft: Spacecraft, seed: int, count: int) -> list[Check]
 
 def period_checks(craft: Spacecraft, seed: int, count: int) -> list[Check]:
     """One control period from random states, held commands, at the validation substeps."""
-    states, commands = random_states(craft.dimension, seed, count), _commands(craft, seed, count)
+    states, commands = random_states(craft.dimension, seed, count), gentle_commands(craft, seed, count)
     period = Timing().control_period
     ours = advance(states, wrench(craft, tuple(commands.T)), MassProperties.of(craft), period,
                    VALIDATION_SUBSTEPS[craft.dimension])

@@ -14,7 +14,7 @@ from rans.spacecraft import Spacecraft
 from rans.timing import Timing
 from validation.checks import Check
 from validation.dynamics import tensor
-from validation.sampling import gap, gap_checks, random_states
+from validation.sampling import gap, gap_checks, gentle_commands, random_states
 
 _COAST = 5.0
 """Length of a flight without thrust, s."""
@@ -30,8 +30,7 @@ def invariant_checks(craft: Spacecraft, seed: int, count: int, substeps: int) ->
         substeps: a control period, fine enough that the equations and not the step are tested.
     """
     states = random_states(craft.dimension, seed, count)
-    opened = np.random.default_rng(seed).random((count, len(craft.thrusters))) < 0.5
-    applied = wrench(craft, tuple(opened.T.astype(np.float64)))
+    applied = wrench(craft, tuple(gentle_commands(craft, seed, count).T))
     body = MassProperties.of(craft)
     return [
         *_coasting_checks(states, body, substeps),

@@ -17,6 +17,10 @@ FASTEST = 1.0
 """Largest sampled speed (m/s) and spin (rad/s): twice what the paper's tasks ask for."""
 
 
+_GENTLE = 10.0
+"""rad/s^2: turns a spacecraft by 0.2 rad in a control period; 8 is what the free flyer can do."""
+
+
 def random_states(dimension: Literal[2, 3], seed: int, count: int) -> Any:
     """States of float64 arrays (N,): within 5 m of the origin, any attitude, up to `FASTEST`."""
     random = Random(dimension, *seed_words(seed), np.arange(count, dtype=np.int32), np.float64)
@@ -27,6 +31,21 @@ def random_states(dimension: Literal[2, 3], seed: int, count: int) -> Any:
         return PlanarState(p, attitude, v, random.uniform(-FASTEST, FASTEST))  # type: ignore
     w = random.direction().scale(random.uniform(0.0, FASTEST))
     return SpatialState(p, attitude, v, w)  # type: ignore
+
+
+def gentle_commands(craft: Spacecraft, seed: int, count: int) -> np.ndarray:
+    """Random commands (N, thrusters): on/off in the even rows, anywhere between in the odd ones.
+
+    All are scaled down for a spacecraft that would spin up faster than `_GENTLE`: the equations are
+    linear in the torque, and step sizes are for spacecraft that tasks can be solved with.
+    """
+    commands = np.random.default_rng(seed).random((count, len(craft.thrusters)))
+    commands[::2] = commands[::2] > 0.5
+    size = craft.dimension
+    moments = np.array([[craft.inertia[2][2]]]) if size == 2 else np.array(craft.inertia)
+    spin_ups = np.linalg.solve(moments, np.array(craft.wrench_map)[:, size:].T)
+    most = np.linalg.norm(np.maximum(spin_ups.clip(min=0).sum(axis=1), -spin_ups.clip(max=0).sum(axis=1)))
+    return commands * min(1.0, _GENTLE / max(float(most), _GENTLE))
 
 
 class Restless:

@@ -64,7 +64,7 @@ def _velocity(axes: Axes, following: Following, number: int, axis: int) -> None:
               linewidth=1.0, label="command")
     axes.set_ylabel(f"v_{'xyz'[axis]}, m/s")
     if axis == 0:
-        axes.legend(loc="upper right", ncols=2)
+        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=2)  # above: curves fill the rest
 
 
 def _distances(axes: Axes, following: Following, number: int) -> None:

@@ -174,8 +174,8 @@ def read_path(file: FilePath) -> Path:
 def _point(file: FilePath, line: int, row: list[str], first: list[str]) -> tuple[float, ...]:
     """The numbers of one line."""
     if len(row) not in (2, 3) or len(row) != len(first):
-        wanted = f"{len(first)}, as in the first point" if len(first) in (2, 3) else "x,y or x,y,z"
-        raise ConfigError(f"{file}, line {line}: expected {wanted}, got {len(row)} values.")
+        wanted = f"{len(first)} values, as in the first point" if len(first) in (2, 3) else "x,y or x,y,z"
+        raise ConfigError(f"{file}, line {line}: expected {wanted}, got {len(row)}.")
     for cell in row:
         if not _is_number(cell) or not abs(float(cell)) <= _FARTHEST:
             raise ConfigError(f"{file}, line {line}: expected a number within +-{_FARTHEST:g} m, got "
@@ -202,10 +202,10 @@ class LookAhead:
 
     The paper takes the farthest point within 25 cm of the spacecraft, or the closest one if none is.
     On a path that crosses itself, closes, or runs beside itself, the farthest point could be one flown
-    long ago or due much later. So the planner remembers each flight's progress, the point it came
-    closest to so far, and looks from there on along the path only: at most the window. "Farthest" is
-    farthest along the path. The original system does the same with a list of which it takes the first
-    60 points.
+    long ago or due much later. So the planner remembers each flight's progress along the path. The
+    progress moves on to the closest point within a window beyond it, and the target is the point
+    farthest along the path within the radius and a window beyond that; neither ever goes back. The
+    original system does the like with a list that it rolls on and of which it sees the first 60 points.
 
     Args:
         path: what to fly along.
@@ -261,17 +261,18 @@ class LookAhead:
             The new progress (N,); the target's index (N,); the velocity command (N, d), m/s, which is
             zero once the end is reached.
         """
-        ahead = self._ahead(progress)
-        distance = np.linalg.norm(self.path.at(ahead) - position[:, None], axis=2)
+        ahead, distance = self._look(position, progress)
         closest = ahead[np.arange(len(ahead)), distance.argmin(axis=1)]
+        ahead, distance = self._look(position, closest)
         farthest = np.where(distance <= self.radius, ahead, -1).max(axis=1)
         target = np.where(farthest >= 0, farthest, closest)
         way = self.path.at(target) - position
-        length = np.linalg.norm(way, axis=1)
-        wanted = np.where(closest < self.end, self.speed, 0.0) / np.maximum(length, 1e-9)
-        return closest, target, way * wanted[:, None]
+        length = np.maximum(np.linalg.norm(way, axis=1), 1e-9)  # on the target itself: no direction, rest
+        wanted = np.where(closest < self.end, self.speed, 0.0)
+        return closest, target, way * (wanted / length)[:, None]
 
-    def _ahead(self, progress: np.ndarray) -> np.ndarray:
-        """Indices (N, window + 1) looked at."""
+    def _look(self, position: np.ndarray, progress: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Indices of the window beyond the progress, and their distances from the position, m."""
         ahead = progress[:, None] + np.arange(self.window + 1)
-        return ahead if self.path.closed else np.minimum(ahead, self.path.last)
+        ahead = ahead if self.path.closed else np.minimum(ahead, self.path.last)
+        return ahead, np.linalg.norm(self.path.at(ahead) - position[:, None], axis=2)

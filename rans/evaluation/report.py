@@ -23,7 +23,6 @@ SOLVED_SHARE = 99.0
 _KEY_METRICS = ("solved", "settling time", "failed", "position error", "attitude error", "duty")
 """Metrics of an evaluation that belong into a summary."""
 
-
 _PROGRESS = (("steps", "environment steps", "{:,}"), ("seconds", "training time", "{:.1f} s"),
              ("success", "episodes solved", "{:.1%}"))
 """Keys of ``metrics.jsonl`` that belong into a summary, what they are and how they are shown."""
@@ -175,13 +174,12 @@ def validation_section(report: Mapping[str, Any]) -> Section:
     title = report.get("title", "Validation")
     findings = [
         Finding(f"{c['name']}: {show(c['value'])} {c['unit']}, tolerance {show(c['tolerance'])}.", False)
-        for c in checks if not c["passed"]
-    ] or [Finding(f"{title}: all {len(checks)} checks within tolerance.", True)]
+        for c in checks if not c["passed"]]
+    findings = findings or [Finding(f"{title}: all {len(checks)} checks within tolerance.", True)]
     text = f"{title}. Every engine must agree with the reference within these tolerances."
-    rows = [[check[key] for key in keys] for check in checks]
-    passed = sum(check["passed"] for check in checks)
-    summary = [("checks within tolerance", f"{passed} of {len(checks)}")]
-    return Section("Validation", text, [Table(columns, rows)], (), findings, summary)
+    rows, passed = [[check[key] for key in keys] for check in checks], sum(c["passed"] for c in checks)
+    return Section("Validation", text, [Table(columns, rows)], (), findings,
+                   [("checks within tolerance", f"{passed} of {len(checks)}")])
 
 
 def training_section(rows: Sequence[Mapping[str, Any]]) -> Section:

@@ -14,12 +14,12 @@ from rans.fast.rollout import Batch
 
 
 class Losses(NamedTuple):
-    """The loss and what it is made of; scalars."""
+    """The loss and what it is made of, by SB3's names; scalars."""
 
     loss: Tensor
-    policy_gradient: Tensor
-    value: Tensor
-    entropy: Tensor
+    policy_gradient_loss: Tensor
+    value_loss: Tensor
+    entropy_loss: Tensor
     approx_kl: Tensor
     """Estimate of the divergence from the policy that collected (Schulman, "Approximating KL
     divergence", 2020)."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import gymnasium
 import torch
@@ -128,6 +128,16 @@ class OnOff(NamedTuple):
     def mode(self) -> Tensor:
         """Most likely action (N, n), zeros and ones in the logits' dtype."""
         return (self.logit > 0).to(self.logit.dtype)
+
+
+def network(layers: Sequence[int] = (64, 64), activation: str = "tanh") -> dict[str, Any]:
+    """SB3's ``policy_kwargs`` for one trunk shared by actor and critic, and Adam in one kernel."""
+    return {
+        "features_extractor_class": NormalisedMlp,
+        "features_extractor_kwargs": {"layers": layers, "activation": activation},
+        "net_arch": [],
+        "optimizer_kwargs": {"fused": True, "eps": 1e-5},
+    }
 
 
 def evaluate(policy: ActorCriticPolicy, observations: Tensor) -> OnOff:

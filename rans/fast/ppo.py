@@ -16,10 +16,12 @@ from rans.errors import ConfigError, NonFiniteState
 from rans.fast.engine import Engine
 from rans.fast.graph import fused, graphed
 from rans.fast.loss import Losses, ppo_loss
-from rans.fast.policy import NormalisedMlp
+from rans.fast.policy import NormalisedMlp, network
 from rans.fast.rollout import Batch, Rollout, minibatches
 from rans.fast.sb3 import SB3VecEnv
 
+_STATISTICS = (*Losses._fields, "grad_norm")
+"""Means over the minibatches of an update, by their names in the log."""
 _LEARNING_RATES = (1e-5, 1e-2)
 """Bounds of the adapted step size."""
 
@@ -28,29 +30,46 @@ class PPO(stable_baselines3.PPO):
     """`stable_baselines3.PPO` with everything between the callbacks replaced.
 
     Constructor, callbacks, logger, ``predict``, ``save`` and ``load`` are SB3's, and what it saves
-    opens with ``stable_baselines3.PPO.load``. The update equals SB3's on the same minibatch;
-    different are: minibatches are whole environments, unshuffled; ``on_step`` callbacks come after
-    each rollout, one a step; ``env`` must be an `SB3VecEnv`. On a GPU, float32 matrix products use
-    TF32, for the whole process.
+    opens with ``stable_baselines3.PPO.load``. The update equals SB3's on the same minibatch. Different
+    are: minibatches are whole environments, unshuffled; callbacks see neither ``infos`` nor ``dones``,
+    and their ``on_step`` come after each rollout, one a step; defaults suit short episodes of many
+    environments. On a GPU, float32 matrix products use TF32, for the whole process.
 
     Args:
         policy: as SB3.
-        env: the batched episodes.
+        env: an `SB3VecEnv`.
+        learning_rate: as SB3; the step size to start with when ``desired_kl`` adapts it.
+        n_steps: as SB3; no longer than an episode.
+        batch_size: as SB3, a multiple of ``n_steps``; by default a quarter of the rollout.
+        n_epochs: as SB3.
+        gamma: as SB3.
+        max_grad_norm: as SB3.
+        policy_kwargs: as SB3; by default `rans.fast.policy.network`.
         desired_kl: divergence a whole iteration should cause; the step size is adapted to it
             between 1e-5 and 1e-2. None: ``learning_rate`` as given.
         reward_scale: factor on every reward, so that values are of order one.
-        **settings: SB3's, with its names and meanings.
+        **settings: SB3's others, with its names and meanings.
 
     Raises:
-        ConfigError: the environment is of another kind, the settings ask for something this trainer
-            does not do, or a rollout is longer than an episode.
+        ConfigError: the environment is of another kind, or the settings ask for something this trainer
+            does not do.
     """
 
-    def __init__(self, policy: Any, env: Any, *, desired_kl: float | None = 0.016,
-                 reward_scale: float = 0.1, _init_setup_model: bool = True, **settings: Any) -> None:
+    def __init__(self, policy: Any, env: Any, learning_rate: Any = 1e-3, n_steps: int = 64,
+                 batch_size: int | None = None, n_epochs: int = 4, gamma: float = 0.98, *,
+                 max_grad_norm: float = 1.0, policy_kwargs: dict[str, Any] | None = None,
+                 desired_kl: float | None = 0.016, reward_scale: float = 0.1,
+                 _init_setup_model: bool = True, **settings: Any) -> None:
         self.desired_kl = desired_kl
         self.reward_scale = reward_scale
-        super().__init__(policy, env, _init_setup_model=False, **settings)
+        if _init_setup_model:  # SB3's `load` sets everything after an empty construction
+            rollout = _engine_of(env).num_envs * n_steps
+            batch_size = batch_size or (rollout // 4 if env.num_envs % 4 == 0 else rollout)
+            _check_sizes(_engine_of(env), n_steps, batch_size)
+        super().__init__(policy, env, learning_rate,  # type: ignore[arg-type]
+                         n_steps, batch_size or n_steps, n_epochs, gamma,
+                         max_grad_norm=max_grad_norm, policy_kwargs=policy_kwargs or network(),
+                         _init_setup_model=False, **settings)
         if _init_setup_model:
             self._setup_model()
 
@@ -59,33 +78,34 @@ class PPO(stable_baselines3.PPO):
         self.rollout_buffer_class = _NoBuffer  # type: ignore[assignment]
         super()._setup_model()
         self.rollout_buffer_class = None  # type: ignore[assignment]
-        if self.env is None:
-            return
-        if not isinstance(self.env, SB3VecEnv):
-            raise ConfigError(
-                f"rans.fast.PPO trains on a rans.fast.SB3VecEnv, got {type(self.env).__name__}; use "
-                "stable_baselines3.PPO for other environments.")
-        self._check_settings(self.env.engine)
-        self._prepare(self.env.engine)
+        self._refuse_unsupported()
+        if self.env is not None:
+            self._prepare(_engine_of(self.env))
 
-    def _check_settings(self, engine: Engine) -> None:
-        if self.n_steps > engine.timing.episode_steps:
-            raise ConfigError(
-                f"n_steps must not exceed the episode's {engine.timing.episode_steps} steps, got "
-                f"{self.n_steps}: an episode may be cut off once a rollout at most.")
-        samples = engine.num_envs * self.n_steps
-        if self.batch_size % self.n_steps or samples % self.batch_size:
-            raise ConfigError(
-                f"batch_size must be a multiple of n_steps = {self.n_steps} that divides n_steps x "
-                f"environments = {samples}, got {self.batch_size}.")
-        for name, unsupported in (("clip_range_vf", self.clip_range_vf), ("use_sde", self.use_sde or None),
-                                  ("target_kl", self.target_kl)):
-            if unsupported is not None:
-                raise ConfigError(f"{name} is not supported by rans.fast.PPO, got {unsupported}; "
-                                  "leave it at its default or use stable_baselines3.PPO.")
+    def set_env(self, env: Any, force_reset: bool = True) -> None:
+        """As SB3."""
+        super().set_env(env, force_reset)
+        self._prepare(_engine_of(env))
+
+    def _refuse_unsupported(self) -> None:
+        clip_range, rate = self.clip_range, self.lr_schedule
+        unsupported = {
+            "clip_range_vf": self.clip_range_vf is not None,
+            "use_sde": self.use_sde,
+            "target_kl": self.target_kl is not None,
+            "a schedule of clip_range": clip_range(0.0) != clip_range(1.0),  # type: ignore[operator]
+            "a schedule of learning_rate with desired_kl":
+                self.desired_kl is not None and rate(0.0) != rate(1.0),
+            "share_features_extractor=False": not self.policy.share_features_extractor,
+        }
+        for name, given in unsupported.items():
+            if given:
+                raise ConfigError(f"{name} is not supported by rans.fast.PPO; leave it at its default or use "
+                                  "stable_baselines3.PPO.")
 
     def _prepare(self, engine: Engine) -> None:
         """Fixed memory and fixed functions of one training iteration."""
+        _check_sizes(engine, self.n_steps, self.batch_size)
         if self.device.type == "cuda":
             torch.set_float32_matmul_precision("high")
         self.policy.to(engine.dtype)
@@ -104,10 +124,11 @@ class PPO(stable_baselines3.PPO):
         return [*super()._excluded_save_params(), "_rollout", "_loss", "collect", "update", "_last_obs",
                 "_last_episode_starts", "rollout_buffer_class"]
 
-    def _setup_learn(self, *args: Any, **kwargs: Any) -> Any:
+    def _setup_learn(self, total_timesteps: int, callback: Any = None, reset_num_timesteps: bool = True,
+                     *args: Any, **kwargs: Any) -> Any:
         """As SB3; new episodes begin at random times, so that they do not all end in one rollout."""
-        fresh = self._last_obs is None
-        result = super()._setup_learn(*args, **kwargs)
+        fresh = reset_num_timesteps or self._last_obs is None
+        result = super()._setup_learn(total_timesteps, callback, reset_num_timesteps, *args, **kwargs)
         if fresh:
             self.start()
         return result
@@ -161,7 +182,7 @@ class PPO(stable_baselines3.PPO):
         parts = minibatches(batch, count)
         losses = [self._descend(part) for _ in range(self.n_epochs) for part in parts]
         mean = torch.stack([torch.stack(x) for x in losses]).mean(dim=0)
-        self._adapt(mean[Losses._fields.index("approx_kl")])
+        self._adapt(mean[_STATISTICS.index("approx_kl")])
         extractor = self.policy.features_extractor
         if isinstance(extractor, NormalisedMlp):
             extractor.update_statistics(batch.observation.flatten(0, 1))
@@ -174,9 +195,9 @@ class PPO(stable_baselines3.PPO):
                           self.normalize_advantage)
         optimizer.zero_grad()
         losses.loss.backward()
-        nn.utils.clip_grad_norm_(self.policy.parameters(), self.max_grad_norm)
+        norm = nn.utils.clip_grad_norm_(self.policy.parameters(), self.max_grad_norm)
         optimizer.step()
-        return [x.detach() for x in losses]
+        return [x.detach() for x in (*losses, norm)]
 
     def _adapt(self, kl: Tensor) -> None:
         """Steps too far for the desired divergence get shorter, too short ones longer."""
@@ -191,11 +212,11 @@ class PPO(stable_baselines3.PPO):
         """Hand the iteration's statistics to SB3's logger.
 
         Raises:
-            NonFiniteState: a loss is NaN or infinite.
+            NonFiniteState: a loss or a gradient is NaN or infinite.
         """
         engine = self.env.engine  # type: ignore[union-attr]
-        losses = dict(zip(Losses._fields, statistics, strict=False))
-        truncated, ended, reached, *terms = statistics[len(Losses._fields):]
+        losses = dict(zip(_STATISTICS, statistics, strict=False))
+        truncated, ended, reached, *terms = statistics[len(_STATISTICS):]
         if not all(abs(x) < float("inf") for x in statistics):
             raise NonFiniteState(
                 f"training produced a value that is not finite after {self.num_timesteps} steps "
@@ -204,10 +225,30 @@ class PPO(stable_baselines3.PPO):
             self.logger.record(f"train/{name}", value)
         self.logger.record("train/learning_rate", float(self.policy.optimizer.param_groups[0]["lr"]))
         if ended:
-            self.logger.record("rollout/success", reached / ended)
-            self.logger.record("rollout/failed", 1 - truncated / ended)
+            self.logger.record("rollout/success_rate", reached / ended)
+            self.logger.record("rollout/failure_rate", 1 - truncated / ended)
         for name, mean in zip(engine.term_names, terms, strict=True):
             self.logger.record(f"return/{name}", mean * engine.timing.episode_steps)
+
+
+def _engine_of(env: Any) -> Engine:
+    if not isinstance(env, SB3VecEnv):
+        raise ConfigError(
+            f"rans.fast.PPO trains on a rans.fast.SB3VecEnv, got {type(env).__name__}; use "
+            "stable_baselines3.PPO for other environments.")
+    return env.engine
+
+
+def _check_sizes(engine: Engine, n_steps: int, batch_size: int) -> None:
+    if n_steps > engine.timing.episode_steps:
+        raise ConfigError(
+            f"n_steps must not exceed the episode's {engine.timing.episode_steps} steps, got {n_steps}: an "
+            "episode may be cut off once a rollout at most.")
+    samples = engine.num_envs * n_steps
+    if batch_size % n_steps or samples % batch_size:
+        raise ConfigError(
+            f"batch_size must be a multiple of n_steps = {n_steps} that divides n_steps x environments = "
+            f"{samples}, got {batch_size}.")
 
 
 class _NoBuffer(RolloutBuffer):

@@ -40,7 +40,8 @@ class Selection:
         """Share of episodes that keep within all tolerances at every step of the last fifth.
 
         Returns:
-            The share, and the mean errors over the last fifth by name.
+            The share, and the mean errors by name of the states acted in over the last fifth. An episode
+            that fails counts as not kept, and the one that follows it enters the means.
         """
         share, *errors = self._flight().tolist()
         return share, dict(zip(self._engine.errors(), errors, strict=True))

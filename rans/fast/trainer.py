@@ -14,7 +14,7 @@ from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
 from rans.errors import ConfigError, NonFiniteState
 from rans.fast.config import PPOSettings, TrainConfig
 from rans.fast.engine import Engine
-from rans.fast.policy import NormalisedMlp
+from rans.fast.policy import network
 from rans.fast.ppo import PPO
 from rans.fast.run_folder import RunFolder
 from rans.fast.sb3 import SB3VecEnv
@@ -50,7 +50,7 @@ class Trainer:
         self.selection = Selection(self.model.policy, craft, config.settings, config.timing, config.device)
         self._solved_in_a_row = 0
         self._reported = (0, 0.0)
-        # Opened with the first row, so that a start that fails leaves no empty event file.
+        # Opened by `train`, so that a start that fails leaves no empty event file.
         self._logger: Logger | None = None
 
     @property
@@ -192,12 +192,7 @@ def make_ppo(engine: Engine, settings: PPOSettings, seed: int) -> PPO:
     del given["n_envs"]
     return PPO(
         "MlpPolicy", SB3VecEnv(engine), seed=seed, device=engine.device, **given,
-        policy_kwargs={
-            "features_extractor_class": NormalisedMlp,
-            "features_extractor_kwargs": {"layers": layers, "activation": activation},
-            "net_arch": [],
-            "optimizer_kwargs": {"fused": True, "eps": 1e-5},
-        },
+        policy_kwargs=network(layers, activation),
     )
 
 

@@ -6,7 +6,8 @@ the goal set. docs/certificate.md proves it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -20,28 +21,38 @@ _EPSILON = float(np.finfo(np.float64).eps)
 
 
 @dataclass(frozen=True)
-class Windows:
-    """The heading indices low <= a < high that are looked at, per period and spin."""
+class Branch:
+    """A part of the paths: heading indices low <= a < high per period and spin, and patterns per period."""
 
     low: np.ndarray
     """(N + 1, spins) whole numbers, counted from the array's start."""
     high: np.ndarray
+    patterns: np.ndarray
+    """(N, P) whether a pattern may be used."""
 
-    def at_most(self, k: int, a: int) -> Windows:
+    def at_most(self, k: int, a: int) -> Branch:
         """Those paths whose heading index at period k does not exceed a."""
         high = self.high.copy()
         high[k] = np.maximum(self.low[k], np.minimum(high[k], a + 1))
-        return Windows(self.low, high)
+        return replace(self, high=high)
 
-    def above(self, k: int, a: int) -> Windows:
+    def above(self, k: int, a: int) -> Branch:
         """The other paths."""
         low = self.low.copy()
         low[k] = np.minimum(self.high[k], np.maximum(low[k], a + 1))
-        return Windows(low, self.high)
+        return replace(self, low=low)
 
-    def points(self) -> int:
-        """How many points of the lattice they hold."""
-        return int((self.high - self.low).sum())
+    def using(self, k: int, patterns: np.ndarray) -> Branch:
+        """Those paths that use one of these patterns, (P,) of truth values, in period k."""
+        allowed = self.patterns.copy()
+        allowed[k] &= patterns
+        return replace(self, patterns=allowed)
+
+    def range(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lowest and highest index per period, (N + 1,) each; lowest above highest where none is left."""
+        some = self.high > self.low
+        lowest = np.where(some, self.low, np.iinfo(np.int64).max).min(axis=1)
+        return lowest, np.where(some, self.high - 1, -1).max(axis=1)
 
 
 @dataclass(frozen=True)
@@ -49,7 +60,7 @@ class Bound:
     """What one costate proves."""
 
     value: float
-    """No path within the windows costs less; rounding is subtracted. N s, or m/s where fuel is free."""
+    """No path of the branch costs less; rounding is subtracted. N s, or m/s where fuel is free."""
     gradient: np.ndarray
     """(4,) a supergradient with respect to the costate."""
     costate: np.ndarray
@@ -103,8 +114,9 @@ class Relaxation:
         self._shape = (steps + 1, 2 * self._reach + 1, 2 * self._origin + 1)
         n = np.arange(-self._reach, self._reach + 1)
         inside = np.abs(n) <= limits[:, None]
-        self.windows = Windows(np.where(inside, self._origin - widest[:, None], 0),
-                               np.where(inside, self._origin + widest[:, None] + 1, 0))
+        self.everything = Branch(np.where(inside, self._origin - widest[:, None], 0),
+                                 np.where(inside, self._origin + widest[:, None] + 1, 0),
+                                 np.ones((steps, len(lattice.patterns.torque)), dtype=bool))
         angle = self.start.attitude.angle + self.start.w * h * np.arange(steps)[:, None]
         self._base = np.exp(1j * (angle + 0.5 * lattice.spin * h * n))
         self._turned = lattice.spin * h * (np.arange(self._shape[2]) - self._origin)
@@ -127,7 +139,7 @@ class Relaxation:
         """Bytes of the two tables of values."""
         return self._before.nbytes + self._after.nbytes
 
-    def _arguments(self, costate: np.ndarray, windows: Windows) -> tuple[Any, ...]:
+    def _arguments(self, costate: np.ndarray, branch: Branch) -> tuple[Any, ...]:
         velocity, position = complex(*costate[:2]), complex(*costate[2:])
         left = (self.steps - np.arange(self.steps)) * self.lattice.period
         first, second = self._responses
@@ -135,14 +147,15 @@ class Relaxation:
         patterns = self.lattice.patterns
         return (self.fuel * self.lattice.period, self._base[:, :, None] * pull / self.lattice.craft.mass,
                 self._cosine, self._sine, patterns.thrust, patterns.force, self._firsts,
-                int(self.lattice.torque_range[0]), self._reach, self._origin, windows.low, windows.high)
+                int(self.lattice.torque_range[0]), self._reach, self._origin, branch.low, branch.high,
+                branch.patterns)
 
-    def bound(self, costate: np.ndarray, windows: Windows) -> Bound:
-        """The dual function: its value is infinite where the windows hold no path."""
-        arguments = self._arguments(costate, windows)
+    def bound(self, costate: np.ndarray, branch: Branch) -> Bound:
+        """The dual function: its value is infinite where the branch holds no path."""
+        arguments = self._arguments(costate, branch)
         self._kernel.backward(*arguments, self._after)
-        constant, slope = self._constant(costate)
-        inside = windows.low[0, self._reach] <= self._origin < windows.high[0, self._reach]
+        constant, slope = self.constant(costate)
+        inside = branch.low[0, self._reach] <= self._origin < branch.high[0, self._reach]
         inner = self._after[0, self._reach, self._origin] if inside else np.inf
         if not np.isfinite(inner):
             return Bound(np.inf, np.zeros(4), costate, np.zeros(0, dtype=int))
@@ -151,24 +164,35 @@ class Relaxation:
         effect = np.array([gained.real, gained.imag, moved.real, moved.imag])
         return Bound(constant + inner - self.margin(costate), slope + effect, costate, path)
 
-    def shrunk(self, costate: np.ndarray, windows: Windows, limit: float) -> Windows:
-        """Windows without points through which every path costs more than the limit.
+    def reachable(self) -> Branch:
+        """All paths that end in the goal attitude within the cap."""
+        return self.shrunk(np.zeros(4), self.everything, 0.0 if self.cap is None else self.cap * self.fuel)
+
+    def shrunk(self, costate: np.ndarray, branch: Branch, limit: float) -> Branch:
+        """The branch without points through which every path's value exceeds the limit.
 
         Args:
             costate: any; the better, the more is dropped.
-            windows: within which `bound` was last asked for this costate.
+            branch: to shrink.
             limit: of the relaxation's value.
         """
-        arguments = self._arguments(costate, windows)
+        arguments = self._arguments(costate, branch)
+        self._kernel.backward(*arguments, self._after)
         self._kernel.forward(*arguments, self._before)
-        limit = limit - self._constant(costate)[0] + 2.0 * self.margin(costate)
-        return Windows(*self._kernel.shrink(self._before, self._after, limit, windows.low, windows.high))
+        limit = limit - self.constant(costate)[0] + self.margin(costate)
+        low, high = self._kernel.shrink(self._before, self._after, limit, branch.low, branch.high)
+        return replace(branch, low=low, high=high)
 
-    def _constant(self, costate: np.ndarray) -> tuple[float, np.ndarray]:
+    @cached_property
+    def miss(self) -> np.ndarray:
+        """(4,) final velocity (x, y) and position (x, y) without any thrust, from the goal's."""
+        start, goal = self.start, self.goal
+        way = start.p + start.v.scale(self.steps * self.lattice.period) - goal.p
+        return np.array([start.v.x - goal.v.x, start.v.y - goal.v.y, way.x, way.y])
+
+    def constant(self, costate: np.ndarray) -> tuple[float, np.ndarray]:
         """What the dual function has besides the inner minimum, and its supergradient."""
-        start, goal, time = self.start, self.goal, self.steps * self.lattice.period
-        drift = start.p + start.v.scale(time) - goal.p
-        miss = np.array([start.v.x - goal.v.x, start.v.y - goal.v.y, drift.x, drift.y])
+        miss = self.miss
         value, slope = float(costate @ miss), miss.copy()
         for part, radius in ((slice(0, 2), self.goal_set.velocity), (slice(2, 4), self.goal_set.position)):
             size = float(np.linalg.norm(costate[part]))
@@ -180,6 +204,17 @@ class Relaxation:
         """Spin and heading indices n_k and a_k of a path of patterns, (N + 1,) each."""
         n = np.concatenate([[0], np.cumsum(self.lattice.patterns.torque[path])])
         return n, np.concatenate([[0], np.cumsum(n[:-1])])
+
+    def heading_indices(self, path: np.ndarray) -> np.ndarray:
+        """(N + 1,) indices of a path, as branches count them."""
+        return self.points(path)[1] + self._origin
+
+    def inside(self, path: np.ndarray, branch: Branch) -> bool:
+        """Whether a path belongs to the branch."""
+        n, a = self.points(path)
+        k, i, a = np.arange(self.steps + 1), n + self._reach, a + self._origin
+        return bool(np.all((branch.low[k, i] <= a) & (a < branch.high[k, i]))
+                    and branch.patterns[k[:-1], path].all())
 
     def effects(self, path: np.ndarray, patterns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Final velocity and position that patterns would add along the attitudes of a path.
@@ -216,7 +251,7 @@ class Relaxation:
         stage = h * sum(thruster.force for thruster in craft.thrusters) * (self.fuel + pull)
         angle = (abs(self.start.attitude.angle) + abs(self.start.w) * time
                  + self.lattice.spin * h * (self._origin + self._reach))
-        miss = float(np.abs(costate) @ np.abs(self._constant(np.zeros(4))[1]))
+        miss = float(np.abs(costate) @ np.abs(self.miss))
         relative = _EPSILON * (64.0 + 8.0 * angle + 2.0 * self.steps) + self.lattice.drift(self.steps)
         return self.steps * stage * relative + 16.0 * _EPSILON * miss
 

@@ -11,20 +11,22 @@ from numba import njit
 
 
 @njit(nogil=True)
-def price_row(prices, turn, cosine, sine, thrust, force, first, last, begin, end, row):  # noqa: ANN001, ANN201
+def price_row(price, turn, cosine, sine, thrust, force, first, last, allowed, begin, end, row):  # noqa: ANN001, ANN201
     """Write the cheapest pattern of one net torque for all headings of one spin into ``row``."""
     for a in range(begin, end):
         row[a] = np.inf
     for p in range(first, last):
+        if not allowed[p]:
+            continue
         c = turn * force[p]
-        real, imaginary, fuel = c.real, c.imag, prices * thrust[p]
+        real, imaginary, fuel = c.real, c.imag, price * thrust[p]
         for a in range(begin, end):
             cost = fuel + (real * cosine[a] - imaginary * sine[a])
             row[a] = cost if cost < row[a] else row[a]
 
 
 @njit(nogil=True)
-def backward(fuel, turns, cosine, sine, thrust, force, firsts, least, reach, origin, low, high, value):  # noqa: ANN001, ANN201, E501
+def backward(fuel, turns, cosine, sine, thrust, force, firsts, least, reach, origin, low, high, allowed, value):  # noqa: ANN001, ANN201, E501
     """Least cost from every point to the end; ``value`` (N + 1, spins, headings), its end given.
 
     Args:
@@ -40,6 +42,7 @@ def backward(fuel, turns, cosine, sine, thrust, force, firsts, least, reach, ori
         origin: a = index - origin; not needed as a changes by n.
         low: see above.
         high: see above.
+        allowed: (N, P) the patterns that may be used.
         value: filled for k < N.
     """
     steps, spins = turns.shape[0], turns.shape[1]
@@ -58,14 +61,14 @@ def backward(fuel, turns, cosine, sine, thrust, force, firsts, least, reach, ori
                 if begin >= end:
                     continue
                 price_row(fuel, turns[k, i, t], cosine, sine, thrust, force, firsts[t], firsts[t + 1],
-                          begin, end, row)
+                          allowed[k], begin, end, row)
                 for a in range(begin, end):
                     cost = row[a] + value[k + 1, j, a + n]
                     value[k, i, a] = cost if cost < value[k, i, a] else value[k, i, a]
 
 
 @njit(nogil=True)
-def forward(fuel, turns, cosine, sine, thrust, force, firsts, least, reach, origin, low, high, value):  # noqa: ANN001, ANN201, E501
+def forward(fuel, turns, cosine, sine, thrust, force, firsts, least, reach, origin, low, high, allowed, value):  # noqa: ANN001, ANN201, E501
     """Least cost from the start to every point: as `backward`, but ``value`` at k = 0 is given."""
     steps, spins = turns.shape[0], turns.shape[1]
     row = np.empty(value.shape[2])
@@ -84,14 +87,14 @@ def forward(fuel, turns, cosine, sine, thrust, force, firsts, least, reach, orig
                 if begin >= end:
                     continue
                 price_row(fuel, turns[k, i, t], cosine, sine, thrust, force, firsts[t], firsts[t + 1],
-                          begin, end, row)
+                          allowed[k], begin, end, row)
                 for a in range(begin, end):
                     cost = row[a] + value[k, i, a]
                     value[k + 1, j, a + n] = cost if cost < value[k + 1, j, a + n] else value[k + 1, j, a + n]
 
 
 @njit(nogil=True)
-def trace(fuel, turns, cosine, sine, thrust, force, firsts, least, reach, origin, low, high, value):  # noqa: ANN001, ANN201, E501
+def trace(fuel, turns, cosine, sine, thrust, force, firsts, least, reach, origin, low, high, allowed, value):  # noqa: ANN001, ANN201, E501
     """The cheapest patterns from n = a = 0 on, by the values of `backward`: (N,) indices."""
     steps, spins = turns.shape[0], turns.shape[1]
     chosen = np.zeros(steps, dtype=np.int64)
@@ -103,6 +106,8 @@ def trace(fuel, turns, cosine, sine, thrust, force, firsts, least, reach, origin
             if j < 0 or j >= spins or a + n < low[k + 1, j] or a + n >= high[k + 1, j]:
                 continue
             for p in range(firsts[t], firsts[t + 1]):
+                if not allowed[k, p]:
+                    continue
                 c = turns[k, i, t] * force[p]
                 cost = fuel * thrust[p] + (c.real * cosine[a] - c.imag * sine[a])
                 cost += value[k + 1, j, a + n]

@@ -39,7 +39,7 @@ class TrackVelocity:
     """Weight of the reward for not spinning; a larger one forbids the turns told above."""
     stillness_scale: float = 0.25
     """Angular speed at which the stillness reward has fallen to 1/e, rad/s."""
-    thrust_weight: float = 0.01
+    thrust_weight: float = 0.02
     """Reward lost per step and fully open thruster."""
     velocity_tolerance: float = 0.05
     """Velocity error that counts as reached, m/s."""

@@ -166,8 +166,8 @@ def stopped(process: subprocess.Popen[str], number: int) -> str:
     assert first.startswith("training: "), first + process.stderr.read()
     process.send_signal(number)
     asked = time.monotonic()
-    out, errors = process.communicate(timeout=30)
-    assert time.monotonic() - asked < 8  # a busy machine draws the learning curve in 3
+    out, errors = process.communicate(timeout=60)
+    assert time.monotonic() - asked < 20  # 2 s, most of it the picture; tests share the machine
     assert process.returncode == 130
     assert "Traceback" not in errors
     return out

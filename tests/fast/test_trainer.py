@@ -174,7 +174,7 @@ def test_what_a_run_holds(tmp_path: Path) -> None:
     rate = 1024 / (rows[1]["seconds"] - rows[0]["seconds"])
     assert rows[1]["steps_per_s"] == pytest.approx(rate, rel=0.1)  # seconds are rounded to milliseconds
     for key in ("success", "error/position", "error/attitude", "return/position", "return/thrust",
-                "train/loss", "rollout/success"):
+                "train/loss", "rollout/success_rate"):
         assert np.isfinite(rows[1][key]), key
     names = {file.name for file in (tmp_path / "run").iterdir()}
     assert names == {"config.json", "spacecraft.toml", "metrics.jsonl", "checkpoint.pt", "policy.zip",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 
-import validation.dynamics
+import validation.study
 from rans.cli import main
 from validation.checks import Check, Report
 
@@ -25,7 +25,7 @@ def test_quick_validation_passes_and_is_written(tmp_path, capsys) -> None:
 def test_a_failed_check_ends_with_code_1(monkeypatch, capsys) -> None:
     broken = Check("way flown", 1.0, 1e-9, "m", "Planted.")
     report = Report("broken", (broken,), {"seconds": 0.0})
-    monkeypatch.setattr(validation.dynamics, "study", lambda *_: report)
+    monkeypatch.setattr(validation.study, "study", lambda *_: report)
     assert main(["validate"]) == 1
     assert "FAIL" in capsys.readouterr().out
 

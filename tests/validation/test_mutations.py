@@ -16,11 +16,14 @@ import numpy as np
 import pytest
 
 import rans.dynamics
-import rans.fields
 import rans.flight
+import validation.dynamics
+import validation.flights
+import validation.oracles
 import validation.sampling
 from rans.dynamics import MassProperties, PlanarState, Wrench
-from rans.fields import Heading, Quat, Vec2, Vec3
+from rans.fields import Heading, Quat, Vec3
+from rans.reference.plant import Plant
 from rans.spacecraft import Spacecraft
 from tests.crafts import nasty_planar, nasty_spatial
 from validation.checks import Check
@@ -62,13 +65,15 @@ def swapped_thrusters(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def thrusters_about_the_frame_not_the_centre_of_mass(monkeypatch: pytest.MonkeyPatch) -> None:
-    def wrench_about_frame(craft: Spacecraft, thruster: Any) -> tuple[float, ...]:
-        force = np.array(thruster.direction) * thruster.force
-        torque = np.cross(thruster.position, force)
-        parts = (*force[:2], torque[2]) if craft.dimension == 2 else (*force, *torque)
-        return tuple(float(x) for x in parts)
+    true = Spacecraft.wrench_map.func  # type: ignore[attr-defined]
 
-    monkeypatch.setattr(Spacecraft, "_wrench", wrench_about_frame)
+    def about_frame(craft: Spacecraft) -> Any:
+        forces = np.array([np.array(t.direction) * t.force for t in craft.thrusters])
+        shift = np.cross(craft.centre_of_mass, forces)
+        extra = shift if craft.dimension == 3 else shift[:, 2:]
+        return tuple(map(tuple, np.array(true(craft)) + np.pad(extra, ((0, 0), (craft.dimension, 0)))))
+
+    monkeypatch.setattr(Spacecraft, "wrench_map", property(about_frame))
 
 
 def degrees_for_radians(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -177,7 +182,7 @@ def velocity_before_the_step(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def coarse_quadrature(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(rans.dynamics._RULES, rans.dynamics.NODES, rans.dynamics._RULES[3])
+    monkeypatch.setitem(rans.dynamics._RULES, rans.dynamics.NODES, rans.dynamics._RULES[2])
 
 
 def stale_command(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -256,8 +261,6 @@ def test_nothing_planted_nothing_found(craft: Spacecraft) -> None:
 ], ids=["mass", "centre of mass", "force"])
 def test_a_millionth_is_enough(change: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
     """Drake flies a spacecraft that differs from ours by next to nothing."""
-    from rans.reference.plant import Plant
-
     def other(craft: Spacecraft, *arguments: Any) -> Plant:
         return Plant(replace(craft, **change), *arguments)
 

@@ -1,0 +1,69 @@
+"""``rans follow`` from a run folder to files; how well an agent follows is no concern of these tests."""
+
+from __future__ import annotations
+
+import json
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from rans.cli.follow import Follow
+from rans.errors import ConfigError
+from rans.evaluation.agent import load_agent
+from rans.tasks import GoToPose, TrackVelocity
+from tests.fast.training import CONFIG, tiny_trainer
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An agent that has learnt nothing yet."""
+    config = replace(CONFIG, task="track-velocity", settings=TrackVelocity(), total_timesteps=128)
+    trainer = tiny_trainer(tmp_path_factory.mktemp("runs") / "tracker", config)
+    trainer.save()
+    return trainer.run.path
+
+
+def test_writes_table_numbers_and_figure(run: Path, tmp_path: Path,
+                                         capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "corner.csv"
+    file.write_text("x,y\n0,0\n1,0\n1,1\n")
+    assert Follow(run, str(file), speed=0.5, flights=3).run() == 0
+    printed = capsys.readouterr().out
+    assert "cross-track RMS" in printed
+    assert str(run / "follow-corner.json") in printed.replace("\n", "")
+    numbers = json.loads((run / "follow-corner.json").read_text())
+    assert (numbers["speed"], numbers["look_ahead"], numbers["length"]) == (0.5, 0.25, pytest.approx(2.0))
+    assert all(len(row["flights"]) == 3 for row in numbers["quantities"])
+    assert ET.parse(run / "follow-corner.svg").getroot().tag.endswith("svg")
+
+
+def test_the_same_seed_gives_the_same_flights(run: Path) -> None:
+    results = []
+    for seed in (1, 1, 2):
+        assert Follow(run, "circle", speed=0.7, flights=2, seed=seed).run() == 0
+        results.append(json.loads((run / "follow-circle.json").read_text())["quantities"])
+    assert results[0] == results[1] != results[2]
+
+
+def test_an_agent_of_another_task_is_refused(tmp_path: Path) -> None:
+    trainer = tiny_trainer(tmp_path / "poser", replace(CONFIG, settings=GoToPose(), total_timesteps=128))
+    trainer.save()
+    assert isinstance(load_agent(trainer.run.path).task, GoToPose)
+    with pytest.raises(ConfigError, match="only an agent trained for track-velocity .* but poser was"):
+        Follow(trainer.run.path).run()
+
+
+@pytest.mark.parametrize(("wrong", "said"), [
+    ({"path": "cirle"}, "no path named 'cirle'"),
+    ({"path": "nowhere.csv"}, "cannot read nowhere.csv"),
+    ({"speed": -1.0}, "the speed must be"),
+    ({"speed": 2.0}, "the speed must be at most the 0.75 m/s"),
+    ({"look_ahead": 0.0}, "the look-ahead must be"),
+    ({"flights": 0}, "--flights must be at least 1, got 0"),
+    ({"path": "helix"}, "the path helix is spatial"),
+])
+def test_a_wrong_option_is_a_sentence(wrong: dict[str, object], said: str, run: Path) -> None:
+    with pytest.raises(ConfigError, match=said):
+        replace(Follow(run), **wrong).run()  # type: ignore[arg-type]

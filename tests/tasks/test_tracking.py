@@ -1,0 +1,137 @@
+"""The tracking tasks by hand: states whose every number can be checked on paper."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rans.dynamics import MassProperties, PlanarState, SpatialState, advance, wrench
+from rans.errors import ConfigError
+from rans.fields import Heading, Quat, Vec2, Vec3
+from rans.flight import scenarios
+from rans.spacecraft_file import load_spacecraft
+from rans.tasks import TrackTwist, TrackVelocity, TrackVelocityHeading, observation, reached
+
+HALF = math.sqrt(0.5)
+
+PLANAR = PlanarState(Vec2(7.0, -9.0), Heading(math.pi / 2), Vec2(0.1, 0.2), -0.5)
+"""Far from the origin, which is nobody's concern; facing +y."""
+PLANAR_GOAL = PlanarState(Vec2(0.0, 0.0), Heading(2 * math.pi / 3), Vec2(0.4, -0.2), 0.25)
+"""0.5 m/s away (3-4-5), 30 degrees to the left, 0.75 rad/s faster."""
+
+SPATIAL = SpatialState(Vec3(9.0, 9.0, 9.0), Quat(HALF, 0.0, 0.0, HALF), Vec3(0.1, 0.2, 0.3),
+                       Vec3(-0.1, 0.4, 0.5))
+"""A quarter turn about z."""
+SPATIAL_GOAL = SpatialState(Vec3(0.0, 0.0, 0.0), Quat(HALF, HALF, 0.0, 0.0), Vec3(0.2, 0.0, 0.1),
+                            Vec3(0.1, 0.5, 0.3))
+"""0.3 m/s away (1-2-2), a quarter turn about x instead, 0.3 rad/s away (2-1-2)."""
+
+
+@pytest.mark.parametrize(("task", "data"), [
+    (TrackVelocity(), [2, 0.3, -0.4, 0, 0]),
+    (TrackTwist(), [3, 0.3, -0.4, 0.75, 0]),
+    (TrackVelocityHeading(), [4, 0.3, -0.4, math.sqrt(3) / 2, 0.5]),
+])
+def test_planar_observation(task: Any, data: list[float]) -> None:
+    """cos, sin heading, v, w, then flag and task data (paper, Table 1)."""
+    assert observation(task, PLANAR, PLANAR_GOAL) == pytest.approx([0, 1, 0.1, 0.2, -0.5, *data], abs=1e-15)
+
+
+@pytest.mark.parametrize(("task", "data"), [
+    (TrackVelocity(), [2, 0.1, -0.2, -0.2, 0, 0, 0, 0, 0, 0]),
+    (TrackTwist(), [3, 0.1, -0.2, -0.2, 0.2, 0.1, -0.2, 0, 0, 0]),
+    # R^T R_goal = [[0,-1,0],[1,0,0],[0,0,1]]^T [[1,0,0],[0,0,-1],[0,1,0]], its first two rows
+    (TrackVelocityHeading(), [4, 0.1, -0.2, -0.2, 0, 0, -1, -1, 0, 0]),
+])
+def test_spatial_observation(task: Any, data: list[float]) -> None:
+    body = [0, -1, 0, 1, 0, 0, 0.1, 0.2, 0.3, -0.1, 0.4, 0.5]
+    assert observation(task, SPATIAL, SPATIAL_GOAL) == pytest.approx([*body, *data], abs=1e-15)
+
+
+@pytest.mark.parametrize(("task", "planar", "spatial"), [
+    (TrackVelocity(), {"velocity": 0.5, "spin": 0.5}, {"velocity": 0.3, "spin": math.sqrt(0.42)}),
+    (TrackTwist(), {"velocity": 0.5, "spin": 0.75}, {"velocity": 0.3, "spin": 0.3}),
+    # the trace of R^T R_goal is 0 = 1 + 2 cos(angle): a third of a turn
+    (TrackVelocityHeading(), {"velocity": 0.5, "attitude": math.pi / 6},
+     {"velocity": 0.3, "attitude": 2 * math.pi / 3}),
+])
+def test_errors(task: Any, planar: dict[str, float], spatial: dict[str, float]) -> None:
+    assert task.errors(PLANAR, PLANAR_GOAL) == pytest.approx(planar)
+    assert task.errors(SPATIAL, SPATIAL_GOAL) == pytest.approx(spatial)
+
+
+@pytest.mark.parametrize(("task", "expected"), [
+    # exp(-0.5 / 0.25) = 0.1353353, exp(-0.5 / 0.1) = 0.0067379, both for velocity; 2 * 0.1353353
+    (TrackVelocity(fine_scale=0.1, fine_weight=1.0, stillness_weight=2.0, thrust_weight=0.1),
+     {"velocity": 0.1353353, "fine": 0.0067379, "stillness": 0.2706706, "thrust": -0.2}),
+    # exp(-0.75 / 0.25) = 0.0497871
+    (TrackTwist(fine_scale=0.1, fine_weight=1.0, thrust_weight=0.1),
+     {"velocity": 0.1353353, "spin": 0.0497871, "fine": 0.0067379, "thrust": -0.2}),
+    # exp(-(pi / 6) / 0.25) = 0.1231447, exp(-pi / 6) / 2 = 0.2961925
+    (TrackVelocityHeading(fine_scale=0.1, fine_weight=1.0, thrust_weight=0.1),
+     {"velocity": 0.1353353, "attitude": 0.1231447, "fine": 0.0067379, "turn": 0.2961925,
+      "thrust": -0.2}),
+])
+def test_reward(task: Any, expected: dict[str, float]) -> None:
+    assert task.reward(PLANAR, PLANAR_GOAL, (1.0, 0.0, 1.0)) == pytest.approx(expected, abs=1e-7)
+
+
+def test_a_twist_is_reached_with_both_velocities() -> None:
+    task = TrackTwist(velocity_tolerance=0.1, spin_tolerance=0.3)
+    for dv, dw, expected in ((0.09, 0.29, True), (0.11, 0.0, False), (0.0, -0.31, False)):
+        goal = PlanarState(PLANAR.p, PLANAR.attitude, PLANAR.v + Vec2(0.0, dv), PLANAR.w + dw)
+        assert bool(reached(task, PLANAR, goal)) is expected
+
+
+@pytest.mark.parametrize("task", [TrackVelocity(), TrackTwist(), TrackVelocityHeading()])
+def test_fails_beyond_6_rad_per_s_wherever_it_is(task: Any) -> None:
+    for spin, expected in ((5.9, False), (-6.1, True)):
+        state = PlanarState(Vec2(1e6, 0.0), Heading(0.0), Vec2(30.0, 0.0), spin)
+        assert bool(task.failed(state, PLANAR_GOAL)) is expected
+    for spin, expected in ((Vec3(3.0, -3.0, 4.0), False), (Vec3(4.0, -3.0, 4.0), True)):  # 5.83, 6.40
+        state = SpatialState(SPATIAL.p, SPATIAL.attitude, SPATIAL.v, spin)
+        assert bool(task.failed(state, SPATIAL_GOAL)) is expected
+
+
+@pytest.mark.parametrize("craft", ["floating-platform", "free-flyer"])
+def test_target_spins_fill_their_range(craft: str) -> None:
+    """Either way or about any axis, up to the highest rate, with the rate itself uniform."""
+    goals = scenarios(TrackTwist(target_spin=0.4), load_spacecraft(craft), seed=1, count=4000).goal
+    spin = np.stack(goals.spin())
+    rate = np.linalg.norm(spin, axis=0)
+    assert rate.max() <= 0.4
+    # the mean of 4000 draws within [0, 0.4] has a standard deviation of 0.4 / sqrt(12 * 4000) = 0.002;
+    # that of a component within +-0.4 at most 0.004: five of them
+    assert rate.mean() == pytest.approx(0.2, abs=0.01)
+    np.testing.assert_allclose(spin.mean(axis=1), 0.0, atol=0.02)
+
+
+@pytest.mark.parametrize("craft", ["floating-platform", "free-flyer"])
+def test_one_nozzle_changes_the_spin_by_what_the_task_says(craft: str) -> None:
+    """1 N * 0.31 m * 0.2 s / 0.2045008 kg m^2 = 0.3032 rad/s, whichever nozzle it is."""
+    ship = load_spacecraft(craft)
+    rest: Any = scenarios(TrackTwist(), ship, seed=0, count=1).start
+    for nozzle in range(len(ship.thrusters)):
+        command = tuple(np.array([float(k == nozzle)]) for k in range(len(ship.thrusters)))
+        after = advance(rest, wrench(ship, command), MassProperties.of(ship), 0.2, 3)
+        assert np.linalg.norm(after.spin()) == pytest.approx(0.3032, abs=5e-5)
+
+
+def test_pairs_that_do_not_turn_change_the_velocity_by_what_the_task_says() -> None:
+    """Nozzles 0 and 7 push along +x: 2 * 1 N * cos 45 deg * 0.2 s / 5.32 kg = 0.0532 m/s."""
+    ship = load_spacecraft("floating-platform")
+    rest = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
+    command = [float(k in (0, 7)) for k in range(8)]
+    after = advance(rest, wrench(ship, command), MassProperties.of(ship), 0.2)
+    assert (after.v.x, after.v.y, after.w) == pytest.approx((0.0532, 0.0, 0.0), abs=5e-5)
+
+
+@pytest.mark.parametrize("task", [TrackVelocity, TrackTwist, TrackVelocityHeading])
+def test_settings_are_checked(task: type) -> None:
+    with pytest.raises(ConfigError, match=r"target_speed must be a range \(low, high\), got \(0.5, 0.1\)"):
+        task(target_speed=(0.5, 0.1))
+    with pytest.raises(ConfigError, match=r"velocity_tolerance must be > 0, got 0"):
+        task(velocity_tolerance=0)

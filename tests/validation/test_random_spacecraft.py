@@ -1,0 +1,68 @@
+"""Any spacecraft, through every layer that looks at single moments and periods.
+
+Hypothesis shrinks a failure to the simplest spacecraft that shows it, and the message is its file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Literal
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from rans.reference.plant import Plant
+from rans.spacecraft import Spacecraft
+from rans.spacecraft_file import parse_spacecraft
+from tests.crafts import nasty_planar, nasty_spatial, spacecraft, to_toml
+from validation.checks import Check
+from validation.study import LAYERS, Scope
+
+_SHORT = ("thrusters", "commands", "mass", "accelerations", "period", "invariants")
+
+
+def assert_trusted(craft: Spacecraft, seed: int) -> None:
+    scope = Scope(craft, seed, states=8, flights=1)
+    failed = [check for name in _SHORT for check in LAYERS[name](scope)
+              if isinstance(check, Check) and not check.passed]
+    assert not failed, f"{failed}\nwith seed {seed} of this spacecraft:\n{to_toml(craft)}"
+
+
+def any_spacecraft(dimension: Literal[2, 3], examples: int) -> Callable[[], None]:
+    @settings(max_examples=examples, suppress_health_check=[HealthCheck.too_slow])
+    @given(craft=spacecraft(dimension), seed=st.integers(0, 2**32 - 1))
+    def check(craft: Spacecraft, seed: int) -> None:
+        assert_trusted(craft, seed)
+
+    return check
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_a_few_dozen(dimension: Literal[2, 3]) -> None:
+    any_spacecraft(dimension, 20)()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_hundreds(dimension: Literal[2, 3]) -> None:
+    any_spacecraft(dimension, 150)()
+
+
+@pytest.mark.filterwarnings("ignore:spacecraft 'random'")  # shrunk to one thruster, it cannot be controlled
+def test_a_failure_shrinks_to_a_file_that_shows_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Drake's forces are doubled: the simplest spacecraft that notices has a single thruster."""
+    true = Plant.thruster_wrenches
+    monkeypatch.setattr(Plant, "thruster_wrenches", lambda self: 2.0 * true(self))
+    with pytest.raises(AssertionError, match="every thruster: force") as failure:
+        any_spacecraft(2, 20)()
+    text = str(failure.value).partition("of this spacecraft:\n")[2].partition("\nassert")[0]
+    assert text.count("[[thruster]]") == 1
+    craft = parse_spacecraft(text, "shrunk.toml")
+    with pytest.raises(AssertionError, match="every thruster: force"):
+        assert_trusted(craft, 0)
+
+
+@pytest.mark.parametrize("craft", [nasty_planar(), nasty_spatial()], ids=["plane", "space"])
+def test_the_file_is_the_spacecraft(craft: Spacecraft) -> None:
+    assert parse_spacecraft(to_toml(craft), "again.toml") == craft
