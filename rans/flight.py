@@ -72,7 +72,8 @@ class Flight:
     def rewards(self) -> dict[str, np.ndarray]:
         """Reward terms of every step, each (T, N)."""
         after = map_leaves(lambda x: x[1:], self.states)
-        return self.task.reward(after, self.goals, thrust(self.craft, tuple(np.moveaxis(self.commands, 2, 0))))
+        shares = thrust(self.craft, tuple(np.moveaxis(self.commands, 2, 0)))
+        return self.task.reward(after, self.goals, shares)
 
     def failed(self) -> np.ndarray:
         """(N,) whether the task ever declared the episode failed."""

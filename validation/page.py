@@ -12,20 +12,20 @@ from matplotlib.figure import Figure
 
 from rans.evaluation import report as pages
 from rans.evaluation.figures import data_uri, styled, svg
-from rans.evaluation.panels import BLUE, GREEN, GREY, ORANGE, PURPLE, RED, SKY, label
+from rans.evaluation.panels import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, RED, SKY, label
 from rans.evaluation.report import Finding, Picture, Section, Table
 from rans.files import environment
 from validation.checks import Check, Curve, Report
 
-_COLOURS = (BLUE, ORANGE, GREEN, RED, PURPLE, SKY, GREY)
+_COLOURS = (BLUE, ORANGE, GREEN, RED, PURPLE, SKY, GREY, INK)
 _SMALLEST = 1e-17
 """Errors are drawn no smaller than this: a logarithm has no zero."""
 _AXES = {
     "position error over time": ("time, s", "largest difference, m"),
     "attitude error over time": ("time, s", "largest difference, rad"),
     "error of one control period": ("step, s", "position error, m (RMS)"),
-    "position error after 25 s": ("force evaluations per second", "median error, m"),
-    "attitude error after 25 s": ("force evaluations per second", "median error, rad"),
+    "position error after 25 s": ("force evaluations per second", "median position error, m"),
+    "attitude error after 25 s": ("force evaluations per second", "median attitude error, rad"),
 }
 _SECTIONS = (
     ("Errors over time", ("position error over time", "attitude error over time"),
@@ -98,7 +98,7 @@ def _worst_table(report: Report, spacecraft: str) -> Table:
     rows = []
     for layer, checks in groupby(report.checks, key=lambda check: check.layer):
         worst = max(checks, key=_margin)
-        rows.append((worst.name, f"{_margin(worst):.1e}", worst.worst or None,
+        rows.append((worst.name, f"{_margin(worst):.1e}", worst.worst,
                      _command(report, spacecraft, layer)))
     return Table(("check", "share of tolerance", "found at", "repeat with"), rows)
 
@@ -121,7 +121,7 @@ def _points(found: dict[str, list[Curve]]) -> list[Table]:
     """The points of figures that share their curves, as numbers; instants are too many."""
     if any("over time" in name for name in found):
         return []
-    columns = (next(iter(_AXES[name][0] for name in found)), *found)
+    columns = (next(_AXES[name][0] for name in found), *(_AXES[name][1] for name in found))
     rows = [(curves[0].name, f"{point[0]:g}", *(f"{y:.1e}" for y in point[1:]))
             for curves in zip(*found.values(), strict=True)
             for point in zip(curves[0].x, *(curve.y for curve in curves), strict=True)]

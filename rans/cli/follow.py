@@ -21,7 +21,7 @@ class Follow:
     run_folder: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RUN")]
     """Run folder of the agent, as `rans train track-velocity` made it."""
     path: str = "circle"
-    """circle, spiral, square, lemniscate, helix (in space), or a CSV file of points x,y or x,y,z in m."""
+    """circle, spiral, square, lemniscate, helix (in space), or a CSV file of points x,y[,z] in m."""
     speed: float = 0.25
     """Speed to fly at, m/s."""
     look_ahead: float = 0.25

@@ -160,8 +160,8 @@ class Following:
                 for name, meaning, unit, values in self.quantities()]
         return {"title": self.title(), "path": planner.path.name, "length": planner.path.length,
                 "closed": planner.path.closed, "speed": planner.speed, "look_ahead": planner.radius,
-                "spacecraft": self.flight.craft.name, "control_period": self.flight.timing.control_period,
-                "quantities": rows}
+                "spacecraft": self.flight.craft.name,
+                "control_period": self.flight.timing.control_period, "quantities": rows}
 
 
 def follow(craft: Spacecraft, task: Task, tracker: Controller, planner: LookAhead, timing: Timing,
@@ -184,14 +184,14 @@ def follow(craft: Spacecraft, task: Task, tracker: Controller, planner: LookAhea
             the plane of a planar spacecraft.
     """
     if not isinstance(task, TrackVelocity):
-        raise ConfigError(f"only an agent trained for track-velocity can follow a path, but {tracker.name} "
-                          f"was trained for another task.")
+        raise ConfigError("only an agent trained for track-velocity can follow a path, but "
+                          f"{tracker.name} was trained for another task.")
     if planner.speed > task.target_speed[1]:
-        raise ConfigError(f"the speed must be at most the {task.target_speed[1]:g} m/s that {tracker.name} "
-                          f"was trained for, got {planner.speed:g}.")
+        raise ConfigError(f"the speed must be at most the {task.target_speed[1]:g} m/s that "
+                          f"{tracker.name} was trained for, got {planner.speed:g}.")
     if planner.path.dimension > craft.dimension:
-        raise ConfigError(f"the path {planner.path.name} is spatial, but {craft.name} moves in a plane; give "
-                          "a path of two columns, x and y.")
+        raise ConfigError(f"the path {planner.path.name} is spatial, but {craft.name} moves in a plane; "
+                          "give a path of two columns, x and y.")
     if planner.path.dimension < craft.dimension:
         planner = replace(planner, path=planner.path.in_space())
     guided = Guided(tracker, task, planner)
@@ -202,7 +202,8 @@ def follow(craft: Spacecraft, task: Task, tracker: Controller, planner: LookAhea
 def _starts(path: Path, seed: int, count: int) -> Scenario:
     """At rest near the first point; the goal's velocity is the planner's to give."""
     episodes = np.arange(count, dtype=np.int32)
-    random: Any = Random(path.dimension, *seed_words(seed), episodes, np.float64)  # type: ignore[arg-type]
+    dimension: Any = path.dimension
+    random: Any = Random(dimension, *seed_words(seed), episodes, np.float64)
     first = type(random.origin())(*path.points[0])
     offset = random.direction().scale(random.uniform(0.0, START_SPREAD))
     start = random.at_rest(first + offset, random.attitude())

@@ -43,10 +43,11 @@ def _ways(figure: SubFigure, following: Following, number: int) -> None:
         axes.plot(*way, color=BLUE if chosen else GREY, linewidth=1.4 if chosen else 0.6,
                   alpha=1.0 if chosen else 0.5, zorder=3 if chosen else 2,
                   label=f"flight {number}" if chosen else "")
-    axes.plot(*([x] for x in following.positions[0, number]), "o", color=INK, markersize=4, label="its start")
+    start = following.positions[:1, number].T
+    axes.plot(*start, "o", color=INK, markersize=4, label="its start")
     axes.set_aspect("equal", adjustable="datalim" if path.dimension == 2 else "box")
     axes.legend(loc="best")
-    label(axes, f"(a) {following.planner.path.name}, {following.positions.shape[1]} flights", "x, m", "y, m")
+    label(axes, f"(a) {path.name}, {following.positions.shape[1]} flights", "x, m", "y, m")
     if path.dimension == 3:
         axes.set_zlabel("z, m")
 
@@ -60,11 +61,11 @@ def _velocity(axes: Axes, following: Following, number: int, axis: int) -> None:
     times, steps = following.flight.times, _steps(following)[number]
     axes.plot(times[:steps], following.velocities[:steps, number, axis], color=BLUE, linewidth=1.0,
               label="flown")
-    axes.step(times[:steps - 1], following.commands[:steps - 1, number, axis], where="post", color=ORANGE,
-              linewidth=1.0, label="command")
+    axes.step(times[:steps - 1], following.commands[:steps - 1, number, axis], where="post",
+              color=ORANGE, linewidth=1.0, label="command")
     axes.set_ylabel(f"v_{'xyz'[axis]}, m/s")
     if axis == 0:
-        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=2)  # above: curves fill the rest
+        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=2)  # above the curves
 
 
 def _distances(axes: Axes, following: Following, number: int) -> None:
@@ -72,11 +73,12 @@ def _distances(axes: Axes, following: Following, number: int) -> None:
     for flight, steps in enumerate(_steps(following) - 1):
         chosen = flight == number
         axes.plot(times[:steps], distance[:steps, flight], color=BLUE if chosen else GREY,
-                  linewidth=1.2 if chosen else 0.5, alpha=1.0 if chosen else 0.5, zorder=3 if chosen else 2)
+                  linewidth=1.2 if chosen else 0.5, alpha=1.0 if chosen else 0.5,
+                  zorder=3 if chosen else 2)
     axes.axvspan(0.0, times[counts[:, number].argmax()], color=GREEN, alpha=0.12, linewidth=0,
                  label=f"approach of flight {number}, not measured")
     rms = following.quantities()[0].values.mean()
-    axes.axhline(rms, color=RED, linestyle="--", linewidth=1.0, label=f"RMS of all flights, {rms:.2g} cm")
+    axes.axhline(rms, color=RED, linestyle="--", linewidth=1.0, label=f"mean RMS, {rms:.2g} cm")
     axes.set_ylim(bottom=0.0)
     axes.set_xlim(0.0, float(times[_steps(following).max() - 1]))
     axes.legend(loc="upper right")

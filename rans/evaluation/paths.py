@@ -59,7 +59,7 @@ class Path:
         return len(self.points) if self.closed else len(self.points) - 1
 
     def at(self, index: np.ndarray) -> np.ndarray:
-        """Points (..., d) at indices of any shape; they go round a closed path, and stop at open ends."""
+        """Points (..., d) at any indices: they go round a closed path, and stop at open ends."""
         return self.points[index % len(self.points) if self.closed else np.clip(index, 0, self.last)]
 
     def in_space(self) -> Path:
@@ -166,15 +166,16 @@ def read_path(file: FilePath) -> Path:
     closed = len(points) > 3 and points[0] == points[-1]
     length = sum(math.dist(a, b) for a, b in pairwise(points))
     if not _SHORTEST <= length <= _LONGEST:
-        raise ConfigError(f"{file}: a path must be {_SHORTEST:g} to {_LONGEST:g} m long, got {length:g} m; "
-                          "are the coordinates in metres?")
+        raise ConfigError(f"{file}: a path must be {_SHORTEST:g} to {_LONGEST:g} m long, got "
+                          f"{length:g} m; are the coordinates in metres?")
     return Path.through(file.stem, np.array(points[:-1] if closed else points), closed)
 
 
 def _point(file: FilePath, line: int, row: list[str], first: list[str]) -> tuple[float, ...]:
     """The numbers of one line."""
     if len(row) not in (2, 3) or len(row) != len(first):
-        wanted = f"{len(first)} values, as in the first point" if len(first) in (2, 3) else "x,y or x,y,z"
+        alike = f"{len(first)} values, as in the first point"
+        wanted = alike if len(first) in (2, 3) else "x,y or x,y,z"
         raise ConfigError(f"{file}, line {line}: expected {wanted}, got {len(row)}.")
     for cell in row:
         if not _is_number(cell) or not abs(float(cell)) <= _FARTHEST:
@@ -224,8 +225,8 @@ class LookAhead:
         if not 0 < self.speed < math.inf:
             raise ConfigError(f"the speed must be a finite number > 0 m/s, got {self.speed}.")
         if not 2 * SPACING <= self.radius < math.inf:
-            raise ConfigError(f"the look-ahead must be a finite number >= {2 * SPACING} m, which is two gaps "
-                              f"between a path's points, got {self.radius}.")
+            raise ConfigError(f"the look-ahead must be a finite number >= {2 * SPACING} m, which is two "
+                              f"gaps between a path's points, got {self.radius}.")
 
     @property
     def window(self) -> int:
@@ -247,7 +248,7 @@ class LookAhead:
 
     @property
     def end(self) -> int:
-        """Progress at which all is flown: the end of an open path; on a closed one the approach and a lap."""
+        """Progress at which all is flown: the end of an open path; else the approach and a lap."""
         return self.path.last + (self.approach if self.path.closed else 0)
 
     def plan(self, position: np.ndarray, progress: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -267,7 +268,7 @@ class LookAhead:
         farthest = np.where(distance <= self.radius, ahead, -1).max(axis=1)
         target = np.where(farthest >= 0, farthest, closest)
         way = self.path.at(target) - position
-        length = np.maximum(np.linalg.norm(way, axis=1), 1e-9)  # on the target itself: no direction, rest
+        length = np.maximum(np.linalg.norm(way, axis=1), 1e-9)  # a target it is on has no direction
         wanted = np.where(closest < self.end, self.speed, 0.0)
         return closest, target, way * (wanted / length)[:, None]
 

@@ -93,6 +93,9 @@ class TrainConfig:
     """Of starts, goals, weights and actions."""
     device: str = "cpu"
     """Torch device."""
+    threads: int = 1
+    """Torch's threads on a CPU. One is nearly as fast as two for small networks, many times faster when
+    anything else runs, and the weights' last bits depend on the number."""
     total_timesteps: int = 10_000_000
     """Environment steps after which training ends, solved or not."""
     report_interval: int = 16
@@ -104,7 +107,7 @@ class TrainConfig:
     def __post_init__(self) -> None:
         # What NumPy's generator takes, which Stable-Baselines3 seeds too.
         _require(0 <= self.seed < 2**32, "seed", self.seed, "between 0 and 2^32 - 1")
-        for name in ("total_timesteps", "report_interval"):
+        for name in ("total_timesteps", "report_interval", "threads"):
             _require(getattr(self, name) >= 1, name, getattr(self, name), ">= 1")
         share = self.solved_share
         _require(share is None or 0 < share <= 1, "solved_share", share, "in (0, 1], or null")

@@ -30,7 +30,7 @@ _CHECKPOINT_SECONDS = 5.0
 
 
 class Trainer:
-    """One training in one run folder.
+    """One training in one run folder. Sets torch's number of threads, for the whole process.
 
     Args:
         config: what to train.
@@ -43,6 +43,7 @@ class Trainer:
 
     def __init__(self, config: TrainConfig, craft: Spacecraft, run: RunFolder) -> None:
         check_device(config.device)
+        torch.set_num_threads(config.threads)
         self.config, self.run, self.seconds, self.warm_up = config, run, 0.0, 0.0
         self.engine = Engine(craft, config.settings, config.ppo.n_envs, config.timing, seed=config.seed,
                              device=config.device)

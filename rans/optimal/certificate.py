@@ -111,9 +111,10 @@ def least_fuel(lattice: Lattice, start: PlanarState, goal: PlanarState, steps: i
         nodes += outcome.nodes
         if outcome.commands is not None:
             break
-        level = lattice.next_fuel(level + 0.5 * _grain(lattice), relaxation.net)
         open_levels += not outcome.excluded
-        lower = level if open_levels == 0 else lower
+        if open_levels == 0:
+            lower = lattice.fuel_above(level, relaxation.net)
+        level = lattice.next_fuel(level + 0.5 * _grain(lattice), relaxation.net)
     found = outcome.commands
     upper = math.inf if found is None else fuel(lattice.craft, found, lattice.period)
     return Certificate(lower, upper, found, root.best.value, nodes, time.monotonic() - began)
@@ -201,8 +202,8 @@ def _decide(relaxation: Relaxation, root: Ascent, level: float, effort: Effort) 
     while heap and time.monotonic() < deadline:
         node = heapq.heappop(heap)
         outcome.nodes += 1
-        found = ascend(relaxation, node.branch, node.costate, node.cuts, level, _tolerance(relaxation),
-                       trust=0.1, most=15)
+        patience = max(_tolerance(relaxation), 0.1 * (level - node.bound))
+        found = ascend(relaxation, node.branch, node.costate, node.cuts, level, patience, 0.1, most=15)
         if found.best.value > level:
             continue
         outcome.commands = _commands(relaxation, found, level, effort, seen)

@@ -18,6 +18,9 @@ from rans.fields import wrap
 from rans.optimal.lattice import GoalSet, Lattice
 
 _EPSILON = float(np.finfo(np.float64).eps)
+_MERGED = 3e-12
+"""Patterns whose forces differ by less than 1e-12 of the largest, in x and in y, count as one."""
+_LARGEST = float(np.finfo(np.float64).max)
 
 
 @dataclass(frozen=True)
@@ -166,7 +169,8 @@ class Relaxation:
 
     def reachable(self) -> Branch:
         """All paths that end in the goal attitude within the cap."""
-        return self.shrunk(np.zeros(4), self.everything, 0.0 if self.cap is None else self.cap * self.fuel)
+        limit = _LARGEST if self.cap is None else self.cap * self.fuel
+        return self.shrunk(np.zeros(4), self.everything, limit)
 
     def shrunk(self, costate: np.ndarray, branch: Branch, limit: float) -> Branch:
         """The branch without points through which every path's value exceeds the limit.
@@ -252,7 +256,7 @@ class Relaxation:
         angle = (abs(self.start.attitude.angle) + abs(self.start.w) * time
                  + self.lattice.spin * h * (self._origin + self._reach))
         miss = float(np.abs(costate) @ np.abs(self.miss))
-        relative = _EPSILON * (64.0 + 8.0 * angle + 2.0 * self.steps) + self.lattice.drift(self.steps)
+        relative = _MERGED + _EPSILON * (64.0 + 8.0 * angle + 2.0 * self.steps) + self.lattice.drift(self.steps)
         return self.steps * stage * relative + 16.0 * _EPSILON * miss
 
 

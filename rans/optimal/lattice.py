@@ -92,7 +92,7 @@ class Lattice:
         """Least fuel that pulses can add up to and that is not below this, N s.
 
         Args:
-            fuel: N s.
+            fuel: N s; returned as it is where thrusters differ in strength.
             net: the changes of spin, in quanta, that a controller may end with.
         """
         if self.pulse is None:
@@ -101,6 +101,10 @@ class Lattice:
         if self.parity and len({n % 2 for n in net}) == 1:
             count += (count - next(iter(net))) % 2
         return count * self.pulse
+
+    def fuel_above(self, fuel: float, net: set[int]) -> float:
+        """Greatest lower bound of the fuels that pulses can add up to and that exceed this, N s."""
+        return fuel if self.pulse is None else self.next_fuel(fuel + 0.5 * self.pulse, net)
 
     @cached_property
     def quanta_per_fuel(self) -> float:

@@ -47,8 +47,9 @@ class TrackTwist:
     """Reward lost per step and fully open thruster."""
     velocity_tolerance: float = 0.1
     """Velocity error that counts as reached, m/s."""
-    spin_tolerance: float = 0.3
-    """Spin error that counts as reached, rad/s (original system's evaluations; see the class)."""
+    spin_tolerance: float = 0.35
+    """Spin error that counts as reached, rad/s: more than q, so that a single pulse may correct the
+    velocity (original system's evaluations: 0.3)."""
     fail_spin: float = 6.0
     """An episode fails beyond this rate, rad/s."""
 

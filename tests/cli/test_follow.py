@@ -34,7 +34,8 @@ def test_writes_table_numbers_and_figure(run: Path, tmp_path: Path,
     assert "cross-track RMS" in printed
     assert str(run / "follow-corner.json") in printed.replace("\n", "")
     numbers = json.loads((run / "follow-corner.json").read_text())
-    assert (numbers["speed"], numbers["look_ahead"], numbers["length"]) == (0.5, 0.25, pytest.approx(2.0))
+    assert (numbers["speed"], numbers["look_ahead"]) == (0.5, 0.25)
+    assert numbers["length"] == pytest.approx(2.0)
     assert all(len(row["flights"]) == 3 for row in numbers["quantities"])
     assert ET.parse(run / "follow-corner.svg").getroot().tag.endswith("svg")
 
@@ -51,7 +52,7 @@ def test_an_agent_of_another_task_is_refused(tmp_path: Path) -> None:
     trainer = tiny_trainer(tmp_path / "poser", replace(CONFIG, settings=GoToPose(), total_timesteps=128))
     trainer.save()
     assert isinstance(load_agent(trainer.run.path).task, GoToPose)
-    with pytest.raises(ConfigError, match="only an agent trained for track-velocity .* but poser was"):
+    with pytest.raises(ConfigError, match=r"only an agent trained for track-velocity .* but poser was"):
         Follow(trainer.run.path).run()
 
 

@@ -62,15 +62,16 @@ def by_hand() -> Following:
     goals = PlanarState(Vec2(still, still), Heading(still), Vec2(still, still), still)
     thrusters = np.zeros((6, 2, 8))
     thrusters[1:3, 0, :4] = 1.0
-    flight = Flight(PLATFORM, TrackVelocity(), Timing(control_period=0.5, episode_steps=6), states, goals,
-                    thrusters, "by hand")
+    timing = Timing(control_period=0.5, episode_steps=6)
+    flight = Flight(PLATFORM, TrackVelocity(), timing, states, goals, thrusters, "by hand")
     commands = np.broadcast_to([0.4, 0.0], (6, 2, 2))
     return Following(LookAhead(LINE, speed=0.4, radius=0.1), flight, np.round(x[:6] / 0.005).astype(int),
                      commands)
 
 
 def test_the_approach_does_not_count() -> None:
-    expected = [[0, 0], [1, 0], [1, 0], [1, 0], [1, 0], [0, 1]]  # and a flight that is still in it, at last
+    """A flight that is still in it is judged by its last instant."""
+    expected = [[0, 0], [1, 0], [1, 0], [1, 0], [1, 0], [0, 1]]
     np.testing.assert_array_equal(by_hand().measured, np.array(expected, dtype=bool))
 
 
@@ -116,7 +117,8 @@ def test_a_simple_tracker_follows_a_planar_and_a_spatial_path_in_space() -> None
         following = flown(LookAhead(path), FLYER, count=3)
         values = {quantity.name: quantity.values for quantity in following.quantities()}
         assert np.isfinite(values["duration"]).all()
-        assert (values["cross-track RMS"] < 12.0).all()  # (0.25 m)^2 / (2 * 0.75 m) = 4.2 cm inside, pulses
+        # a perfect one is (0.25 m)^2 / (2 * 0.75 m) = 4.2 cm inside; three times that
+        assert (values["cross-track RMS"] < 12.6).all()
 
 
 def test_starts_are_near_the_first_point_and_different() -> None:

@@ -33,7 +33,7 @@ def test_what_it_does_not_do_is_refused(settings: dict[str, Any], named: str) ->
 def test_a_learning_rate_schedule_is_followed_without_a_desired_kl() -> None:
     model = PPO("MlpPolicy", environment(), n_steps=16, desired_kl=None, device="cpu",
                 learning_rate=lambda left: 1e-3 * left)
-    model.learn(2 * 16 * 16, log_interval=None)
+    model.learn(2 * 16 * 16, log_interval=1000)
     # After the second and last rollout nothing is left.
     assert float(model.policy.optimizer.param_groups[0]["lr"]) == 0.0
 
@@ -49,14 +49,14 @@ def test_an_agent_without_an_environment_gets_one(tmp_path: Path) -> None:
     model = PPO.load(tmp_path / "policy.zip", device="cpu")
     model.set_env(environment())
     before = weights(model.policy)
-    model.learn(256, log_interval=None)
+    model.learn(256, log_interval=1000)
     assert (weights(model.policy) != before).any()
 
 
 def test_episodes_end_at_different_times_after_every_fresh_start() -> None:
     model = PPO("MlpPolicy", environment(), n_steps=16, device="cpu")
     for _ in range(2):
-        model.learn(1, log_interval=None)
+        model.learn(1, log_interval=1000)
         steps = model.env.engine.save_state()["buffers"][-2]  # type: ignore[union-attr]
         assert len(set(steps.tolist())) > 4
 
@@ -65,4 +65,4 @@ def test_an_infinite_gradient_is_noticed_in_the_same_update() -> None:
     model = PPO("MlpPolicy", environment(), n_steps=16, batch_size=256, n_epochs=1, device="cpu")
     model.policy.value_net.weight.register_hook(lambda gradient: gradient * float("inf"))
     with pytest.raises(NonFiniteState, match="not finite"):
-        model.learn(1, log_interval=None)
+        model.learn(1, log_interval=1000)

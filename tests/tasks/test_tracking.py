@@ -37,7 +37,8 @@ SPATIAL_GOAL = SpatialState(Vec3(0.0, 0.0, 0.0), Quat(HALF, HALF, 0.0, 0.0), Vec
 ])
 def test_planar_observation(task: Any, data: list[float]) -> None:
     """cos, sin heading, v, w, then flag and task data (paper, Table 1)."""
-    assert observation(task, PLANAR, PLANAR_GOAL) == pytest.approx([0, 1, 0.1, 0.2, -0.5, *data], abs=1e-15)
+    body = [0, 1, 0.1, 0.2, -0.5]
+    assert observation(task, PLANAR, PLANAR_GOAL) == pytest.approx([*body, *data], abs=1e-15)
 
 
 @pytest.mark.parametrize(("task", "data"), [
@@ -131,7 +132,7 @@ def test_pairs_that_do_not_turn_change_the_velocity_by_what_the_task_says() -> N
 
 @pytest.mark.parametrize("task", [TrackVelocity, TrackTwist, TrackVelocityHeading])
 def test_settings_are_checked(task: type) -> None:
-    with pytest.raises(ConfigError, match=r"target_speed must be a range \(low, high\), got \(0.5, 0.1\)"):
+    with pytest.raises(ConfigError, match=r"target_speed must be a range \(low, high\)"):
         task(target_speed=(0.5, 0.1))
     with pytest.raises(ConfigError, match=r"velocity_tolerance must be > 0, got 0"):
         task(velocity_tolerance=0)

@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 import json
+import re
+import shutil
+from dataclasses import replace
 
 import validation.study
 from rans.cli import main
+from rans.spacecraft_file import load_spacecraft
+from tests.crafts import to_toml
 from validation.checks import Check, Report
 
 
@@ -20,6 +25,49 @@ def test_quick_validation_passes_and_is_written(tmp_path, capsys) -> None:
     assert read["settings"]["spacecraft"] == "floating-platform"
     assert read["settings"]["seed"] == 7
     assert str(len(read["checks"])) in printed
+    page = (folder / "validation.html").read_text("utf-8")
+    assert "Everything checked has passed" in page
+    assert "rans validate --spacecraft floating-platform --seed 7 --quick --layer accelerations" in page
+    assert page.count("<img") == 1
+    assert not re.search(r'(src|href)="(?!data:|#)', page), "a page that needs another file"
+
+
+def test_one_layer_repeats_what_the_study_found(tmp_path, capsys) -> None:
+    whole, alone = tmp_path / "whole", tmp_path / "alone"
+    assert main(["validate", "--quick", "--seed", "3", "--output", str(whole)]) == 0
+    assert main(["validate", "--quick", "--seed", "3", "--layer", "bang-bang", "--output", str(alone)]) == 0
+    checks, again = (json.loads((folder / "validation.json").read_text("utf-8"))["checks"]
+                     for folder in (whole, alone))
+    assert again == [check for check in checks if check["layer"] == "bang-bang"]
+    assert len(again) == 4
+
+
+def test_an_unknown_layer_is_one_sentence(capsys) -> None:
+    assert main(["validate", "--layer", "crust"]) == 2
+    said = capsys.readouterr().err
+    assert "no layer named 'crust'" in said
+    assert "accelerations" in said
+    assert len(said.splitlines()) == 1
+
+
+def test_a_spacecraft_drake_refuses_is_one_sentence(tmp_path, capsys) -> None:
+    """A flat plate off the triangle inequality by less than our check's 1e-9."""
+    flat = replace(load_spacecraft("floating-platform"),
+                   inertia=((0.1, 0.0, 0.0), (0.0, 0.1, 0.0), (0.0, 0.0, 0.2 * (1 + 5e-10))))
+    file = tmp_path / "flat.toml"
+    file.write_text(to_toml(flat), "utf-8")
+    assert main(["validate", "--quick", "--spacecraft", str(file)]) == 2
+    said = capsys.readouterr().err
+    assert "Drake refuses its inertia" in said
+    assert len(said.splitlines()) == 1
+
+
+def test_what_could_not_be_checked_is_said(monkeypatch, capsys) -> None:
+    monkeypatch.setattr(shutil, "which", lambda _: None)
+    assert main(["validate", "--layer", "compiled"]) == 1, "nothing checked is nothing passed"
+    printed = capsys.readouterr().out
+    assert "not run" in printed
+    assert "C++ compiler" in printed
 
 
 def test_a_failed_check_ends_with_code_1(monkeypatch, capsys) -> None:

@@ -58,4 +58,4 @@ def test_the_originals_scheme_by_hand() -> None:
     turned = semi_implicit_euler(coasting, _silence(coasting), sphere, 2.0, 3)
     # Without torque a sphere turns by |w| t, up to rounding.
     angle = coasting.attitude.to(turned.attitude).magnitude()
-    assert angle == pytest.approx(2.0 * coasting.w.norm(), abs=1e-7)
+    assert angle == pytest.approx(2.0 * coasting.w.norm(), abs=1e-13)
