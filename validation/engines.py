@@ -17,8 +17,7 @@ from rans.spacecraft import Spacecraft
 from rans.tasks import GoToPose
 from rans.timing import Timing
 from validation.checks import Check, Curve, Skipped
-from validation.flights import growth, reach
-from validation.sampling import Restless, gap_checks
+from validation.sampling import Restless, gap_checks, growth, reach
 
 _ENDLESS = GoToPose(fail_distance=1e6, fail_spin=1e6)
 """No flight is started anew, wherever it goes."""

@@ -22,7 +22,7 @@ from rans.tasks import GoToPose
 from rans.timing import Timing
 from validation.checks import Check, Curve, Skipped
 from validation.dynamics import VALIDATION_SUBSTEPS
-from validation.sampling import Restless, gap_checks, gaps, rollout
+from validation.sampling import Restless, gap_checks, growth, reach, rollout
 
 _OPTIMAL_STARTS = 4
 _HARDER = 4.0
@@ -107,22 +107,9 @@ def _accuracy(layer: str, craft: Spacecraft, start: Any, commands: np.ndarray, d
     ]
 
 
-def growth(name: str, ours: Any, reference: Any, timing: Timing) -> Iterator[Curve]:
-    """The largest position and attitude difference at every instant, of states (T + 1, N)."""
-    times = tuple(np.arange(len(leaves(reference)[0])) * timing.control_period)
-    for quantity in ("position", "attitude"):
-        values = gaps(ours, reference)[quantity].max(axis=1)
-        yield Curve(f"{quantity} error over time", name, times, tuple(values.tolist()))
-
-
 def _agreement(states: Any) -> float:
     """How closely a flight must agree with Drake where the step size plays no part."""
     return (1e-9 if len(states.p.columns()) == 2 else 1e-6) * reach(states)
-
-
-def reach(states: Any) -> float:
-    """How far beyond 10 m a flight went: rounding and truncation grow with the way flown."""
-    return max(1.0, float(np.max(states.p.norm())) / 10.0)
 
 
 def _each(starts: Scenario) -> Iterator[Scenario]:

@@ -114,7 +114,7 @@ def _turned_world_checks(states: Any, applied: Wrench, body: MassProperties) -> 
 def _order_check(states: Any, applied: Wrench, body: MassProperties) -> Check:
     """Order of accuracy, from how much two successive halvings of the step change the result."""
     period = Timing().control_period
-    runs = [advance(states, applied, body, period, n) for n in (2, 4, 8)]
+    runs = [advance(states, applied, body, period, n) for n in (8, 16, 32)]
     coarse, fine = (_distance(a, b) for a, b in pairwise(runs))
     return Check("order of integration less 4", float(np.log2(coarse / fine)) - 4.0, 0.1, "-",
                  "Classical Runge-Kutta has order 4; the next term adds a few hundredths.")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any, Literal
 
 import numpy as np
@@ -11,7 +12,8 @@ from rans.fields import Heading, Quat, leaves, unflatten, wrap
 from rans.scenario import Random, seed_words
 from rans.spacecraft import Spacecraft
 from rans.tasks.base import UNITS
-from validation.checks import Check
+from rans.timing import Timing
+from validation.checks import Check, Curve
 
 FASTEST = 1.0
 """Largest sampled speed (m/s) and spin (rad/s): twice what the paper's tasks ask for."""
@@ -130,6 +132,19 @@ def gap_checks(layer: str, ours: Any, drake: Any, tolerance: float, reason: str)
     """One check per quantity of the largest of the `gaps`, which may have the shape (N,) or (T + 1, N)."""
     return [Check(f"{layer}: {name}", float(np.max(value)), tolerance, UNITS[name], reason, _where(value))
             for name, value in gaps(ours, drake).items()]
+
+
+def growth(name: str, ours: Any, reference: Any, timing: Timing) -> Iterator[Curve]:
+    """The largest position and attitude difference at every instant, of states (T + 1, N)."""
+    times = tuple(np.arange(len(leaves(reference)[0])) * timing.control_period)
+    for quantity in ("position", "attitude"):
+        values = gaps(ours, reference)[quantity].max(axis=1)
+        yield Curve(f"{quantity} error over time", name, times, tuple(values.tolist()))
+
+
+def reach(states: Any) -> float:
+    """How far beyond 10 m a flight went: rounding and truncation grow with the way flown."""
+    return max(1.0, float(np.max(states.p.norm())) / 10.0)
 
 
 def _where(values: np.ndarray) -> str:

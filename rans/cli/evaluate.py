@@ -77,7 +77,8 @@ class Evaluate:
 
         from rans.evaluation.judge import fly_agent_in_drake
 
-        with Progress(console=Console(stderr=True), transient=True) as progress:
+        console = Console(stderr=True)
+        with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
             bar = progress.add_task("flying in Drake", total=self.episodes)
             return fly_agent_in_drake(self.run_folder, self.seed, self.episodes,
                                       progress=lambda flown: progress.advance(bar, flown))

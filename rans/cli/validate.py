@@ -49,7 +49,8 @@ class Validate:
         from validation.study import study
 
         craft = load_spacecraft(self.spacecraft)
-        with Progress(console=Console(stderr=True), transient=True) as progress:
+        console = Console(stderr=True)
+        with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
             bar = progress.add_task("validating", total=None)
 
             def show(name: str, count: int) -> None:

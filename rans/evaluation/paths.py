@@ -204,9 +204,9 @@ class LookAhead:
     The paper takes the farthest point within 25 cm of the spacecraft, or the closest one if none is.
     On a path that crosses itself, closes, or runs beside itself, the farthest point could be one flown
     long ago or due much later. So the planner remembers each flight's progress along the path. The
-    progress moves on to the closest point within a window beyond it, and the target is the point
-    farthest along the path within the radius and a window beyond that; neither ever goes back. The
-    original system does the like with a list that it rolls on and of which it sees the first 60 points.
+    progress moves on to the closest point within a window beyond it and never goes back; the target is
+    the point farthest along the path within the radius and a window beyond the progress. The original
+    system does the like with a list that it rolls on and of which it sees the first 60 points.
 
     Args:
         path: what to fly along.

@@ -96,7 +96,7 @@ class TrainConfig:
     threads: int = 1
     """Torch's threads on a CPU. One is nearly as fast as two for small networks, many times faster when
     anything else runs, and the weights' last bits depend on the number."""
-    total_timesteps: int = 10_000_000
+    total_timesteps: int = 30_000_000
     """Environment steps after which training ends, solved or not."""
     report_interval: int = 16
     """Iterations of PPO between reports, each of which judges the agent on 1,024 episodes."""

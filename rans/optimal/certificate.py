@@ -19,7 +19,7 @@ from rans.errors import ConfigError
 from rans.optimal.ascent import Ascent, Cut, ascend, scale, towards_goal
 from rans.optimal.dual import Relaxation, Branch
 from rans.optimal.lattice import GoalSet, Lattice
-from rans.optimal.onoff import fuel, nozzles
+from rans.optimal.onoff import flown, fuel, nozzles
 
 _DEFAULT_SET = GoalSet()
 
@@ -225,9 +225,12 @@ def _node(relaxation: Relaxation, parent: Ascent, branch: Branch, level: float, 
 
 def _commands(relaxation: Relaxation, found: Ascent, level: float, effort: Effort,
               seen: set[bytes]) -> np.ndarray | None:
-    """Try the attitudes that weigh most in the relaxation's mixture, each once."""
+    """Try the paths that weigh most in the relaxation's mixture, then other nozzles for each attitude."""
     for index in np.argsort(-found.weights)[:2]:
         path = found.cuts[index].path
+        commands = flown(relaxation, path, level)
+        if commands is not None:
+            return commands
         turns = relaxation.lattice.patterns.torque[path].tobytes()
         if turns in seen:
             continue

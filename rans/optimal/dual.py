@@ -163,7 +163,7 @@ class Relaxation:
         if not np.isfinite(inner):
             return Bound(np.inf, np.zeros(4), costate, np.zeros(0, dtype=int))
         path = self._kernel.trace(*arguments, self._after)
-        gained, moved = self._effect(path)
+        gained, moved = self.effect(path)
         effect = np.array([gained.real, gained.imag, moved.real, moved.imag])
         return Bound(constant + inner - self.margin(costate), slope + effect, costate, path)
 
@@ -239,7 +239,8 @@ class Relaxation:
         force = self.lattice.patterns.force[patterns].T
         return (force * speed).T, (force * way).T
 
-    def _effect(self, path: np.ndarray) -> tuple[complex, complex]:
+    def effect(self, path: np.ndarray) -> tuple[complex, complex]:
+        """Final velocity and position that a path adds, m/s and m in W as complex numbers."""
         gained, moved = self.effects(path, path)
         return complex(gained.sum()), complex(moved.sum())
 

@@ -50,14 +50,23 @@ def nozzles(relaxation: Relaxation, path: np.ndarray, bound: Bound, limit: float
     Returns:
         (N, thrusters) zeros and ones, replayed into the goal set, or None.
     """
-    patterns = relaxation.lattice.patterns
     period, pattern, speed, way = _choices(relaxation, path, bound, limit)
     chosen = _solve(relaxation, period, pattern, speed, way, limit, seconds)
-    if chosen is None:
+    return None if chosen is None else flown(relaxation, pattern[chosen], limit)
+
+
+def flown(relaxation: Relaxation, path: np.ndarray, limit: float) -> np.ndarray | None:
+    """The commands of a path, (N, thrusters), if their replay ends in the goal set and costs no more."""
+    gained, moved = relaxation.effect(path)
+    miss, goal_set = relaxation.miss, relaxation.goal_set
+    if (abs(complex(*miss[:2]) + gained) > goal_set.velocity
+            or abs(complex(*miss[2:]) + moved) > goal_set.position
+            or relaxation.fuel * relaxation.thrust_time(path) > limit + 1e-9):
         return None
-    commands = patterns.commands[pattern[chosen]]
-    final = replay(relaxation.lattice.craft, relaxation.start, commands, relaxation.lattice.period)
-    return commands if relaxation.goal_set.contains(final, relaxation.goal) else None
+    lattice = relaxation.lattice
+    commands = lattice.patterns.commands[path]
+    final = replay(lattice.craft, relaxation.start, commands, lattice.period)
+    return commands if goal_set.contains(final, relaxation.goal) else None
 
 
 def _choices(relaxation: Relaxation, path: np.ndarray, bound: Bound,

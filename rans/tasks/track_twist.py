@@ -24,11 +24,12 @@ class TrackTwist:
     3 columns in B; rad/s).
 
     On/off thrusters reach a lattice of spins only: one nozzle of the floating platform that is open for
-    one period of 0.2 s changes its spin by q = 1 N * 0.31 m * 0.2 s / 0.2045 kg m^2 = 0.303 rad/s. A
-    target anywhere between two such spins is missed by q / 4 = 0.076 rad/s on average and by up to
-    q / 2 = 0.152 rad/s; changing between the two meets it in the mean, at a larger mean error. The free
-    flyer has the same q about three axes: 0.48 q = 0.146 rad/s on average (the mean distance from the
-    centre of a unit cube), up to 0.87 q = 0.263 rad/s. A higher control rate makes all of these smaller.
+    one period of 0.2 s changes its spin by q = 1 N * 0.31 m * 0.2 s / 0.2045 kg m^2 = 0.303 rad/s, as
+    one of the free flyer does about one of three axes. So the nearest spin within reach of a craft that
+    started at rest is off by up to q / 2 = 0.152 rad/s in the plane and sqrt(3) / 2 q = 0.263 rad/s in
+    space; over the targets below, by 0.081 and 0.127 rad/s on average. No mean error can be smaller:
+    changing between two spins of the lattice meets a target in the mean, but is farther off in absolute
+    value. A higher control rate makes q smaller.
     """
 
     target_speed: tuple[float, float] = (0.0, 0.5)

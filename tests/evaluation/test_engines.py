@@ -21,8 +21,8 @@ from rans.reference.flight import fly_in_drake
 from tests.evaluation.flights import many_episodes
 
 
-def moved(flight: Any, way: float) -> Any:
-    """The same flight, farther from its goal by a way."""
+def moved(flight: Any, way: Any) -> Any:
+    """The same flight, farther from its goal by a way, of all episodes or one of each."""
     states = replace(flight.states, p=replace(flight.states.p, x=flight.states.p.x - way))
     return replace(flight, states=states, engine="drake")
 
@@ -77,7 +77,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run folder of an agent that has hardly begun to learn."""
     folder = tmp_path_factory.mktemp("runs") / "young"
     assert main(["train", "go-to-pose", "--run", str(folder), "--total-timesteps", "8192",
-                 "--set", "timing.episode_steps=20"]) == 0
+                 "--set", "timing.episode_steps=20", "--set", "ppo.n_steps=16"]) == 0
     return folder
 
 

@@ -136,3 +136,14 @@ def test_settings_are_checked(task: type) -> None:
         task(target_speed=(0.5, 0.1))
     with pytest.raises(ConfigError, match=r"velocity_tolerance must be > 0, got 0"):
         task(velocity_tolerance=0)
+
+
+@pytest.mark.parametrize(("craft", "mean"), [("floating-platform", 0.081), ("free-flyer", 0.127)])
+def test_the_nearest_spin_within_reach_is_as_far_as_the_task_says(craft: str, mean: float) -> None:
+    """The free flyer's nozzles turn it about z and the two diagonals between x and y."""
+    spin = np.stack(scenarios(TrackTwist(), load_spacecraft(craft), seed=1, count=20_000).goal.spin())
+    if len(spin) == 3:
+        spin = np.stack([(spin[0] + spin[1]) * HALF, (spin[0] - spin[1]) * HALF, spin[2]])
+    left = np.linalg.norm(spin - 0.3032 * np.round(spin / 0.3032), axis=0)
+    assert left.mean() == pytest.approx(mean, abs=0.002)  # four standard deviations
+    assert left.max() <= 0.3032 / 2 * math.sqrt(len(spin))

@@ -156,7 +156,7 @@ def scalar_last(monkeypatch: pytest.MonkeyPatch) -> None:
 def clockwise_heading(monkeypatch: pytest.MonkeyPatch) -> None:
     true = rans.dynamics._advance_planar
 
-    def mirrored(state: PlanarState, applied: Wrench, body: MassProperties, *rest: Any) -> PlanarState:
+    def mirrored(state: PlanarState, applied: Any, body: MassProperties, *rest: Any) -> PlanarState:
         turned = replace(state, attitude=Heading(-state.attitude.angle), w=-state.w)
         moved = true(turned, replace(applied, torque=-applied.torque), body, *rest)
         return replace(moved, attitude=Heading(-moved.attitude.angle), w=-moved.w)

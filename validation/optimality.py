@@ -1,0 +1,102 @@
+"""How close the best on/off controls found come to what no on/off controller can beat.
+
+Run ``python -m validation.optimality --starts 8`` for a table: per start the certified bound, the best
+control found, both replayed and exact, and what it took.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from rans.errors import ConfigError
+from rans.fields import leaves, map_leaves
+from rans.flight import scenarios
+from rans.optimal.certificate import Certificate, Effort, least_fuel, least_time
+from rans.optimal.lattice import Lattice
+from rans.processes import submitted
+from rans.scenario import EVALUATION_SEED, Scenario
+from rans.spacecraft import Spacecraft
+from rans.spacecraft_file import load_spacecraft
+from rans.tasks import GoToPose
+from rans.timing import Timing
+from validation.checks import Check, Report
+
+
+@dataclass(frozen=True)
+class Optimality:
+    """Certified least fuel or time of every on/off controller, against the best control found."""
+
+    quantity: Literal["fuel", "time"] = "fuel"
+    """What to minimise."""
+    spacecraft: str = "floating-platform"
+    """Name of a planar spacecraft that comes with RANS, or your own TOML file."""
+    starts: int = 8
+    """Of the evaluation of go-to-pose."""
+    horizon: float = 10.0
+    """Time of arrival for fuel, longest time tried for time, s."""
+    seconds: float = 20.0
+    """For every level of fuel, or number of control periods, that is neither excluded nor reached."""
+    workers: int | None = None
+    """Processes; by default one per processor."""
+
+    def run(self) -> Report:
+        """Print a line per start as it is done, and return the checks."""
+        craft = load_spacecraft(self.spacecraft)
+        if self.starts < 1:
+            raise ConfigError(f"starts must be >= 1, got {self.starts}.")
+        batch = scenarios(GoToPose().for_evaluation(), craft, EVALUATION_SEED, self.starts)
+        answers = []
+        print(f"start    dual   lower   upper    gap   nodes  seconds   (least {self.quantity})")  # noqa: T201
+        for index, answer in enumerate(self._answers(craft, batch)):
+            answers.append(answer)
+            print(_line(index, answer), flush=True)  # noqa: T201
+        return report(self.quantity, answers)
+
+    def _answers(self, craft: Spacecraft, batch: Scenario) -> Iterator[Certificate]:
+        period = Timing().control_period
+        common = (craft, period, self.quantity, max(1, round(self.horizon / period)), self.seconds)
+        jobs = [(*common, map_leaves(lambda x, k=k: float(x[k]), batch)) for k in range(self.starts)]
+        with submitted(certificate, jobs, self.workers, leaves, (batch.start,)) as futures:
+            for future in futures:
+                yield future.result()
+
+
+def certificate(craft: Spacecraft, period: float, quantity: Literal["fuel", "time"], steps: int,
+                seconds: float, scenario: Scenario) -> Certificate:
+    """One start's answer; see `rans.optimal.certificate`."""
+    lattice, effort = Lattice(craft, period), Effort(seconds)
+    solve = least_fuel if quantity == "fuel" else least_time
+    start, goal = scenario.start, scenario.goal
+    return solve(lattice, start, goal, steps, effort=effort)  # type: ignore[arg-type]
+
+
+def report(quantity: Literal["fuel", "time"], answers: list[Certificate]) -> Report:
+    """Mean gap and share of starts not proven optimal, against what the project promises."""
+    gaps = np.array([answer.gap for answer in answers])
+    open_share = float(np.mean(gaps > 1e-9))
+    target = 0.04 if quantity == "fuel" else 0.02
+    checks = (
+        Check(f"least {quantity}: mean gap", float(gaps.mean()), target, "-",
+              "Promised; infinite where a start has no control."),
+        Check(f"least {quantity}: not proven optimal", open_share, 0.5, "share of starts",
+              "Promised; more seconds prove more."),
+    )
+    seconds = sum(answer.seconds for answer in answers)
+    return Report(f"least {quantity} of {len(answers)} starts", checks,
+                  {"seconds per start": round(seconds / len(answers), 1)})
+
+
+def _line(index: int, answer: Certificate) -> str:
+    return (f"{index:5d} {answer.dual:7.3f} {answer.lower:7.3f} {answer.upper:7.3f} {100 * answer.gap:5.1f}% "
+            f"{answer.nodes:7d} {answer.seconds:8.1f}")
+
+
+if __name__ == "__main__":
+    import tyro
+    from rich.console import Console
+
+    Console().print(tyro.cli(Optimality).run().table())
