@@ -78,7 +78,8 @@ def errors(every: Axes, summarised: Axes, flight: Flight, rank: int, letters: st
     parts = zip((every, summarised), letters, ("every episode", "summary"), strict=True)
     for axes, letter, what in parts:
         _tolerance(axes, flight, quantity)
-        axes.legend(loc="upper right")
+        if axes.get_legend_handles_labels()[0]:
+            axes.legend(loc="upper right")
         label(axes, f"({letter}) {quantity} error, {what}", "time, s", f"{quantity} error, {unit}")
 
 

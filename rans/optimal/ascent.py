@@ -11,8 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rans.optimal.dual import Bound, Relaxation, Branch
-
+from rans.optimal.dual import Bound, Branch, Relaxation
 
 _FARTHEST = 10.0
 """Half the edge of the largest box, in scaled costate; those of least fuel are about 1."""
@@ -84,7 +83,8 @@ def ascend(relaxation: Relaxation, branch: Branch, start: np.ndarray, cuts: list
         if best.value > target:
             break
         point, ceiling, weights = _highest(cuts, centre, trust, normal)
-        while ceiling - best.value < tolerance and np.abs(point - centre).max() > 0.99 * trust < _FARTHEST:
+        while (ceiling - best.value < tolerance and trust < _FARTHEST
+               and np.abs(point - centre).max() > 0.99 * trust):
             trust *= 4.0  # the box holds it back, not the cuts
             point, ceiling, weights = _highest(cuts, centre, trust, normal)
         if ceiling - best.value < tolerance:
@@ -104,9 +104,10 @@ def _highest(cuts: list[Cut], centre: np.ndarray, trust: float,
 
     planes = np.array([np.append(-cut.slope, 1.0) for cut in cuts])
     box = [(x - trust, x + trust) for x in centre]
-    equal = {} if normal is None else {"A_eq": np.append(normal, 0.0)[None], "b_eq": [normal @ centre]}
+    plane = None if normal is None else np.append(normal, 0.0)[None]
+    level = None if normal is None else [normal @ centre]
     answer = linprog([0.0, 0.0, 0.0, 0.0, -1.0], A_ub=planes, b_ub=[cut.offset for cut in cuts],
-                     bounds=[*box, (None, None)], method="highs", **equal)
+                     A_eq=plane, b_eq=level, bounds=[*box, (None, None)], method="highs")
     if answer.x is None:  # planes so large that the solver gives up: stay
         return centre, -np.inf, np.zeros(len(cuts))
     return answer.x[:4], -float(answer.fun), np.abs(answer.ineqlin.marginals)

@@ -1,4 +1,4 @@
-"""What no on/off controller can beat: certified least fuel and least time, with controls that reach them.
+"""What no on/off controller can beat: certified least fuel and time, and controls that reach them.
 
 Branch and bound over attitude: a branch is a set of windows on the lattice, its bound the dual value of
 `rans.optimal.dual`, which exact dynamic programming gives. docs/certificate.md has the proofs.
@@ -17,7 +17,7 @@ import numpy as np
 from rans.dynamics import PlanarState
 from rans.errors import ConfigError
 from rans.optimal.ascent import Ascent, Cut, ascend, scale, towards_goal
-from rans.optimal.dual import Relaxation, Branch
+from rans.optimal.dual import Branch, Relaxation
 from rans.optimal.lattice import GoalSet, Lattice
 from rans.optimal.onoff import flown, fuel, nozzles
 
@@ -179,8 +179,8 @@ def _root(lattice: Lattice, start: PlanarState, goal: PlanarState, goal_set: Goa
         if root.best.value <= cap:
             return relaxation, root
         if cap >= everything:
-            raise ConfigError(f"no on/off controller can reach the goal set in {steps} control periods of "
-                              f"{lattice.period:g} s; the usual cause is too short a time.")
+            raise ConfigError(f"no on/off controller can reach the goal set in {steps} control periods "
+                              f"of {lattice.period:g} s; the usual cause is too short a time.")
         cap *= 1.5
 
 
@@ -225,7 +225,7 @@ def _node(relaxation: Relaxation, parent: Ascent, branch: Branch, level: float, 
 
 def _commands(relaxation: Relaxation, found: Ascent, level: float, effort: Effort,
               seen: set[bytes]) -> np.ndarray | None:
-    """Try the paths that weigh most in the relaxation's mixture, then other nozzles for each attitude."""
+    """Try the paths that weigh most in the relaxation's mixture, then other nozzles for them."""
     for index in np.argsort(-found.weights)[:2]:
         path = found.cuts[index].path
         commands = flown(relaxation, path, level)

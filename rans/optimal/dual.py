@@ -25,7 +25,7 @@ _LARGEST = float(np.finfo(np.float64).max)
 
 @dataclass(frozen=True)
 class Branch:
-    """A part of the paths: heading indices low <= a < high per period and spin, and patterns per period."""
+    """A part of the paths: heading indices low <= a < high per period and spin, patterns per period."""
 
     low: np.ndarray
     """(N + 1, spins) whole numbers, counted from the array's start."""
@@ -52,7 +52,7 @@ class Branch:
         return replace(self, patterns=allowed)
 
     def range(self) -> tuple[np.ndarray, np.ndarray]:
-        """Lowest and highest index per period, (N + 1,) each; lowest above highest where none is left."""
+        """Lowest and highest index per period, (N + 1,) each; the lowest is above where none is left."""
         some = self.high > self.low
         lowest = np.where(some, self.low, np.iinfo(np.int64).max).min(axis=1)
         return lowest, np.where(some, self.high - 1, -1).max(axis=1)
@@ -106,7 +106,8 @@ class Relaxation:
         last = max(abs(n) for n in self.net)
         limit = np.minimum(most * k, most * (self.steps - k) + last)
         if self.cap is not None:
-            limit = np.minimum(limit, int((self.cap * self.lattice.quanta_per_fuel * (1 + 1e-12) + last) / 2))
+            bought = self.cap * self.lattice.quanta_per_fuel * (1 + 1e-12)
+            limit = np.minimum(limit, int((bought + last) / 2))
         return limit
 
     def _tables(self, limits: np.ndarray) -> None:
@@ -123,10 +124,11 @@ class Relaxation:
         angle = self.start.attitude.angle + self.start.w * h * np.arange(steps)[:, None]
         self._base = np.exp(1j * (angle + 0.5 * lattice.spin * h * n))
         self._turned = lattice.spin * h * (np.arange(self._shape[2]) - self._origin)
-        self._cosine, self._sine = np.cos(self._turned), np.sin(self._turned)
         self._responses = lattice.responses(self.start.w + lattice.spin * n)
-        torque = lattice.patterns.torque
-        self._firsts = np.searchsorted(torque, np.append(lattice.torque_range, torque.max() + 1))
+        patterns, torques = lattice.patterns, lattice.torque_range
+        firsts = np.searchsorted(patterns.torque, np.append(torques, torques[-1] + 1))
+        self._fixed = (np.cos(self._turned), np.sin(self._turned), patterns.thrust, patterns.force,
+                       firsts, int(torques[0]), self._reach, self._origin)
 
     def _arrived(self) -> np.ndarray:
         """(spins, headings) whether the last point is in the goal set."""
@@ -147,10 +149,8 @@ class Relaxation:
         left = (self.steps - np.arange(self.steps)) * self.lattice.period
         first, second = self._responses
         pull = np.conj(velocity + position * left)[:, None, None] * first - np.conj(position) * second
-        patterns = self.lattice.patterns
-        return (self.fuel * self.lattice.period, self._base[:, :, None] * pull / self.lattice.craft.mass,
-                self._cosine, self._sine, patterns.thrust, patterns.force, self._firsts,
-                int(self.lattice.torque_range[0]), self._reach, self._origin, branch.low, branch.high,
+        turns = self._base[:, :, None] * pull / self.lattice.craft.mass
+        return (self.fuel * self.lattice.period, turns, self._fixed, branch.low, branch.high,
                 branch.patterns)
 
     def bound(self, costate: np.ndarray, branch: Branch) -> Bound:
@@ -198,7 +198,8 @@ class Relaxation:
         """What the dual function has besides the inner minimum, and its supergradient."""
         miss = self.miss
         value, slope = float(costate @ miss), miss.copy()
-        for part, radius in ((slice(0, 2), self.goal_set.velocity), (slice(2, 4), self.goal_set.position)):
+        radii = (self.goal_set.velocity, self.goal_set.position)
+        for part, radius in zip((slice(0, 2), slice(2, 4)), radii, strict=True):
             size = float(np.linalg.norm(costate[part]))
             value -= radius * size
             slope[part] -= radius * costate[part] / size if size > 0 else 0.0
@@ -233,9 +234,11 @@ class Relaxation:
         n, a = self.points(path)
         k, i = np.arange(self.steps), n[:-1] + self._reach
         t = self.lattice.patterns.torque[path] - self.lattice.torque_range[0]
-        turn = self._base[k, i] * np.exp(1j * self._turned[a[:-1] + self._origin]) / self.lattice.craft.mass
+        turn = self._base[k, i] * np.exp(1j * self._turned[a[:-1] + self._origin])
+        turn = turn / self.lattice.craft.mass
         speed = turn * self._responses[0][i, t]
-        way = (self.steps - k) * self.lattice.period * speed - turn * self._responses[1][i, t]
+        left = (self.steps - k) * self.lattice.period
+        way = left * speed - turn * self._responses[1][i, t]
         force = self.lattice.patterns.force[patterns].T
         return (force * speed).T, (force * way).T
 
@@ -249,7 +252,7 @@ class Relaxation:
         return float(self.lattice.patterns.thrust[path].sum()) * self.lattice.period
 
     def margin(self, costate: np.ndarray) -> float:
-        """More than rounding and inexact torque multiples can change a value by (docs/certificate.md)."""
+        """More than rounding and inexact torques can change a value by (docs/certificate.md)."""
         craft, h = self.lattice.craft, self.lattice.period
         time = self.steps * h
         pull = float(np.linalg.norm(costate[:2]) + time * np.linalg.norm(costate[2:])) / craft.mass
@@ -257,7 +260,8 @@ class Relaxation:
         angle = (abs(self.start.attitude.angle) + abs(self.start.w) * time
                  + self.lattice.spin * h * (self._origin + self._reach))
         miss = float(np.abs(costate) @ np.abs(self.miss))
-        relative = _MERGED + _EPSILON * (64.0 + 8.0 * angle + 2.0 * self.steps) + self.lattice.drift(self.steps)
+        rounding = _EPSILON * (64.0 + 8.0 * angle + 2.0 * self.steps)
+        relative = _MERGED + rounding + self.lattice.drift(self.steps)
         return self.steps * stage * relative + 16.0 * _EPSILON * miss
 
 

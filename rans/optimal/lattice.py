@@ -1,7 +1,7 @@
 """The lattice on which heading and spin live when thrusters are on or off for whole control periods.
 
-With constant inertia one pulse of a thruster changes the spin by a whole multiple of one quantum, however
-the spacecraft moves. Spin and heading at the start of period k are then
+With constant inertia one pulse of a thruster changes the spin by a whole multiple of one quantum,
+however the spacecraft moves. Spin and heading at the start of period k are then
 
     w_k = w_0 + q n_k,   heading_k = heading_0 + w_0 k h + q h (a_k + n_k / 2),
 
@@ -171,9 +171,9 @@ class GoalSet:
         if not found:
             nearest = abs(round(exact) - exact) * lattice.spin
             raise ConfigError(
-                f"no whole number of pulses takes the spin from {start.w:.6g} to {goal.w:.6g} rad/s: the "
-                f"nearest misses by {nearest:.3g} rad/s, so the goal set's spin tolerance, {self.spin:.3g} "
-                "rad/s, must be at least that; the usual cause is a start that spins.")
+                f"no whole number of pulses takes the spin from {start.w:.6g} to {goal.w:.6g} rad/s: "
+                f"the nearest misses by {nearest:.3g} rad/s, so the goal set's spin tolerance, "
+                f"{self.spin:.3g} rad/s, must be at least that; the usual cause is a start that spins.")
         return found
 
     def contains(self, state: PlanarState, goal: PlanarState) -> bool:
@@ -190,8 +190,8 @@ def _check(craft: Spacecraft) -> None:
                           "only, because attitudes in space do not lie on a lattice.")
     if craft.thrust_sharing != "none":
         raise ConfigError(f"spacecraft {craft.name!r}: the on/off certificate does not cover "
-                          f'thrust_sharing = "{craft.thrust_sharing}", where a pulse\'s torque depends on '
-                          "how many thrusters are open.")
+                          f'thrust_sharing = "{craft.thrust_sharing}", where a pulse\'s torque '
+                          "depends on how many thrusters are open.")
 
 
 def _quantum(craft: Spacecraft, torques: np.ndarray) -> tuple[float, np.ndarray]:
@@ -209,8 +209,8 @@ def _quantum(craft: Spacecraft, torques: np.ndarray) -> tuple[float, np.ndarray]
     raise ConfigError(
         f"spacecraft {craft.name!r}: the on/off certificate needs thrusters whose torques are whole "
         f"multiples, at most {_LARGEST_MULTIPLE}, of one quantum, got "
-        f"{', '.join(f'{torque:.4g}' for torque in torques)} N m; the usual cause is a centre of mass off "
-        "the thrusters' centre.")
+        f"{', '.join(f'{torque:.4g}' for torque in torques)} N m; the usual cause is a centre of mass "
+        "off the thrusters' centre.")
 
 
 def _patterns(craft: Spacecraft, multiples: np.ndarray) -> Patterns:
@@ -228,7 +228,7 @@ def _patterns(craft: Spacecraft, multiples: np.ndarray) -> Patterns:
                 found[key] = (torque, force, thrust, (*open_[:index], 1.0, *open_[index + 1:]))
         if len(found) > _MOST_PATTERNS:
             raise ConfigError(f"spacecraft {craft.name!r}: its {count} thrusters have more than "
-                              f"{_MOST_PATTERNS} different on/off patterns, too many for the certificate.")
+                              f"{_MOST_PATTERNS} different on/off patterns, too many to search.")
     ordered = sorted(found.values(), key=lambda pattern: (pattern[0], pattern[2]))
     torque, force, thrust, commands = zip(*ordered, strict=True)
     return Patterns(np.array(torque), np.array(force), np.array(thrust), np.array(commands))

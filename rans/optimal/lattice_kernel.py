@@ -9,10 +9,17 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+Tables = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, int, int, int]
+"""Cosine and sine of the heading indices' angles (headings,); per pattern thrust (P,) and complex force
+(P,), N; the first pattern of each net torque (torques + 1,); the smallest net torque; and the index of
+n = 0 and of a = 0."""
+
 
 @njit(nogil=True)
-def price_row(price, turn, cosine, sine, thrust, force, first, last, allowed, begin, end, row):  # noqa: ANN001, ANN201
+def price_row(price: float, turn: complex, tables: Tables, first: int, last: int, allowed: np.ndarray,
+              begin: int, end: int, row: np.ndarray) -> None:
     """Write the cheapest pattern of one net torque for all headings of one spin into ``row``."""
+    cosine, sine, thrust, force = tables[:4]
     for a in range(begin, end):
         row[a] = np.inf
     for p in range(first, last):
@@ -26,26 +33,21 @@ def price_row(price, turn, cosine, sine, thrust, force, first, last, allowed, be
 
 
 @njit(nogil=True)
-def backward(fuel, turns, cosine, sine, thrust, force, firsts, least, reach, origin, low, high, allowed, value):  # noqa: ANN001, ANN201, E501
+def backward(fuel: float, turns: np.ndarray, tables: Tables, low: np.ndarray, high: np.ndarray,
+             allowed: np.ndarray, value: np.ndarray) -> None:
     """Least cost from every point to the end; ``value`` (N + 1, spins, headings), its end given.
 
     Args:
         fuel: price of a newton of thrust over one period.
         turns: complex (N, spins, torques), what the costate makes of a force on B at heading index 0.
-        cosine: (headings,) of the heading indices' angles.
-        sine: (headings,).
-        thrust: (P,) N, per pattern.
-        force: (P,) complex, N.
-        firsts: (torques + 1,) the first pattern of each net torque.
-        least: the smallest net torque.
-        reach: n = index - reach.
-        origin: a = index - origin; not needed as a changes by n.
+        tables: see `Tables`.
         low: see above.
         high: see above.
         allowed: (N, P) the patterns that may be used.
         value: filled for k < N.
     """
     steps, spins = turns.shape[0], turns.shape[1]
+    firsts, least, reach = tables[4:7]
     row = np.empty(value.shape[2])
     for k in range(steps - 1, -1, -1):
         for i in range(spins):
@@ -60,17 +62,19 @@ def backward(fuel, turns, cosine, sine, thrust, force, firsts, least, reach, ori
                 end = min(high[k, i], high[k + 1, j] - n)
                 if begin >= end:
                     continue
-                price_row(fuel, turns[k, i, t], cosine, sine, thrust, force, firsts[t], firsts[t + 1],
-                          allowed[k], begin, end, row)
+                price_row(fuel, turns[k, i, t], tables, firsts[t], firsts[t + 1], allowed[k],
+                          begin, end, row)
                 for a in range(begin, end):
                     cost = row[a] + value[k + 1, j, a + n]
                     value[k, i, a] = cost if cost < value[k, i, a] else value[k, i, a]
 
 
 @njit(nogil=True)
-def forward(fuel, turns, cosine, sine, thrust, force, firsts, least, reach, origin, low, high, allowed, value):  # noqa: ANN001, ANN201, E501
+def forward(fuel: float, turns: np.ndarray, tables: Tables, low: np.ndarray, high: np.ndarray,
+            allowed: np.ndarray, value: np.ndarray) -> None:
     """Least cost from the start to every point: as `backward`, but ``value`` at k = 0 is given."""
     steps, spins = turns.shape[0], turns.shape[1]
+    firsts, least, reach = tables[4:7]
     row = np.empty(value.shape[2])
     for k in range(steps):
         for j in range(spins):
@@ -86,17 +90,20 @@ def forward(fuel, turns, cosine, sine, thrust, force, firsts, least, reach, orig
                 end = min(high[k, i], high[k + 1, j] - n)
                 if begin >= end:
                     continue
-                price_row(fuel, turns[k, i, t], cosine, sine, thrust, force, firsts[t], firsts[t + 1],
-                          allowed[k], begin, end, row)
+                price_row(fuel, turns[k, i, t], tables, firsts[t], firsts[t + 1], allowed[k],
+                          begin, end, row)
                 for a in range(begin, end):
                     cost = row[a] + value[k, i, a]
-                    value[k + 1, j, a + n] = cost if cost < value[k + 1, j, a + n] else value[k + 1, j, a + n]
+                    if cost < value[k + 1, j, a + n]:
+                        value[k + 1, j, a + n] = cost
 
 
 @njit(nogil=True)
-def trace(fuel, turns, cosine, sine, thrust, force, firsts, least, reach, origin, low, high, allowed, value):  # noqa: ANN001, ANN201, E501
+def trace(fuel: float, turns: np.ndarray, tables: Tables, low: np.ndarray, high: np.ndarray,
+          allowed: np.ndarray, value: np.ndarray) -> np.ndarray:
     """The cheapest patterns from n = a = 0 on, by the values of `backward`: (N,) indices."""
     steps, spins = turns.shape[0], turns.shape[1]
+    cosine, sine, thrust, force, firsts, least, reach, origin = tables
     chosen = np.zeros(steps, dtype=np.int64)
     i, a = reach, origin
     for k in range(steps):
@@ -118,7 +125,8 @@ def trace(fuel, turns, cosine, sine, thrust, force, firsts, least, reach, origin
 
 
 @njit(nogil=True)
-def shrink(before, after, limit, low, high):  # noqa: ANN001, ANN201
+def shrink(before: np.ndarray, after: np.ndarray, limit: float, low: np.ndarray,
+           high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Windows that hold every point through which a path costs at most the limit."""
     steps, spins = low.shape
     new_low, new_high = np.zeros_like(low), np.zeros_like(high)

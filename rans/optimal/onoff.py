@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from rans.dynamics import MassProperties, PlanarState, advance, wrench
@@ -34,11 +36,11 @@ def fuel(craft: Spacecraft, commands: np.ndarray, period: float) -> float:
 
 def nozzles(relaxation: Relaxation, path: np.ndarray, bound: Bound, limit: float,
             seconds: float) -> np.ndarray | None:
-    """Commands that turn the spacecraft as the path does and end in the goal set, if the solver finds any.
+    """Commands that turn the spacecraft as the path does and end in the goal set, if any are found.
 
-    With the attitude known, velocity and position at the end are linear in the choice of one pattern per
-    period: a mixed-integer linear program (HiGHS). Patterns whose reduced cost alone exceeds what is left
-    of the limit are not offered.
+    With the attitude known, velocity and position at the end are linear in the choice of one pattern
+    per period: a mixed-integer linear program (HiGHS). Patterns whose reduced cost alone exceeds what
+    is left of the limit are not offered.
 
     Args:
         relaxation: start, goal and goal set.
@@ -96,8 +98,8 @@ def _solve(relaxation: Relaxation, period: np.ndarray, pattern: np.ndarray, spee
     miss = relaxation.miss
     constraints = [
         LinearConstraint(once, 1, 1),
-        LinearConstraint(*_disc(speed, complex(*miss[:2]), relaxation.goal_set.velocity)),
-        LinearConstraint(*_disc(way, complex(*miss[2:]), relaxation.goal_set.position)),
+        _disc(speed, complex(*miss[:2]), relaxation.goal_set.velocity),
+        _disc(way, complex(*miss[2:]), relaxation.goal_set.position),
     ]
     if relaxation.fuel > 0:
         thrust = lattice.period * lattice.patterns.thrust[pattern]
@@ -107,9 +109,12 @@ def _solve(relaxation: Relaxation, period: np.ndarray, pattern: np.ndarray, spee
     return None if answer.x is None else np.flatnonzero(answer.x > 0.5)
 
 
-def _disc(effect: np.ndarray, miss: complex, radius: float) -> tuple[np.ndarray, float, np.ndarray]:
-    """Half planes of a polygon inside |miss + sum of effects| <= radius."""
-    normals = np.exp(2j * np.pi * np.arange(_SIDES) / _SIDES)
+def _disc(effect: np.ndarray, miss: complex, radius: float) -> Any:
+    """A `LinearConstraint`: half planes of a polygon inside |miss + sum of effects| <= radius."""
+    from scipy.optimize import LinearConstraint
+
+    normals: np.ndarray = np.exp(2j * np.pi * np.arange(_SIDES) / _SIDES)
     inside = radius * np.cos(np.pi / _SIDES) * (1 - 1e-9)
     rows = (np.conj(normals)[:, None] * effect).real
-    return rows, -np.inf, inside - (np.conj(normals) * miss).real
+    bounds: Any = inside - (np.conj(normals) * miss).real
+    return LinearConstraint(rows, -np.inf, bounds)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
 
 import numpy as np
@@ -45,8 +46,9 @@ def test_inner_minimum_equals_brute_force(name: str, seed: int, costate: list[fl
     relaxation, goal, flown = tiny(name, seed)
     turned = flown.arrived(goal, SNUG, ("heading", "spin"))
     final = map_leaves(lambda x: x[turned], flown.final)
-    miss = np.array([final.v.x - goal.v.x, final.v.y - goal.v.y, final.p.x - goal.p.x, final.p.y - goal.p.y])
-    radii = SNUG.velocity * np.hypot(*costate[:2]) + SNUG.position * np.hypot(*costate[2:])
+    speed, way = final.v - Vec2(goal.v.x, goal.v.y), final.p - Vec2(goal.p.x, goal.p.y)
+    miss = np.array([speed.x, speed.y, way.x, way.y])
+    radii = SNUG.velocity * math.hypot(*costate[:2]) + SNUG.position * math.hypot(*costate[2:])
     expected = (flown.fuel[turned] + np.array(costate) @ miss).min() - radii
     multiplier = np.array(costate)
     ours = relaxation.bound(multiplier, relaxation.reachable())
@@ -119,7 +121,8 @@ def test_no_lqr_flight_beats_its_certificate() -> None:
         start, goal = (map_leaves(lambda x, i=i, k=k: float(x[i, k]), flight.states) for i in (0, -1))
         paid = fuel(PLATFORM, flight.commands[:, k], PERIOD)
         relaxation = Relaxation(lattice, start, goal, GoalSet(), 30, paid)
-        found = ascend(relaxation, relaxation.reachable(), towards_goal(relaxation), [], np.inf, 1e-2, 0.5, 25)
+        found = ascend(relaxation, relaxation.reachable(), towards_goal(relaxation), [], np.inf, 1e-2,
+                       0.5, 25)
         assert 0 < found.best.value <= paid
 
 

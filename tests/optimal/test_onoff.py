@@ -35,7 +35,7 @@ def test_nozzles_are_found_whenever_a_flight_exists(seed: int) -> None:
     best = np.flatnonzero(arrived)[flown.fuel[arrived].argmin()]
     path = _path(lattice, flown.commands[best])
     bound = relaxation.bound(towards_goal(relaxation) * scale(relaxation), relaxation.reachable())
-    commands = nozzles(relaxation, path, bound, flown.fuel[best], 5.0)
+    commands = nozzles(relaxation, path, bound, float(flown.fuel[best]), 5.0)
     assert commands is not None
     assert fuel(craft, commands, PERIOD) <= flown.fuel[best] + 1e-9
     assert SNUG.contains(replay(craft, start, commands, PERIOD), goal)
@@ -51,7 +51,7 @@ def test_no_nozzles_where_none_exist() -> None:
     best = np.flatnonzero(arrived)[flown.fuel[arrived].argmin()]
     bound = relaxation.bound(np.zeros(4), relaxation.reachable())
     path = _path(lattice, flown.commands[best])
-    assert nozzles(relaxation, path, bound, flown.fuel[best] - 0.01, 5.0) is None
+    assert nozzles(relaxation, path, bound, float(flown.fuel[best]) - 0.01, 5.0) is None
 
 
 def _path(lattice: Lattice, commands: np.ndarray) -> np.ndarray:

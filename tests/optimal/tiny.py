@@ -22,8 +22,9 @@ def lopsided() -> Spacecraft:
         a = math.radians(degrees)
         return Thruster((x, y, 0.0), (math.cos(a), math.sin(a), 0.0), force)
 
-    layout = (thruster(0.3, 0.1, 90.0, 1.0), thruster(0.0, 0.2, 0.0, 1.5), thruster(-0.4, 0.0, 270.0, 1.5),
-              thruster(-0.1, -0.3, 180.0, 1.0), thruster(0.1, 0.0, 180.0, 0.8))
+    layout = (thruster(0.3, 0.1, 90.0, 1.0), thruster(0.0, 0.2, 0.0, 1.5),
+              thruster(-0.4, 0.0, 270.0, 1.5), thruster(-0.1, -0.3, 180.0, 1.0),
+              thruster(0.1, 0.0, 180.0, 0.8))
     sphere = ((0.11, 0.0, 0.0), (0.0, 0.11, 0.0), (0.0, 0.0, 0.11))
     return Spacecraft("lopsided", 2, 4.0, sphere, layout)
 
@@ -74,5 +75,6 @@ def instance(craft: Spacecraft, steps: int, seed: int) -> tuple[PlanarState, Pla
     pick = random.integers(len(flown.fuel))
     x, y, angle, u, v, w = (float(field[pick]) for field in leaves(flown.final))
     # off by something, and by a turn, so that tolerances and wrapping matter
-    goal = PlanarState(Vec2(x + 0.004, y - 0.003), Heading(angle + 0.02 - math.tau), Vec2(u, v + 0.006), w)
+    turned = Heading(angle + 0.02 - math.tau)
+    goal = PlanarState(Vec2(x + 0.004, y - 0.003), turned, Vec2(u, v + 0.006), w)
     return start, goal, flown

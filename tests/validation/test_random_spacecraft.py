@@ -25,9 +25,9 @@ _SHORT = ("thrusters", "commands", "mass", "accelerations", "period", "invariant
 
 def assert_trusted(craft: Spacecraft, seed: int) -> None:
     scope = Scope(craft, seed, states=8, flights=1)
-    failed = [check for name in _SHORT for check in LAYERS[name](scope)
-              if isinstance(check, Check) and not check.passed]
-    assert not failed, f"{failed}\nwith seed {seed} of this spacecraft:\n{to_toml(craft)}"
+    for name in _SHORT:
+        failed = [c for c in LAYERS[name](scope) if isinstance(c, Check) and not c.passed]
+        assert not failed, f"{failed}\nwith seed {seed} of this spacecraft:\n{to_toml(craft)}"
 
 
 def any_spacecraft(dimension: Literal[2, 3], examples: int) -> Callable[[], None]:
@@ -41,11 +41,11 @@ def any_spacecraft(dimension: Literal[2, 3], examples: int) -> Callable[[], None
 
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_a_few_dozen(dimension: Literal[2, 3]) -> None:
-    any_spacecraft(dimension, 20)()
+    any_spacecraft(dimension, 15)()
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("dimension", "examples"), [(2, 200), (3, 100)])
+@pytest.mark.parametrize(("dimension", "examples"), [(2, 220), (3, 60)])
 def test_hundreds(dimension: Literal[2, 3], examples: int) -> None:
     any_spacecraft(dimension, examples)()
 
