@@ -25,7 +25,6 @@ from rans.tasks import GoToPose
 from rans.timing import Timing
 from validation.checks import Check, Report
 
-
 _HEADINGS = "start    dual   lower   upper    gap   nodes  seconds"
 
 

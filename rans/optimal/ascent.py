@@ -79,7 +79,7 @@ def ascend(relaxation: Relaxation, branch: Branch, start: np.ndarray, cuts: list
         if np.isinf(latest.value):
             return Ascent(latest, cuts, weights)
         slope = latest.gradient * unit
-        cuts.append(Cut(latest.value - slope @ point, slope, latest.path))
+        cuts.append(Cut(float(latest.value - slope @ point), slope, latest.path))
         if best.value > target:
             break
         point, ceiling, weights = _highest(cuts, centre, trust, normal)

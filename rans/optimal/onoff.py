@@ -115,6 +115,6 @@ def _disc(effect: np.ndarray, miss: complex, radius: float) -> Any:
 
     normals: np.ndarray = np.exp(2j * np.pi * np.arange(_SIDES) / _SIDES)
     inside = radius * np.cos(np.pi / _SIDES) * (1 - 1e-9)
-    rows = (np.conj(normals)[:, None] * effect).real
-    bounds: Any = inside - (np.conj(normals) * miss).real
-    return LinearConstraint(rows, -np.inf, bounds)
+    rows = np.real(np.conj(normals)[:, None] * effect)
+    left: Any = inside - np.real(np.conj(normals) * miss)
+    return LinearConstraint(rows, -np.inf, left)

@@ -90,8 +90,8 @@ def test_last_fifth_of_25_steps_is_5(inside: int, solved: float) -> None:
 
 
 def test_return_of_resting_at_the_goal() -> None:
-    # exp(0) + exp(0) = 2 a step; 1e-9: rounding of the heading error (1e-16 rad) and ten sums.
-    assert measure(flight_of(np.zeros((11, 3)), 0.0))["return"].value == pytest.approx(20.0, abs=1e-9)
+    # 1 + 1 and twice 1/2 are 3 a step; 1e-9: rounding of the heading error (1e-16 rad) and ten sums.
+    assert measure(flight_of(np.zeros((11, 3)), 0.0))["return"].value == pytest.approx(30.0, abs=1e-9)
 
 
 def test_failure_counts_even_if_the_episode_recovers() -> None:
