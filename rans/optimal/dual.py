@@ -139,11 +139,6 @@ class Relaxation:
         margin = self.lattice.drift(self.steps) + 1e-9
         return np.isin(n, list(self.net))[:, None] & (error <= self.goal_set.heading + margin)
 
-    @property
-    def memory(self) -> int:
-        """Bytes of the two tables of values."""
-        return self._before.nbytes + self._after.nbytes
-
     def _arguments(self, costate: np.ndarray, branch: Branch) -> tuple[Any, ...]:
         velocity, position = complex(*costate[:2]), complex(*costate[2:])
         left = (self.steps - np.arange(self.steps)) * self.lattice.period

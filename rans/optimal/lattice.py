@@ -25,9 +25,9 @@ from rans.spacecraft import Spacecraft
 _LARGEST_MULTIPLE = 64
 """Torque of a thruster in quanta, at most: finer lattices have too many points to enumerate."""
 
-_ROUNDING = 1e-9
+_ROUNDING = 1e-12
 """By which torques of a file may differ from whole multiples, relative to the largest: directions and
-positions are written with finitely many digits. Beyond 1e-15 it costs heading, see `Lattice.drift`."""
+positions have finitely many digits. It costs heading, see `Lattice.drift`."""
 
 _MOST_PATTERNS = 10_000
 """Of thrusters open together: 8 thrusters have at most 256, of which 81 differ."""
