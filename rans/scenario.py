@@ -139,6 +139,11 @@ class Random:
             return self.uniform(-fastest, fastest)
         return self.direction().scale(self.uniform(0.0, fastest))  # type: ignore[return-value]
 
+    def around(self, low: float, high: float) -> State:
+        """A state at rest so far from the origin, m, with any bearing and attitude."""
+        direction, distance = self.direction(), self.uniform(low, high)
+        return self.at_rest(direction.scale(distance), self.attitude())
+
     def at_rest(self, p: Vec2 | Vec3, attitude: Heading | Quat) -> State:
         """The state at this place with no velocity."""
         return self._state(p, attitude, self.origin(), self.no_spin())

@@ -42,7 +42,8 @@ class Compare:
         agent, craft, task, timing = load_agent(self.run_folder)
         task = task.for_evaluation()
         objectives = bounds(timing)
-        with Progress(console=Console(stderr=True), transient=True) as progress:
+        terminal = Console(stderr=True)
+        with Progress(console=terminal, transient=True, disable=not terminal.is_terminal) as progress:
             bar = progress.add_task("optimal trajectories", total=len(objectives) * self.episodes)
             comparison = compare([agent, LQR(craft, timing)], craft, task, timing, self.seed,
                                  self.episodes, objectives, progress=lambda: progress.advance(bar))

@@ -123,6 +123,18 @@ def check_settings(task: Any) -> None:
             raise ConfigError(f"{name} must be > 0, got {value!r}; only weights may be zero.")
 
 
+def check_spawn(spawn_distance: tuple[float, float], fail_distance: float) -> None:
+    """Refuse starts beyond the distance at which an episode fails.
+
+    Raises:
+        ConfigError: some starts are.
+    """
+    if fail_distance <= spawn_distance[1]:
+        raise ConfigError(
+            f"fail_distance must exceed the farthest start, {spawn_distance[1]} m, got {fail_distance}: "
+            "episodes would fail as they begin.")
+
+
 def reached(task: Task, state: Any, goal: Any) -> Field:
     """Whether every error is within its tolerance."""
     errors, tolerances = task.errors(state, goal), task.tolerances()

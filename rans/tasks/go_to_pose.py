@@ -7,10 +7,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from rans.dynamics import State
-from rans.errors import ConfigError
 from rans.fields import Field
 from rans.scenario import Random
-from rans.tasks.base import Column, Dimension, check_settings
+from rans.tasks.base import Column, Dimension, check_settings, check_spawn
 from rans.tasks.rewards import nearness, price
 
 
@@ -53,10 +52,7 @@ class GoToPose:
 
     def __post_init__(self) -> None:
         check_settings(self)
-        if self.fail_distance <= self.spawn_distance[1]:
-            raise ConfigError(
-                f"fail_distance must exceed the farthest start, {self.spawn_distance[1]} m, got "
-                f"{self.fail_distance}: episodes would fail as they begin.")
+        check_spawn(self.spawn_distance, self.fail_distance)
 
     def for_evaluation(self) -> GoToPose:
         """The task with the starts that agents are judged on."""
@@ -64,8 +60,7 @@ class GoToPose:
 
     def sample(self, random: Random) -> tuple[State, State]:
         """Start around the goal, goal at the origin."""
-        direction, distance = random.direction(), random.uniform(*self.spawn_distance)
-        start = random.at_rest(direction.scale(distance), random.attitude())
+        start = random.around(*self.spawn_distance)
         return start, random.at_rest(random.origin(), random.attitude())
 
     def residual(self, state: Any, goal: Any) -> tuple[Field, ...]:

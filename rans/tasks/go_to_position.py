@@ -6,10 +6,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from rans.dynamics import State
-from rans.errors import ConfigError
 from rans.fields import Field, sqrt
 from rans.scenario import Random
-from rans.tasks.base import Column, Dimension, check_settings
+from rans.tasks.base import Column, Dimension, check_settings, check_spawn
 from rans.tasks.rewards import nearness, price
 
 
@@ -49,10 +48,7 @@ class GoToPosition:
 
     def __post_init__(self) -> None:
         check_settings(self)
-        if self.fail_distance <= self.spawn_distance[1]:
-            raise ConfigError(
-                f"fail_distance must exceed the farthest start, {self.spawn_distance[1]} m, got "
-                f"{self.fail_distance}: episodes would fail as they begin.")
+        check_spawn(self.spawn_distance, self.fail_distance)
 
     def for_evaluation(self) -> GoToPosition:
         """The task with the starts that agents are judged on."""
@@ -60,8 +56,7 @@ class GoToPosition:
 
     def sample(self, random: Random) -> tuple[State, State]:
         """Start around the goal, goal at the origin."""
-        direction, distance = random.direction(), random.uniform(*self.spawn_distance)
-        start = random.at_rest(direction.scale(distance), random.attitude())
+        start = random.around(*self.spawn_distance)
         return start, random.at_rest(random.origin(), random.no_rotation())
 
     def residual(self, state: Any, goal: Any) -> tuple[Field, ...]:
