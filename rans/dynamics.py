@@ -1,7 +1,7 @@
 """Equations of motion, written once over fields: torch, NumPy and CasADi run this source.
 
 World frame W, body frame B at the centre of mass. Thrust is constant in B over one control period
-(zero-order hold), as are all disturbances. There is no gravity and no friction: the spacecraft
+(zero-order hold), disturbances are constant in W. There is no gravity and no friction: the spacecraft
 flies free or floats on air.
 """
 
@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -82,7 +82,7 @@ AnyState = TypeVar("AnyState", PlanarState, SpatialState)
 
 @dataclass(frozen=True)
 class Wrench:
-    """Force and torque about the centre of mass, expressed in B."""
+    """Force and torque about the centre of mass: expressed in B for thrust, in W for a disturbance."""
 
     force: Vec2 | Vec3
     """N."""
@@ -141,7 +141,7 @@ def _dot(shares: Sequence[Field], coefficients: Sequence[float]) -> Field:
 
 
 def advance(state: AnyState, applied: Wrench, body: MassProperties, duration: Field,
-            substeps: int = 1, nodes: int = NODES) -> AnyState:
+            substeps: int = 1, nodes: int = NODES, disturbance: Wrench | None = None) -> AnyState:
     """The state after the wrench acted for the duration, constant in B.
 
     Args:
@@ -151,26 +151,37 @@ def advance(state: AnyState, applied: Wrench, body: MassProperties, duration: Fi
         duration: of the whole motion, s.
         substeps: equal parts the motion is computed in. Each part is exact up to quadrature
             rounding in the plane and one fourth-order Runge-Kutta step in space.
-        nodes: of the quadrature in the plane; float32 needs only three.
+        nodes: of the quadrature in the plane; float32 needs only four.
+        disturbance: a second wrench, constant in W: an uneven floor, a draught, a tether.
     """
-    h = duration / substeps
+    load, h = _Load(applied, disturbance, body), duration / substeps
     for _ in range(substeps):
         if isinstance(state, PlanarState):
-            state = _advance_planar(state, applied, body, h, nodes)
+            state = _advance_planar(state, load, h, nodes)
         else:
-            state = _advance_spatial(state, applied, body, h)
+            state = _advance_spatial(state, load, h)
     return state
 
 
-def _advance_planar(state: PlanarState, applied: Wrench, body: MassProperties, h: Field,
-                    nodes: int) -> PlanarState:
+@dataclass(frozen=True)
+class _Load:
+    """What acts on what."""
+
+    thrust: Wrench
+    disturbance: Wrench | None
+    body: MassProperties
+
+
+def _advance_planar(state: PlanarState, load: _Load, h: Field, nodes: int) -> PlanarState:
     """With constant torque the heading is an exact quadratic in time; force follows by quadrature.
 
     v(h) = v + h sum w_i a(s_i h) and p(h) = p + v h + h^2 sum w_i (1 - s_i) a(s_i h), where
-    a(t) = R(heading(t)) F_B / m, over the nodes s_i and weights w_i of `_RULES`.
+    a(t) = R(heading(t)) F_B / m, over the nodes s_i and weights w_i of `_RULES`. A disturbance's force
+    does not turn, so its share is exact.
     """
-    acceleration = applied.force.scale(1.0 / body.mass)
-    spin_up = applied.torque * (1.0 / body.inertia[0])
+    acceleration = load.thrust.force.scale(1.0 / load.body.mass)
+    torque = load.thrust.torque if load.disturbance is None else load.thrust.torque + load.disturbance.torque
+    spin_up = torque * (1.0 / load.body.inertia[0])
     speed_cos = speed_sin = way_cos = way_sin = 0.0
     for node, weight in _RULES[nodes]:
         t = node * h
@@ -181,6 +192,9 @@ def _advance_planar(state: PlanarState, applied: Wrench, body: MassProperties, h
     x, y = acceleration.x, acceleration.y
     gained = Vec2(speed_cos * x - speed_sin * y, speed_sin * x + speed_cos * y).scale(h)
     moved = Vec2(way_cos * x - way_sin * y, way_sin * x + way_cos * y).scale(h * h)
+    if load.disturbance is not None:
+        drift: Any = load.disturbance.force.scale(1.0 / load.body.mass)
+        gained, moved = gained + drift.scale(h), moved + drift.scale(0.5 * h * h)
     return PlanarState(
         p=state.p + state.v.scale(h) + moved,
         attitude=Heading(state.attitude.angle + h * (state.w + (0.5 * h) * spin_up)),
@@ -189,26 +203,31 @@ def _advance_planar(state: PlanarState, applied: Wrench, body: MassProperties, h
     )
 
 
-def _advance_spatial(state: SpatialState, applied: Wrench, body: MassProperties, h: Field) -> SpatialState:
+def _advance_spatial(state: SpatialState, load: _Load, h: Field) -> SpatialState:
     """One classical Runge-Kutta step of order four."""
-    k1 = _rate(state, applied, body)
-    k2 = _rate(_moved(state, k1, 0.5 * h), applied, body)
-    k3 = _rate(_moved(state, k2, 0.5 * h), applied, body)
-    k4 = _rate(_moved(state, k3, h), applied, body)
+    k1 = _rate(state, load)
+    k2 = _rate(_moved(state, k1, 0.5 * h), load)
+    k3 = _rate(_moved(state, k2, 0.5 * h), load)
+    k4 = _rate(_moved(state, k3, h), load)
     slow, fast = h / 6.0, h / 3.0
     return _moved(_moved(_moved(_moved(state, k1, slow), k2, fast), k3, fast), k4, slow)
 
 
-def _rate(state: SpatialState, applied: Wrench, body: MassProperties) -> SpatialState:
+def _rate(state: SpatialState, load: _Load) -> SpatialState:
     """Time derivative of every member: Newton, Euler's I w' = tau - w x I w, q' = q (0, w) / 2."""
-    inertia = body.inertia
+    inertia = load.body.inertia
+    force_W: Any = state.attitude.rotate(load.thrust.force)  # type: ignore[arg-type]
+    torque_B: Any = load.thrust.torque
+    if load.disturbance is not None:
+        force_W = force_W + load.disturbance.force
+        torque_B = torque_B + state.attitude.conjugate().rotate(load.disturbance.torque)
     momentum = _symmetric_times(inertia, state.w)
     q = state.attitude.times(Quat(0.0, state.w.x, state.w.y, state.w.z))
     return SpatialState(
         p=state.v,
         attitude=Quat(0.5 * q.w, 0.5 * q.x, 0.5 * q.y, 0.5 * q.z),
-        v=state.attitude.rotate(applied.force).scale(1.0 / body.mass),  # type: ignore[arg-type]
-        w=_symmetric_times(_inverse(inertia), applied.torque - state.w.cross(momentum)),
+        v=force_W.scale(1.0 / load.body.mass),
+        w=_symmetric_times(_inverse(inertia), torque_B - state.w.cross(momentum)),
     )
 
 

@@ -14,6 +14,7 @@ from validation.discretisation import discretisation_checks, order_curves
 from validation.dynamics import (
     VALIDATION_SUBSTEPS,
     acceleration_checks,
+    disturbance_checks,
     mass_checks,
     period_checks,
     thruster_checks,
@@ -46,6 +47,7 @@ LAYERS: dict[str, Layer] = {
     "mass": lambda s: mass_checks(s.craft),
     "accelerations": lambda s: acceleration_checks(s.craft, s.seed, s.states),
     "period": lambda s: period_checks(s.craft, s.seed, s.states),
+    "disturbances": lambda s: disturbance_checks(s.craft, s.seed, s.states),
     "invariants": lambda s: invariant_checks(s.craft, s.seed, s.states,
                                              VALIDATION_SUBSTEPS[s.craft.dimension]),
     "oracles": lambda s: oracle_checks(s.craft, s.seed, s.states),

@@ -81,6 +81,7 @@ class Plant:
         self._context = self._simulator.get_mutable_context()
         self._plant_context = self._plant.GetMyMutableContextFromRoot(self._context)
         self._propeller_context = self._propeller.GetMyContextFromRoot(self._context)
+        self._disturb(np.zeros(self._velocity.shape))
 
     def wrenches(self, commands: np.ndarray) -> np.ndarray:
         """Force and torque about the centre of mass that commands give, in B.
@@ -133,15 +134,19 @@ class Plant:
             rows[:, 3:] = np.einsum("nji,nj->ni", self._rotations(), rows[:, 3:])
         return rows
 
-    def advance(self, states: np.ndarray, commands: np.ndarray, duration: float) -> np.ndarray:
+    def advance(self, states: np.ndarray, commands: np.ndarray, duration: float,
+                disturbances: np.ndarray | None = None) -> np.ndarray:
         """States after the commands were held for a duration.
 
         Args:
             states: (N, 6 or 13), see the module.
             commands: (N, thrusters), 0 to 1.
             duration: s.
+            disturbances: (N, 3 or 6), force and torque about the centre of mass, constant in W, ordered
+                as in `wrenches`; N and N m. None: nothing but the thrusters acts.
         """
         self._set(states, commands)
+        self._disturb(np.zeros(self._velocity.shape) if disturbances is None else disturbances)
         self._context.SetTime(0.0)
         self._simulator.Initialize()
         self._simulator.AdvanceTo(duration)
@@ -211,6 +216,7 @@ class Plant:
         builder.Connect(propeller.get_spatial_forces_output_port(),
                         self._plant.get_applied_spatial_force_input_port())
         builder.ExportInput(propeller.get_command_input_port(), "command")
+        builder.ExportInput(self._plant.get_applied_generalized_force_input_port(), "disturbance")
         return propeller
 
     def _rest(self) -> np.ndarray:
@@ -232,8 +238,15 @@ class Plant:
             w_W = np.einsum("nij,nj->ni", self._rotations(), states[:, 10:])
             v[self._velocity] = np.concatenate([w_W, states[:, 7:10]], axis=1)
         self._plant.SetVelocities(self._plant_context, v)
-        port = self._simulator.get_system().get_input_port()
+        port = self._simulator.get_system().GetInputPort("command")
         port.FixValue(self._context, self._supplied(commands).ravel())
+
+    def _disturb(self, disturbances: np.ndarray) -> None:
+        """The joints stand at the centre of mass, so their generalised forces are wrenches in W."""
+        forces = np.zeros(self._plant.num_velocities())
+        rotation_first = disturbances if self.craft.dimension == 2 else np.roll(disturbances, 3, axis=1)
+        forces[self._velocity] = rotation_first
+        self._simulator.get_system().GetInputPort("disturbance").FixValue(self._context, forces)
 
     def _get(self) -> np.ndarray:
         """Read the states from the context."""

@@ -117,30 +117,44 @@ def about_the_frame_not_the_centre_of_mass(inertia: tuple[float, ...]) -> tuple[
     return tuple(x + extra for x, extra in zip(inertia, full[np.triu_indices(3)], strict=True))
 
 
-def rate(change: Callable[[Any, Wrench, MassProperties, Any], Any]) -> Patch:
+def rate(change: Callable[[Any, Any, Any], Any]) -> Patch:
     """Change the right-hand side of the equations in space, given the true one."""
     def patch(monkeypatch: pytest.MonkeyPatch) -> None:
         true = rans.dynamics._rate
         monkeypatch.setattr(rans.dynamics, "_rate",
-                            lambda state, applied, body: change(state, applied, body, true))
+                            lambda state, load: change(state, load, true))
 
     return patch
 
 
-def without_gyroscopic_torque(state: Any, applied: Wrench, body: MassProperties, true: Any) -> Any:
+def without_gyroscopic_torque(state: Any, load: Any, true: Any) -> Any:
     still = replace(state, w=Vec3(0.0, 0.0, 0.0))
-    return replace(true(state, applied, body), w=true(still, applied, body).w)
+    return replace(true(state, load), w=true(still, load).w)
 
 
-def force_in_world(state: Any, applied: Wrench, body: MassProperties, true: Any) -> Any:
+def force_in_world(state: Any, load: Any, true: Any) -> Any:
     unturned = replace(state, attitude=Quat(1.0, 0.0, 0.0, 0.0))
-    return replace(true(state, applied, body), v=true(unturned, applied, body).v)
+    return replace(true(state, load), v=true(unturned, load).v)
 
 
-def spin_in_world(state: Any, applied: Wrench, body: MassProperties, true: Any) -> Any:
+def disturbance_in_body(state: Any, load: Any, true: Any) -> Any:
+    """A disturbance stays put in the world; taken for a wrench in B it would turn with the craft."""
+    if load.disturbance is None:
+        return true(state, load)
+    both = Wrench(load.thrust.force + load.disturbance.force, load.thrust.torque + load.disturbance.torque)
+    return true(state, replace(load, thrust=both, disturbance=None))
+
+
+def disturbance_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
+    true = rans.dynamics._advance_planar
+    monkeypatch.setattr(rans.dynamics, "_advance_planar",
+                        lambda state, load, *rest: true(state, replace(load, disturbance=None), *rest))
+
+
+def spin_in_world(state: Any, load: Any, true: Any) -> Any:
     """q' = (0, w) q / 2 is right for a spin given in W."""
     q = Quat(0.0, *state.w.columns()).times(state.attitude)
-    return replace(true(state, applied, body), attitude=Quat(0.5 * q.w, 0.5 * q.x, 0.5 * q.y, 0.5 * q.z))
+    return replace(true(state, load), attitude=Quat(0.5 * q.w, 0.5 * q.x, 0.5 * q.y, 0.5 * q.z))
 
 
 def inverse_rotation(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -156,17 +170,18 @@ def scalar_last(monkeypatch: pytest.MonkeyPatch) -> None:
 def clockwise_heading(monkeypatch: pytest.MonkeyPatch) -> None:
     true = rans.dynamics._advance_planar
 
-    def mirrored(state: PlanarState, applied: Any, body: MassProperties, *rest: Any) -> PlanarState:
+    def mirrored(state: PlanarState, load: Any, *rest: Any) -> PlanarState:
         turned = replace(state, attitude=Heading(-state.attitude.angle), w=-state.w)
-        moved = true(turned, replace(applied, torque=-applied.torque), body, *rest)
+        thrust = replace(load.thrust, torque=-load.thrust.torque)
+        moved = true(turned, replace(load, thrust=thrust), *rest)
         return replace(moved, attitude=Heading(-moved.attitude.angle), w=-moved.w)
 
     monkeypatch.setattr(rans.dynamics, "_advance_planar", mirrored)
 
 
 def euler_step(monkeypatch: pytest.MonkeyPatch) -> None:
-    def euler(state: Any, applied: Wrench, body: MassProperties, h: float) -> Any:
-        return rans.dynamics._moved(state, rans.dynamics._rate(state, applied, body), h)
+    def euler(state: Any, load: Any, h: float) -> Any:
+        return rans.dynamics._moved(state, rans.dynamics._rate(state, load), h)
 
     monkeypatch.setattr(rans.dynamics, "_advance_spatial", euler)
 
@@ -175,8 +190,8 @@ def velocity_before_the_step(monkeypatch: pytest.MonkeyPatch) -> None:
     """Position advanced with the old velocity only: explicit Euler in the plane."""
     true = rans.dynamics._advance_planar
 
-    def explicit(state: PlanarState, applied: Wrench, body: MassProperties, h: float, nodes: int) -> Any:
-        return replace(true(state, applied, body, h, nodes), p=state.p + state.v.scale(h))
+    def explicit(state: PlanarState, load: Any, h: float, nodes: int) -> Any:
+        return replace(true(state, load, h, nodes), p=state.p + state.v.scale(h))
 
     monkeypatch.setattr(rans.dynamics, "_advance_planar", explicit)
 
@@ -232,6 +247,8 @@ MUTATIONS: list[tuple[Spacecraft, Patch, str]] = [
     (SPACE, euler_step, "period"),
     (PLANE, velocity_before_the_step, "period"),
     (PLANE, coarse_quadrature, "period"),
+    (SPACE, rate(disturbance_in_body), "disturbances"),
+    (PLANE, disturbance_forgotten, "disturbances"),
     # Single periods have one command: only flights have a later one.
     (PLANE, stale_command, "oracles"),
     (SPACE, stale_command, "oracles"),
