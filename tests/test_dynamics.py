@@ -17,7 +17,6 @@ from scipy.special import ellipj, fresnel
 from rans.dynamics import MassProperties, PlanarState, SpatialState, Wrench, advance, thrust, wrench
 from rans.fields import Heading, Quat, Vec2, Vec3, leaves, map_leaves, unflatten
 from rans.spacecraft import Spacecraft, Thruster
-from rans.spacecraft_file import load_spacecraft
 from tests.crafts import inertias, nasty_spatial, random_states, spacecraft
 
 FINE = 64
@@ -296,15 +295,3 @@ def by_casadi(craft: Spacecraft, state: Any, command: np.ndarray) -> np.ndarray:
     moved = one_period(craft, unflatten(state, casadi.vertsplit(x)), casadi.vertsplit(u))
     step = casadi.Function("step", [x, u], [casadi.vertcat(*leaves(moved))])
     return np.array(step(np.array(leaves(state)), command))
-
-
-def test_a_steady_push_is_the_parabola() -> None:
-    """Half a newton along x for 0.2 s on 5.32 kg: 0.5 / 5.32 * 0.2 = 0.0187970 m/s, half of that * 0.2 s."""
-    craft = load_spacecraft("floating-platform")
-    state = PlanarState(Vec2(0.0, 0.0), Heading(1.0), Vec2(0.0, 0.0), 0.0)
-    after = advance(state, wrench(craft, (0.0,) * 8), MassProperties.of(craft), 0.2,
-                    disturbance=Wrench(Vec2(0.5, 0.0), 0.02045008))
-    assert (after.v.x, after.v.y) == pytest.approx((0.018796992, 0.0), abs=1e-9)
-    assert after.p.x == pytest.approx(0.0018796992, abs=1e-10)
-    # 0.02045008 N m on 0.2045008 kg m^2 are 0.1 rad/s^2.
-    assert (after.w, after.attitude.angle) == pytest.approx((0.02, 1.002), abs=1e-12)

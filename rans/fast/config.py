@@ -137,7 +137,7 @@ def _structure(table: Any, cls: type, where: str) -> Any:
         converter.register_structure_hook(kind, _strict)
     try:
         return converter.structure(table, cls)
-    except Exception as error:
+    except Exception as error:  # cattrs gathers whatever the values raised in groups of its own
         reasons = cattrs.transform_error(error, path=where, format_exception=_say)
         # cattrs ends each with its place; a reader wants that first.
         places = (": ".join(reason.rsplit(" @ ", 1)[::-1]) for reason in reasons)

@@ -54,8 +54,8 @@ class Engine:
         device: torch device of the state.
         dtype: torch.float32, or torch.float64 for comparisons.
         compiled: whether a step is one compiled kernel. By default on a GPU only: a CPU step then
-            runs the same source on NumPy, whose operations on a few thousand numbers start four
-            times faster than torch's and need no compiler.
+            runs the same source on NumPy, two to six times faster than uncompiled torch for 4,096 to
+            128 spacecraft, and without a compiler.
 
     Raises:
         ConfigError: num_envs is not a positive whole number, or dtype is another one.

@@ -8,7 +8,6 @@ from rans.tasks import TASKS
 _CPU = PPOSettings()
 _CPU_SPACE = PPOSettings(n_envs=256, batch_size=4096, layers=(128, 128))
 _GPU = PPOSettings(n_envs=512, batch_size=8192, layers=(128, 128))
-
 _GPU_SPACE = PPOSettings(n_envs=2048, n_steps=32, batch_size=16_384, layers=(256, 256))
 _BY_BODY = {(2, "cpu"): _CPU, (3, "cpu"): _CPU_SPACE, (2, "cuda"): _GPU, (3, "cuda"): _GPU_SPACE}
 

@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-import json
-import os
 import random
 import subprocess
 import sys
@@ -14,35 +12,18 @@ import numpy as np
 import pytest
 import torch
 
-from rans.errors import ConfigError, NonFiniteState
+from rans.errors import ConfigError
 from rans.fast.config import PPOSettings
 from rans.fast.run_folder import RunFolder
 from rans.fast.trainer import Trainer, check_device, run_path
 from rans.tasks import GoToPose
 from rans.timing import Timing
-from tests.fast.training import CONFIG, TINY, tiny_trainer, weights
+from tests.fast.training import CONFIG, TINY, after, ignore, resumed, tiny_trainer, weights
 
 ROOT = Path(__file__).parents[2]
 EASY = GoToPose(spawn_distance=(0.5, 1.0), evaluation_distance=(0.5, 1.0), position_tolerance=9.0,
                 attitude_tolerance=4.0)
 """Solved by whoever does not fail."""
-
-
-def ignore(_: Any) -> None:
-    """A report to nobody."""
-
-
-def resumed(path: Path) -> Trainer:
-    run = RunFolder(path)
-    trainer = Trainer(run.config(), run.spacecraft(), run)
-    trainer.resume()
-    return trainer
-
-
-def after(count: int) -> Any:
-    """Asks for a stop after so many iterations."""
-    asked = iter(range(10**9))
-    return lambda: next(asked) + 1 >= count
 
 
 def everything(trainer: Trainer) -> list[Any]:
@@ -219,82 +200,6 @@ def test_it_learns(tmp_path: Path) -> None:
     rows: list[dict[str, Any]] = []
     tiny_trainer(tmp_path / "run", config).train(rows.append)
     assert rows[-1]["error/position"] < 0.6
-
-
-@pytest.mark.parametrize("what", ["weight", "state", "reward"])
-def test_nan_stops_it(tmp_path: Path, what: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    trainer = tiny_trainer(tmp_path / "run")
-    trainer.train(ignore, after(2))
-    before = trainer.run.checkpoint_file.read_bytes()
-    if what == "weight":
-        with torch.no_grad():
-            next(trainer.model.policy.parameters())[0, 0] = float("nan")
-    elif what == "state":
-        trainer.engine.state.p.x[3] = float("nan")
-    else:
-        monkeypatch.setattr(GoToPose, "reward", lambda *_: {"position": np.full(16, np.nan, np.float32)})
-    sentence = r"not finite after 384 steps .* State and weights are in .*nonfinite\.pt"
-    with pytest.raises(NonFiniteState, match=sentence):
-        trainer.train(ignore)
-    dump = torch.load(tmp_path / "run" / "nonfinite.pt", weights_only=True)
-    assert dump["steps"] == 384
-    assert trainer.run.checkpoint_file.read_bytes() == before
-
-
-@pytest.mark.parametrize("failing", ["checkpoint.pt", "policy.zip", "metrics.jsonl"])
-def test_a_full_disk(tmp_path: Path, failing: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """One sentence, and what was written before is still there to continue from."""
-    trainer = tiny_trainer(tmp_path / "run")
-    trainer.train(ignore, after(2))
-    before = {file.name: file.read_bytes() for file in tmp_path.joinpath("run").glob("*.*")}
-    real_replace, real_open = os.replace, Path.open
-
-    def replace_(source: Any, target: Any) -> None:
-        if Path(target).name == failing:
-            raise OSError(28, "No space left on device")
-        real_replace(source, target)
-
-    def open_(path: Path, *args: Any, **kwargs: Any) -> Any:
-        if path.name == failing and "a" in args:
-            raise OSError(28, "No space left on device")
-        return real_open(path, *args, **kwargs)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(os, "replace", replace_)
-        patch.setattr(Path, "open", open_)
-        with pytest.raises(ConfigError, match=rf"cannot write .*{failing}: .*No space left"):
-            trainer.train(ignore)
-    assert tmp_path.joinpath("run", failing).read_bytes() == before[failing]
-    assert not list(tmp_path.joinpath("run").glob(".*"))  # no half-written file is left over
-    again = resumed(tmp_path / "run")
-    again.train(ignore)
-    assert again.model.num_timesteps == 2048
-
-
-def test_a_checkpoint_of_another_config(tmp_path: Path) -> None:
-    tiny_trainer(tmp_path / "run").train(ignore, after(1))
-    table = json.loads((tmp_path / "run" / "config.json").read_text())
-    for key, value, message in (("layers", [8, 8], "size mismatch"), ("layers", [16], "Unexpected key"),
-                                ("n_envs", 32, "saved state is not one of 32")):
-        changed = table | {"ppo": table["ppo"] | {key: value}}
-        (tmp_path / "run" / "config.json").write_text(json.dumps(changed))
-        with pytest.raises(ConfigError, match=message) as caught:
-            resumed(tmp_path / "run")
-        assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize("damaged", [b"", b"rubbish", b"half", b"other"])
-def test_a_damaged_checkpoint(tmp_path: Path, damaged: bytes) -> None:
-    trainer = tiny_trainer(tmp_path / "run")
-    trainer.train(ignore, after(1))
-    file = trainer.run.checkpoint_file
-    content = file.read_bytes()
-    file.write_bytes({b"half": content[:len(content) // 2]}.get(damaged, damaged))
-    if damaged == b"other":
-        torch.save([1, 2, 3], file)
-    with pytest.raises(ConfigError, match=r"checkpoint\.pt (is damaged|does not fit)") as caught:
-        resumed(tmp_path / "run")
-    assert "\n" not in str(caught.value)
 
 
 def test_devices() -> None:

@@ -78,3 +78,20 @@ def sb3_twin(model: PPO, **settings: Any) -> stable_baselines3.PPO:
     twin.policy.load_state_dict(model.policy.state_dict())
     twin.set_logger(Logger(None, []))
     return twin
+
+
+def ignore(_: Any) -> None:
+    """A report to nobody."""
+
+
+def resumed(path: Path) -> Trainer:
+    run = RunFolder(path)
+    trainer = Trainer(run.config(), run.spacecraft(), run)
+    trainer.resume()
+    return trainer
+
+
+def after(count: int) -> Any:
+    """Asks for a stop after so many iterations."""
+    asked = iter(range(10**9))
+    return lambda: next(asked) + 1 >= count
