@@ -10,13 +10,12 @@ import gymnasium
 import numpy as np
 from gymnasium.error import ResetNeeded
 
-from rans.dynamics import thrust
 from rans.errors import ConfigError
 from rans.fields import leaves, map_leaves
 from rans.scenario import Scenario, scenario
 from rans.spacecraft import Spacecraft
-from rans.spaces import action_space, choose, observation_space
-from rans.tasks import Task, observation, reached
+from rans.spaces import action_space, checked_render_mode, choose, observation_space
+from rans.tasks import Task, observation
 from rans.tasks.base import Dimension
 from rans.timing import Timing
 
@@ -39,29 +38,29 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
         spacecraft: name, TOML file or object; None: the usual one of this dimension.
         task: settings; None: the defaults.
         timing: control period, accuracy and length of an episode.
-        render_mode: None or "rgb_array".
+        render_mode: None; "rgb_array": `render` gives frames; "human": every `reset` and `step` shows one
+            in the browser, at real time (see `rans.window.Window`).
 
     Raises:
         ConfigError: one of these does not exist or does not fit the others.
     """
 
-    metadata = {"render_modes": ["rgb_array"], "render_fps": 5}  # noqa: RUF012  (Gymnasium's interface)
+    metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 5}  # noqa: RUF012  (Gymnasium's)
 
     def __init__(self, task_name: str, dimension: Dimension, *,
                  spacecraft: str | Path | Spacecraft | None = None, task: Task | None = None,
                  timing: Timing | None = None, render_mode: str | None = None) -> None:
-        if render_mode not in (None, "rgb_array"):
-            raise ConfigError(f'render_mode must be None or "rgb_array", got {render_mode!r}.')
+        self.render_mode = checked_render_mode(render_mode)
         self.craft, self.task = choose(task_name, dimension, spacecraft, task)
         self.timing = timing or Timing()
         self.observation_space = observation_space(self.craft)
         self.action_space = action_space(self.craft)
-        self.render_mode = render_mode
         self.metadata = {**self.metadata, "render_fps": 1.0 / self.timing.control_period}
         self._seed: int | None = None
         self._episode = 0
         self._state: Any = None
         self._scene: Any = None
+        self._window: Any = None
 
     def reset(self, *, seed: int | None = None,
               options: dict[str, Any] | None = None) -> tuple[np.ndarray, dict[str, Any]]:
@@ -77,11 +76,12 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
         """
         super().reset(seed=seed)
         self._count(seed)
-        given = _given_scenario(options or {}, self.craft)
-        chosen = given or scenario(self.task, self.craft.dimension, self._seed or 0, self._episode)
+        chosen = scenario(self.task, self.craft.dimension, self._seed or 0, self._episode)
+        chosen = _given_scenario(options or {}, chosen) or chosen
         self._state, self._goal, self._steps = chosen.start, chosen.goal, 0
         self._command: tuple[float, ...] = (0.0,) * len(self.craft.thrusters)
         self._trail: list[tuple[float, ...]] = []
+        self._show()
         return self._observe(), {"errors": self._errors()}
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
@@ -92,11 +92,12 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
             gymnasium.error.ResetNeeded: there was no `reset` yet.
         """
         self._require_reset()
-        self._command = self._checked(action)
+        previous, self._command = self._command, self._checked(action)
         self._trail.append(self._state.p.columns())
         self._state = map_leaves(float, self._moved(self._state, self._command).normalised())
         self._steps += 1
-        terms = self.task.reward(self._state, self._goal, thrust(self.craft, self._command))
+        self._show()
+        terms = self.task.reward(self._state, self._goal, self._command, previous)
         terminated = bool(self.task.failed(self._state, self._goal))
         truncated = self._steps >= self.timing.episode_steps and not terminated
         info: dict[str, Any] = {
@@ -104,7 +105,7 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
             "errors": self._errors(),
         }
         if terminated or truncated:
-            info["is_success"] = truncated and bool(reached(self.task, self._state, self._goal))
+            info["is_success"] = truncated and bool(self.task.reached(self._state, self._goal))
         return self._observe(), float(sum(terms.values())), terminated, truncated, info
 
     @abstractmethod
@@ -112,15 +113,32 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
         """The state after the command was held for one control period, of numbers or arrays of one."""
 
     def render(self) -> np.ndarray | None:  # type: ignore[override]
-        """A frame (480, 640, 3) uint8 if the render mode asks for it; see `rans.drawing.Scene`."""
+        """A frame (480, 640, 3) uint8 in the mode "rgb_array"; see `rans.drawing.Scene`."""
         self._require_reset()
-        if self.render_mode is None:
-            return None
+        return self._draw() if self.render_mode == "rgb_array" else None
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self._window is not None:
+            self._window.close()
+            self._window = None
+
+    def _draw(self) -> np.ndarray:
         if self._scene is None:
             from rans.drawing import Scene
 
             self._scene = Scene(self.craft)
         return self._scene.render(self._state, self._goal, self._command, self._trail)
+
+    def _show(self) -> None:
+        """Show the newest frame if the render mode asks for it."""
+        if self.render_mode != "human":
+            return
+        if self._window is None:
+            from rans.window import Window
+
+            self._window = Window(self.metadata["render_fps"])
+        self._window.show(self._draw())
 
     def _count(self, seed: int | None) -> None:
         """Choose seed and number of the episode that starts."""
@@ -149,18 +167,19 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
         return {name: float(x) for name, x in self.task.errors(self._state, self._goal).items()}
 
 
-def _given_scenario(options: dict[str, Any], craft: Spacecraft) -> Scenario | None:
-    """The scenario among the options of `reset`, if there is one."""
+def _given_scenario(options: dict[str, Any], like: Scenario) -> Scenario | None:
+    """The scenario among the options of `reset`, if there is one: as many numbers as another one has."""
     for key in options:
         if key != "scenario":
             raise ConfigError(f'unknown option {key!r} of reset; the only one is "scenario".')
     given = options.get("scenario")
     if given is None:
         return None
-    width = 2 * craft.degrees_of_freedom + (craft.dimension == 3)  # a quaternion has four entries
+    widths = tuple(len(leaves(s)) for s in (like.start, like.goal))
     states = (given.start, given.goal) if isinstance(given, Scenario) else ((), ())
-    if not all(len(leaves(s)) == width and np.isfinite(leaves(s)).all() for s in states):
+    if not all(len(leaves(s)) == width and np.isfinite(leaves(s)).all()
+               for s, width in zip(states, widths, strict=True)):
         raise ConfigError(
-            f"the scenario of reset must be a rans.scenario.Scenario whose start and goal are {width} "
-            f"finite numbers each, got {given!r}.")
+            "the scenario of reset must be a rans.scenario.Scenario whose start and goal are "
+            f"{widths[0]} and {widths[1]} finite numbers, got {given!r}.")
     return given

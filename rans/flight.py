@@ -8,7 +8,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from rans.dynamics import MassProperties, State, advance, thrust, wrench
+from rans.dynamics import MassProperties, State, advance, wrench
 from rans.fields import leaves, map_leaves, unflatten
 from rans.scenario import Random, Scenario, seed_words
 from rans.spacecraft import Spacecraft
@@ -72,8 +72,9 @@ class Flight:
     def rewards(self) -> dict[str, np.ndarray]:
         """Reward terms of every step, each (T, N)."""
         after = map_leaves(lambda x: x[1:], self.states)
-        shares = thrust(self.craft, tuple(np.moveaxis(self.commands, 2, 0)))
-        return self.task.reward(after, self.goals, shares)
+        command = np.moveaxis(self.commands, 2, 0)
+        previous = np.insert(command[:, :-1], 0, 0.0, axis=1)
+        return self.task.reward(after, self.goals, tuple(command), tuple(previous))
 
     def failed(self) -> np.ndarray:
         """(N,) whether the task ever declared the episode failed."""
@@ -111,7 +112,7 @@ def fly(craft: Spacecraft, task: Task, controller: Controller, starts: Scenario,
         seen = np.stack(observation(task, state, goal), axis=1).astype(np.float32)
         command = np.asarray(controller.act(state, goal, seen), dtype=np.float64)
         state = advance(state, wrench(craft, tuple(command.T)), body, timing.control_period,
-                        timing.substeps_in(craft.dimension)).normalised()
+                        timing.substeps).normalised()
         states.append(state)
         commands.append(command)
     track = unflatten(state, [np.stack(x) for x in zip(*(leaves(s) for s in states), strict=True)])

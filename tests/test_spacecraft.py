@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rans.dynamics import wrench
 from rans.errors import ConfigError
 from rans.spacecraft import Spacecraft, Thruster, controls_every_direction
 from rans.spacecraft_file import load_spacecraft
@@ -54,6 +55,16 @@ def test_authority_of_the_platform() -> None:
     wrenches = np.array(load_spacecraft("floating-platform").wrench_map)
     np.testing.assert_allclose(wrenches[[0, 2, 5, 7]].sum(axis=0), [2.8284271, 0, 0], atol=1e-7)
     np.testing.assert_allclose(wrenches[[1, 3, 5, 7]].sum(axis=0), [0, 0, 1.24], atol=1e-15)
+
+
+def test_the_shared_platform_has_one_thrusters_worth() -> None:
+    """1 N along a diagonal, 0.707 N along an axis, 0.31 N m: the original system's authority."""
+    shared, platform = (load_spacecraft(f"floating-platform{end}") for end in ("-shared", ""))
+    assert dataclasses.replace(shared, name=platform.name, thrust_sharing="none") == platform
+    cases = (((0, 5), 1.0, 0.0), ((0, 2, 5, 7), DIAGONAL, 0.0), ((1, 3, 5, 7), 0.0, 0.31))
+    for opened, push, torque in cases:
+        total: Any = wrench(shared, [float(k in opened) for k in range(8)])
+        assert (total.force.norm(), total.torque) == pytest.approx((push, torque), abs=1e-15)
 
 
 def test_torque_is_about_the_centre_of_mass() -> None:

@@ -9,11 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from rans.dynamics import NODES, MassProperties, advance, thrust, wrench
+from rans.dynamics import NODES, MassProperties, advance, wrench
 from rans.fields import Field, map_leaves, where
 from rans.scenario import Random
 from rans.spacecraft import Spacecraft
-from rans.tasks.base import Task, observation, reached
+from rans.tasks.base import Task, observation
 from rans.timing import Timing
 
 
@@ -29,6 +29,8 @@ class Episodes:
     """Control periods since the episode's start, int32."""
     number: Field
     """Number of the episode: with the seed it decides start and goal, int32."""
+    previous: tuple[Field, ...] = ()
+    """The last command, one field per thruster, int8; empty where the task does not look at it."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +73,7 @@ class Simulation:
         """The state after the command was held for one control period."""
         return advance(
             state, wrench(self.craft, command), MassProperties.of(self.craft),
-            self.timing.control_period, self.timing.substeps_in(self.craft.dimension), self.nodes,
+            self.timing.control_period, self.timing.substeps, self.nodes,
         ).normalised()
 
     def step(self, episodes: Episodes, command: tuple[Field, ...], seed: tuple[Field, Field],
@@ -87,12 +89,13 @@ class Simulation:
         task, goal = self.task, episodes.goal
         state = self.move(episodes.state, command)
         steps = episodes.steps + 1
-        terms = task.reward(state, goal, thrust(self.craft, command))
+        terms = task.reward(state, goal, command, episodes.previous or command)
         terminated = task.failed(state, goal)
         truncated = (steps >= self.timing.episode_steps) & ~terminated
         ended = terminated | truncated
         number = where(ended, episodes.number + stride, episodes.number)
-        after = self._restart(ended, state, goal, steps, number, seed)
+        arrived = Episodes(state, goal, steps, number, command if episodes.previous else ())
+        after = self._restart(ended, arrived, seed)
         return after, Outcome(
             observation=observation(task, after.state, after.goal),
             final_observation=observation(task, state, goal),
@@ -100,17 +103,17 @@ class Simulation:
             reward=sum(terms.values()),
             terminated=terminated,
             truncated=truncated,
-            reached=reached(task, state, goal),
+            reached=task.reached(state, goal),
         )
 
-    def _restart(self, ended: Field, state: Any, goal: Any, steps: Field, number: Field,
-                 seed: tuple[Field, Field]) -> Episodes:
-        start, new_goal = self.begin(seed, number)
+    def _restart(self, ended: Field, arrived: Episodes, seed: tuple[Field, Field]) -> Episodes:
+        start, goal = self.begin(seed, arrived.number)
         choose = lambda new, old: old if new is old else where(ended, new, old)  # noqa: E731
         return Episodes(
-            state=map_leaves(choose, start, state),
+            state=map_leaves(choose, start, arrived.state),
             goal=map_leaves(lambda new, old: old if isinstance(old, float) else choose(new, old),
-                            new_goal, goal),
-            steps=where(ended, steps * 0, steps),
-            number=number,
+                            goal, arrived.goal),
+            steps=where(ended, arrived.steps * 0, arrived.steps),
+            number=arrived.number,
+            previous=tuple(where(ended, valve * 0, valve) for valve in arrived.previous),
         )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import torch
 from stable_baselines3.common.policies import ActorCriticPolicy
 from torch import Tensor
@@ -11,14 +13,14 @@ from rans.fast.graph import fused, graphed
 from rans.fast.policy import evaluate
 from rans.scenario import SELECTION_SEED
 from rans.spacecraft import Spacecraft
-from rans.tasks import Task
+from rans.tasks import Task, parts
 from rans.timing import Timing
 
 EPISODES = 1024
 
 
 class Selection:
-    """Flies the agent from the same 1,024 starts whenever asked.
+    """Flies the agent from the same 1,024 starts whenever asked; in a multi-task, of each of its parts.
 
     Args:
         policy: the agent; its weights may change between flights.
@@ -31,37 +33,61 @@ class Selection:
     def __init__(self, policy: ActorCriticPolicy, craft: Spacecraft, task: Task, timing: Timing,
                  device: str) -> None:
         self._policy = policy
-        self._engine = Engine(craft, task.for_evaluation(), EPISODES, timing, seed=SELECTION_SEED,
-                              device=device)
-        self._act = fused(likeliest_action, self._engine.device)
-        self._flight = graphed(self._fly, self._engine.device)
+        self._engines = {
+            name: Engine(craft, part.for_evaluation(), EPISODES, timing, seed=SELECTION_SEED, device=device)
+            for name, part in parts(task).items()}
+        self._act = fused(likeliest_action, torch.device(device))
+        self._flight = graphed(self._fly, torch.device(device))
 
     def judge(self) -> tuple[float, dict[str, float]]:
         """Share of episodes that keep within all tolerances at every step of the last fifth.
 
         Returns:
-            The share, and the mean errors by name of the states acted in over the last fifth. An episode
-            that fails counts as not kept, and the one that follows it enters the means.
+            The share, of a multi-task that of the worst part, and the mean errors by name of the states
+            acted in over the last fifth. An episode that fails counts as not kept, and the one that
+            follows it enters the means. A multi-task's errors are named "go-to-pose/position".
         """
-        share, *errors = self._flight().tolist()
-        return share, dict(zip(self._engine.errors(), errors, strict=True))
+        values, shares, errors = iter(self._flight().tolist()), [], {}
+        for name, engine in self._engines.items():
+            prefix = f"{name}/" if len(self._engines) > 1 else ""
+            shares.append(next(values))
+            errors |= {prefix + quantity: next(values) for quantity in engine.errors()}
+        return min(shares), errors
 
-    @torch.no_grad()
     def _fly(self) -> Tensor:
-        engine, steps = self._engine, self._engine.timing.episode_steps
-        last_fifth = range(steps - max(1, steps // 5), steps)
-        observation = engine.reset(SELECTION_SEED)
-        ended = torch.zeros(EPISODES, dtype=torch.bool, device=engine.device)
-        kept, total = ~ended, torch.zeros(len(engine.errors()), device=engine.device)
-        for t in range(steps):
-            if t in last_fifth:
-                total += torch.stack([error.mean() for error in engine.errors().values()])
-            step = engine.step(self._act(self._policy, observation))
-            observation = step.observation
-            if t in last_fifth:
-                kept &= step.reached & ~ended
-            ended |= step.terminated
-        return torch.cat((kept.to(total.dtype).mean()[None], total / len(last_fifth)))
+        act = lambda observation: self._act(self._policy, observation)  # noqa: E731
+        return torch.cat([judged_flight(engine, act)[0, 1:] for engine in self._engines.values()])
+
+
+@torch.no_grad()
+def judged_flight(engine: Engine, act: Callable[[Tensor], Tensor], members: int = 1) -> Tensor:
+    """Fly one episode everywhere, from the starts of `SELECTION_SEED`.
+
+    Args:
+        engine: its environments belong to the members in equal, contiguous parts.
+        act: the action (N, thrusters) of an observation.
+        members: K.
+
+    Returns:
+        (K, 2 + errors): mean share of open thrusters, share and mean errors of `Selection.judge`.
+    """
+    steps = engine.timing.episode_steps
+    last_fifth = range(steps - max(1, steps // 5), steps)
+    mean = lambda field: field.to(engine.dtype).reshape(members, -1).mean(dim=1)  # noqa: E731
+    observation = engine.reset(SELECTION_SEED)
+    ended = torch.zeros(engine.num_envs, dtype=torch.bool, device=engine.device)
+    kept, duty, total = ~ended, mean(ended), mean(ended)[:, None]
+    for t in range(steps):
+        if t in last_fifth:
+            total = total + torch.stack([mean(error) for error in engine.errors().values()], dim=1)
+        action = act(observation)
+        duty = duty + mean(action) / steps
+        step = engine.step(action)
+        observation = step.observation
+        if t in last_fifth:
+            kept &= step.reached & ~ended
+        ended |= step.terminated
+    return torch.cat((duty[:, None], mean(kept)[:, None], total / len(last_fifth)), dim=1)
 
 
 def likeliest_action(policy: ActorCriticPolicy, observation: Tensor) -> Tensor:

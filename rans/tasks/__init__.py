@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from rans.errors import ConfigError
-from rans.tasks.base import Task, observation, observation_columns, observation_width, reached
+from rans.tasks.base import SingleTask, Task, observation, observation_columns, observation_width
 from rans.tasks.go_to_pose import GoToPose
 from rans.tasks.go_to_position import GoToPosition
+from rans.tasks.multi_task import MultiTask
 from rans.tasks.track_twist import TrackTwist
 from rans.tasks.track_velocity import TrackVelocity
 from rans.tasks.track_velocity_heading import TrackVelocityHeading
@@ -16,6 +17,7 @@ TASKS: dict[str, type] = {
     "track-velocity": TrackVelocity,
     "track-twist": TrackTwist,
     "track-velocity-heading": TrackVelocityHeading,
+    "multi-task": MultiTask,
 }
 """Every task by the name the command line uses."""
 
@@ -25,6 +27,7 @@ GYMNASIUM_IDS: dict[str, tuple[str, str]] = {
     "track-velocity": ("rans/TrackXYVelocity-v0", "rans/TrackXYZVelocity-v0"),
     "track-twist": ("rans/TrackXYOVelocity-v0", "rans/TrackXYZOVelocity-v0"),
     "track-velocity-heading": ("rans/TrackXYVelocityHeading-v0", "rans/TrackXYZVelocityAttitude-v0"),
+    "multi-task": ("rans/MultiTask2D-v0", "rans/MultiTask3D-v0"),
 }
 """Gymnasium ids of every task: (plane, space)."""
 
@@ -40,8 +43,15 @@ def task_class(name: str) -> type:
     return TASKS[name]
 
 
+def parts(task: Task) -> dict[str, Task]:
+    """What an agent is judged on, by name: the task, or each of those that a multi-task draws from."""
+    if isinstance(task, MultiTask):
+        return dict(task.parts())
+    return {next(name for name, kind in TASKS.items() if isinstance(task, kind)): task}
+
+
 __all__ = [
-    "GYMNASIUM_IDS", "TASKS", "GoToPose", "GoToPosition", "Task", "TrackTwist", "TrackVelocity",
-    "TrackVelocityHeading", "observation", "observation_columns", "observation_width", "reached",
-    "task_class",
+    "GYMNASIUM_IDS", "TASKS", "GoToPose", "GoToPosition", "MultiTask", "SingleTask", "Task", "TrackTwist",
+    "TrackVelocity", "TrackVelocityHeading", "observation", "observation_columns", "observation_width",
+    "parts", "task_class",
 ]

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Any, Literal, Protocol
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal, Protocol
 
 from rans.dynamics import State
 from rans.errors import ConfigError
 from rans.fields import Field
 from rans.scenario import Random
+from rans.tasks.rewards import Prices
 
 Dimension = Literal[2, 3]
 
@@ -21,8 +23,7 @@ class Task(Protocol):
     time belongs to the engine.
     """
 
-    @property
-    def flag(self) -> int:
+    def flag_of(self, goal: Any) -> Field:
         """The paper's task flag tf, by which a policy knows its task."""
         ...
 
@@ -57,13 +58,62 @@ class Task(Protocol):
         """The error below which each quantity counts as reached, in the units of `errors`."""
         ...
 
-    def reward(self, state: Any, goal: Any, thrust: tuple[Field, ...]) -> dict[str, Field]:
-        """Named terms; their sum is the reward of arriving in this state with this thrust."""
+    @property
+    def watches_switching(self) -> bool:
+        """Whether `reward` looks at the previous command; engines remember it only then."""
+        ...
+
+    def reward(self, state: Any, goal: Any, command: tuple[Field, ...],
+               previous: tuple[Field, ...]) -> dict[str, Field]:
+        """Named terms; their sum is the reward of arriving in this state.
+
+        Args:
+            state: arrived in.
+            goal: of the episode.
+            command: that brought it here: one field per thruster, 0 (shut) to 1 (open), whatever
+                share of the thrust each got.
+            previous: the command before; all shut at the start of an episode.
+        """
+        ...
+
+    def reached(self, state: Any, goal: Any) -> Field:
+        """Whether every error is within its tolerance."""
         ...
 
     def failed(self, state: Any, goal: Any) -> Field:
         """Whether the episode ends here as a failure."""
         ...
+
+
+@dataclass(frozen=True)
+class SingleTask(Prices, Task):
+    """What the tasks with one kind of goal have in common, a multi-task has not.
+
+    Raises:
+        ConfigError: see `check_settings`.
+    """
+
+    flag: ClassVar[int]
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+
+    def flag_of(self, goal: Any) -> Field:
+        """The same for every goal."""
+        return float(self.flag)
+
+    def for_evaluation(self) -> Task:
+        """The same: starts and goals of training are those of evaluation."""
+        return self
+
+    def reached(self, state: Any, goal: Any) -> Field:
+        """Whether every error is within its tolerance."""
+        errors, tolerances = self.errors(state, goal), self.tolerances()
+        inside = [errors[name] < tolerances[name] for name in tolerances]
+        result = inside[0]
+        for condition in inside[1:]:
+            result = result & condition
+        return result
 
 
 Column = tuple[str, str, str]
@@ -90,7 +140,7 @@ def observation(task: Task, state: Any, goal: Any) -> tuple[Field, ...]:
     data = task.residual(state, goal)
     zero = body[0] * 0.0
     padding = (zero,) * (observation_width(state_dimension(state)) - len(body) - 1 - len(data))
-    return (*body, zero + float(task.flag), *data, *padding)
+    return (*body, zero + task.flag_of(goal), *data, *padding)
 
 
 def observation_columns(task: Task, dimension: Dimension) -> tuple[Column, ...]:
@@ -114,13 +164,19 @@ def check_settings(task: Any) -> None:
     """
     for field in dataclasses.fields(task):
         name, value = field.name, getattr(task, field.name)
-        numbers = value if isinstance(value, tuple) else (value,)
+        numbers = [x for x in (value if isinstance(value, tuple) else (value,)) if not is_moving(x)]
         if not all(isinstance(x, int | float) and math.isfinite(x) and x >= 0 for x in numbers):
             raise ConfigError(f"{name} must be finite and not negative, got {value!r}.")
         if isinstance(value, tuple) and value[0] > value[1]:
             raise ConfigError(f"{name} must be a range (low, high), got {value!r}.")
-        if not isinstance(value, tuple) and value == 0 and not name.endswith("_weight"):
-            raise ConfigError(f"{name} must be > 0, got {value!r}; only weights may be zero.")
+        may_be_zero = isinstance(value, tuple) or name.endswith("_weight") or name.startswith("rest_")
+        if numbers == [0] and not may_be_zero:
+            raise ConfigError(f"{name} must be > 0, got {value!r}; only weights and rests may be zero.")
+
+
+def is_moving(setting: Any) -> bool:
+    """Whether this is a number in memory that a curriculum changes, and has checked."""
+    return not isinstance(setting, int | float) and getattr(setting, "shape", None) == ()
 
 
 def check_spawn(spawn_distance: tuple[float, float], fail_distance: float) -> None:
@@ -133,16 +189,6 @@ def check_spawn(spawn_distance: tuple[float, float], fail_distance: float) -> No
         raise ConfigError(
             f"fail_distance must exceed the farthest start, {spawn_distance[1]} m, got {fail_distance}: "
             "episodes would fail as they begin.")
-
-
-def reached(task: Task, state: Any, goal: Any) -> Field:
-    """Whether every error is within its tolerance."""
-    errors, tolerances = task.errors(state, goal), task.tolerances()
-    inside = [errors[name] < tolerances[name] for name in tolerances]
-    result = inside[0]
-    for condition in inside[1:]:
-        result = result & condition
-    return result
 
 
 _BODY_COLUMNS: dict[int, tuple[Column, ...]] = {

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 from rans.dynamics import State
 from rans.fields import Field
 from rans.scenario import Random
-from rans.tasks.base import Column, Dimension, check_settings, check_spawn
-from rans.tasks.rewards import nearness, price
+from rans.tasks.base import Column, Dimension, SingleTask, check_spawn
+from rans.tasks.rewards import is_used, nearness
 
 
 @dataclass(frozen=True)
-class GoToPose:
+class GoToPose(SingleTask):
     """Go to a pose and stay there (paper: Table 1, rows "Go to pose"; sections 3.2 and 4.1).
 
     Goal: the origin of W with any attitude. Start: at rest, any bearing, any attitude.
@@ -37,8 +38,16 @@ class GoToPose:
     """Error at which the position reward has fallen to 1/e, m (original system, 2023)."""
     attitude_scale: float = 0.25
     """Error at which the attitude reward has fallen to 1/e, rad (original system, 2023)."""
-    thrust_weight: float = 0.02
-    """Reward lost per step and fully open thruster; it also stops the chatter at the goal."""
+    fine_weight: float = 0.0
+    """Weight of narrow copies of both, for agents that hold millimetres."""
+    fine_position_scale: float = 0.02
+    """Error at which the narrow position reward has fallen to 1/e, m."""
+    fine_attitude_scale: float = 0.02
+    """Error at which the narrow attitude reward has fallen to 1/e, rad."""
+    rest_position: float = 0.0
+    """Distance below which no reward is left to gain by firing, m."""
+    rest_attitude: float = 0.0
+    """Attitude error below which no reward is left to gain by firing, rad."""
     position_tolerance: float = 0.05
     """Distance that counts as reached, m."""
     attitude_tolerance: float = math.radians(5.0)
@@ -51,7 +60,7 @@ class GoToPose:
     flag = 1
 
     def __post_init__(self) -> None:
-        check_settings(self)
+        super().__post_init__()
         check_spawn(self.spawn_distance, self.fail_distance)
 
     def for_evaluation(self) -> GoToPose:
@@ -91,19 +100,25 @@ class GoToPose:
         """See the settings."""
         return {"position": self.position_tolerance, "attitude": self.attitude_tolerance}
 
-    def reward(self, state: Any, goal: Any, thrust: tuple[Field, ...]) -> dict[str, Field]:
-        """exp(-distance / scale) + exp(-angle / scale), as the original system; wider copies; thrust.
+    def reward(self, state: Any, goal: Any, command: tuple[Field, ...],
+               previous: tuple[Field, ...]) -> dict[str, Field]:
+        """exp(-distance / scale) + exp(-angle / scale), as the original system; wider and narrower copies.
 
         Without the wide "turn" some seeds hold the position with any attitude and never leave that
         optimum, and without "approach" training takes twice as long (docs/decisions/005-presets.md).
         """
         distance, angle = self.errors(state, goal).values()
+        near = partial(nearness, distance, rest=self.rest_position)
+        aligned = partial(nearness, angle, rest=self.rest_attitude)
         return {
-            "position": nearness(distance, self.position_scale),
-            "attitude": nearness(angle, self.attitude_scale),
-            "approach": nearness(distance, self.approach_scale) * self.approach_weight,
-            "turn": nearness(angle, self.turn_scale) * self.approach_weight,
-            "thrust": price(thrust, self.thrust_weight),
+            "position": near(self.position_scale),
+            "attitude": aligned(self.attitude_scale),
+            "approach": near(self.approach_scale) * self.approach_weight,
+            "turn": aligned(self.turn_scale) * self.approach_weight,
+            **({"fine position": near(self.fine_position_scale) * self.fine_weight,
+                "fine attitude": aligned(self.fine_attitude_scale) * self.fine_weight}
+               if is_used(self.fine_weight) else {}),
+            **self.prices(state, command, previous),
         }
 
     def failed(self, state: Any, goal: Any) -> Field:

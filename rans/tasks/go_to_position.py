@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 from rans.dynamics import State
-from rans.fields import Field, sqrt
+from rans.fields import Field
 from rans.scenario import Random
-from rans.tasks.base import Column, Dimension, check_settings, check_spawn
-from rans.tasks.rewards import nearness, price
+from rans.tasks.base import Column, Dimension, SingleTask, check_spawn
+from rans.tasks.rewards import is_used, nearness, speed
 
 
 @dataclass(frozen=True)
-class GoToPosition:
+class GoToPosition(SingleTask):
     """Go to a position and stay there (paper: Table 1, rows "Go to position"; sections 3.2 and 4.3).
 
     Goal: the origin of W. Start: at rest, any bearing, any attitude.
@@ -35,8 +36,14 @@ class GoToPosition:
     """Weight of the reward for not spinning: without it agents spin at 3 to 7 rad/s unseen."""
     stillness_scale: float = 0.25
     """Angular speed at which the stillness reward has fallen to 1/e, rad/s."""
-    thrust_weight: float = 0.02
-    """Reward lost per step and fully open thruster; it also stops the chatter at the goal."""
+    fine_weight: float = 0.0
+    """Weight of a narrow copy of the position reward, for agents that hold millimetres."""
+    fine_scale: float = 0.02
+    """Error at which that copy has fallen to 1/e, m."""
+    rest_position: float = 0.0
+    """Distance below which no reward is left to gain by firing, m."""
+    rest_spin: float = 0.0
+    """Angular speed below which no reward is left to gain by firing, rad/s."""
     position_tolerance: float = 0.05
     """Distance that counts as reached, m."""
     fail_distance: float = 8.0
@@ -47,7 +54,7 @@ class GoToPosition:
     flag = 0
 
     def __post_init__(self) -> None:
-        check_settings(self)
+        super().__post_init__()
         check_spawn(self.spawn_distance, self.fail_distance)
 
     def for_evaluation(self) -> GoToPosition:
@@ -79,14 +86,17 @@ class GoToPosition:
         """See the settings."""
         return {"position": self.position_tolerance}
 
-    def reward(self, state: Any, goal: Any, thrust: tuple[Field, ...]) -> dict[str, Field]:
-        """exp(-distance / scale), as the original system; a wider copy; stillness; thrust."""
+    def reward(self, state: Any, goal: Any, command: tuple[Field, ...],
+               previous: tuple[Field, ...]) -> dict[str, Field]:
+        """exp(-distance / scale), as the original system; a wider and a narrower copy; stillness."""
         distance, spin = self.errors(state, goal).values()
+        near = partial(nearness, distance, rest=self.rest_position)
         return {
-            "position": nearness(distance, self.position_scale),
-            "approach": nearness(distance, self.approach_scale) * self.approach_weight,
-            "stillness": nearness(spin, self.stillness_scale) * self.stillness_weight,
-            "thrust": price(thrust, self.thrust_weight),
+            "position": near(self.position_scale),
+            "approach": near(self.approach_scale) * self.approach_weight,
+            "stillness": nearness(spin, self.stillness_scale, self.rest_spin) * self.stillness_weight,
+            **({"fine": near(self.fine_scale) * self.fine_weight} if is_used(self.fine_weight) else {}),
+            **self.prices(state, command, previous),
         }
 
     def failed(self, state: Any, goal: Any) -> Field:
@@ -94,8 +104,3 @@ class GoToPosition:
         distance, spin = self.errors(state, goal).values()
         lost = distance > self.fail_distance
         return lost if len(state.spin()) == 1 else lost | (spin > self.fail_spin)
-
-
-def speed(spin: tuple[Field, ...]) -> Field:
-    """Length of an angular velocity, rad/s."""
-    return sqrt(sum(w * w for w in spin))

@@ -1,15 +1,80 @@
-"""Shapes that the tasks' reward terms are made of."""
+"""What the tasks' rewards are made of: nearness to the goal, and prices that every task can charge."""
 
 from __future__ import annotations
 
-from rans.fields import Field, exp
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from rans.fields import Field, absolute, exp, sqrt, where
 
 
-def nearness(error: Field, scale: float) -> Field:
-    """exp(-error / scale): 1 at the goal, 1/e at the scale (original system, 2023)."""
+def nearness(error: Field, scale: float, rest: float = 0.0) -> Field:
+    """exp(-error / scale): 1 at the goal, 1/e at the scale (original system, 2023).
+
+    Args:
+        error: at least 0.
+        scale: in the unit of the error.
+        rest: an error below which nothing is nearer, so that nothing is gained by chattering there; the
+            shape is moved out by so much.
+    """
+    if is_used(rest):
+        error = where(error > rest, error - rest, error * 0.0)
     return exp(error * (-1.0 / scale))
 
 
-def price(thrust: tuple[Field, ...], weight: float) -> Field:
-    """Minus the weight for every fully open thruster."""
-    return sum(thrust[1:], start=thrust[0]) * -weight
+def speed(spin: tuple[Field, ...]) -> Field:
+    """Length of an angular velocity, rad/s."""
+    return sqrt(sum(w * w for w in spin))
+
+
+@dataclass(frozen=True)
+class Prices:
+    """Settings that every task has: what a step costs, wherever the goal is.
+
+    Thrust, speed and spin are priced linearly, as by the original system of 2023; switching is ours.
+    What has no price is neither computed nor logged.
+    """
+
+    thrust_weight: float = 0.02
+    """Reward lost per step and open thruster, however they share their gas; it also stops the chatter
+    at the goal."""
+    switching_weight: float = 0.0
+    """Reward lost per valve that opens or shuts; all are shut before an episode."""
+    speed_weight: float = 0.0
+    """Reward lost per step and m/s of speed."""
+    spin_weight: float = 0.0
+    """Reward lost per step and rad/s of angular speed."""
+
+    @property
+    def watches_switching(self) -> bool:
+        """Whether `prices` looks at the previous command."""
+        return is_used(self.switching_weight)
+
+    def prices(self, state: Any, command: tuple[Field, ...],
+               previous: tuple[Field, ...]) -> dict[str, Field]:
+        """The terms whose weight is not zero.
+
+        Args:
+            state: arrived in.
+            command: one field per thruster, 0 (shut) to 1 (open).
+            previous: the command before it.
+        """
+        return dict(self._prices(state, command, previous))
+
+    def _prices(self, state: Any, command: tuple[Field, ...],
+                previous: tuple[Field, ...]) -> Iterator[tuple[str, Field]]:
+        if is_used(self.thrust_weight):
+            yield "thrust", sum(command[1:], start=command[0]) * -self.thrust_weight
+        if self.watches_switching:
+            moved = [absolute(new - old) for new, old in zip(command, previous, strict=True)]
+            yield "switching", sum(moved[1:], start=moved[0]) * -self.switching_weight
+        if is_used(self.speed_weight):
+            yield "speed", state.v.norm() * -self.speed_weight
+        if is_used(self.spin_weight):
+            yield "spin", speed(state.spin()) * -self.spin_weight
+
+
+def is_used(setting: Any) -> bool:
+    """Whether this setting matters; one that a curriculum moves does, whatever it is now."""
+    return not isinstance(setting, int | float) or setting != 0

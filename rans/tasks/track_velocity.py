@@ -8,13 +8,12 @@ from typing import Any
 from rans.dynamics import State
 from rans.fields import Field
 from rans.scenario import Random
-from rans.tasks.base import Column, Dimension, check_settings
-from rans.tasks.go_to_position import speed
-from rans.tasks.rewards import nearness, price
+from rans.tasks.base import Column, Dimension, SingleTask
+from rans.tasks.rewards import nearness, speed
 
 
 @dataclass(frozen=True)
-class TrackVelocity:
+class TrackVelocity(SingleTask):
     """Reach a velocity and hold it (paper: Table 1, rows "Track velocity"; section 4.2).
 
     Goal: any direction, up to the highest speed. Start: at rest at the origin, any attitude.
@@ -39,21 +38,12 @@ class TrackVelocity:
     their thrusters, as that way they hit every velocity."""
     stillness_scale: float = 0.25
     """Angular speed at which the stillness reward has fallen to 1/e, rad/s."""
-    thrust_weight: float = 0.02
-    """Reward lost per step and fully open thruster."""
     velocity_tolerance: float = 0.05
     """Velocity error that counts as reached, m/s."""
     fail_spin: float = 6.0
     """An episode fails beyond this rate, rad/s."""
 
     flag = 2
-
-    def __post_init__(self) -> None:
-        check_settings(self)
-
-    def for_evaluation(self) -> TrackVelocity:
-        """The same: starts and goals of training are those of evaluation."""
-        return self
 
     def sample(self, random: Random) -> tuple[State, State]:
         """At rest at the origin; the goal moves."""
@@ -81,14 +71,15 @@ class TrackVelocity:
         """See the settings."""
         return {"velocity": self.velocity_tolerance}
 
-    def reward(self, state: Any, goal: Any, thrust: tuple[Field, ...]) -> dict[str, Field]:
+    def reward(self, state: Any, goal: Any, command: tuple[Field, ...],
+               previous: tuple[Field, ...]) -> dict[str, Field]:
         """exp(-error / scale), as the original system; a narrower copy; stillness; thrust."""
         velocity, spin = self.errors(state, goal).values()
         return {
             "velocity": nearness(velocity, self.velocity_scale),
             "fine": nearness(velocity, self.fine_scale) * self.fine_weight,
             "stillness": nearness(spin, self.stillness_scale) * self.stillness_weight,
-            "thrust": price(thrust, self.thrust_weight),
+            **self.prices(state, command, previous),
         }
 
     def failed(self, state: Any, goal: Any) -> Field:

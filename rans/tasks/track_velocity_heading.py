@@ -9,13 +9,12 @@ from typing import Any
 from rans.dynamics import State
 from rans.fields import Field
 from rans.scenario import Random
-from rans.tasks.base import Column, Dimension, check_settings
-from rans.tasks.go_to_position import speed
-from rans.tasks.rewards import nearness, price
+from rans.tasks.base import Column, Dimension, SingleTask
+from rans.tasks.rewards import nearness, speed
 
 
 @dataclass(frozen=True)
-class TrackVelocityHeading:
+class TrackVelocityHeading(SingleTask):
     """Reach a velocity and an attitude and hold both (paper: future work).
 
     Goal: a velocity in any direction, and any attitude. Start: at rest at the origin, any attitude.
@@ -49,13 +48,6 @@ class TrackVelocityHeading:
     """An episode fails beyond this rate, rad/s."""
 
     flag = 4
-
-    def __post_init__(self) -> None:
-        check_settings(self)
-
-    def for_evaluation(self) -> TrackVelocityHeading:
-        """The same: starts and goals of training are those of evaluation."""
-        return self
 
     def sample(self, random: Random) -> tuple[State, State]:
         """At rest at the origin; the goal moves and does not turn."""
@@ -91,7 +83,8 @@ class TrackVelocityHeading:
         """See the settings."""
         return {"velocity": self.velocity_tolerance, "attitude": self.attitude_tolerance}
 
-    def reward(self, state: Any, goal: Any, thrust: tuple[Field, ...]) -> dict[str, Field]:
+    def reward(self, state: Any, goal: Any, command: tuple[Field, ...],
+               previous: tuple[Field, ...]) -> dict[str, Field]:
         """exp(-error / scale) of both, as the original system; a narrower and a wider copy; thrust."""
         velocity, angle = self.errors(state, goal).values()
         return {
@@ -99,7 +92,7 @@ class TrackVelocityHeading:
             "attitude": nearness(angle, self.attitude_scale),
             "fine": nearness(velocity, self.fine_scale) * self.fine_weight,
             "turn": nearness(angle, self.turn_scale) * self.turn_weight,
-            "thrust": price(thrust, self.thrust_weight),
+            **self.prices(state, command, previous),
         }
 
     def failed(self, state: Any, goal: Any) -> Field:

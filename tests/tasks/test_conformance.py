@@ -9,64 +9,35 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
-from rans.dynamics import PlanarState, SpatialState
 from rans.errors import ConfigError
-from rans.fields import Heading, Quat, Vec2, Vec3, leaves, map_leaves, unflatten
+from rans.fields import leaves, map_leaves, unflatten
 from rans.flight import scenarios
 from rans.spacecraft import Spacecraft
-from rans.spacecraft_file import load_spacecraft, spacecraft_names
 from rans.tasks import (
     GYMNASIUM_IDS,
     TASKS,
+    SingleTask,
     observation,
     observation_columns,
     observation_width,
-    reached,
+    parts,
     task_class,
 )
 from rans.tasks.base import UNITS, state_dimension
-from tests.crafts import random_states
+from tests.tasks.conftest import COUNT
 
-COUNT = 64
 PAPER_WIDTH = {2: 10, 3: 22}
 """Section 3.2 of the paper."""
 
 
-@pytest.fixture(params=sorted(TASKS))
-def task(request: pytest.FixtureRequest) -> Any:
-    return task_class(request.param)()
-
-
-@pytest.fixture(params=spacecraft_names())
-def craft(request: pytest.FixtureRequest) -> Spacecraft:
-    return load_spacecraft(request.param)
-
-
-@pytest.fixture
-def states(craft: Spacecraft) -> Any:
-    return random_states(craft.dimension, COUNT, seed=1)
-
-
-@pytest.fixture
-def goals(task: Any, craft: Spacecraft) -> Any:
-    return scenarios(task, craft, seed=2, count=COUNT).goal
-
-
-@pytest.fixture
-def thrust(craft: Spacecraft) -> tuple[np.ndarray, ...]:
-    rng = np.random.default_rng(3)
-    return tuple(rng.integers(0, 2, (len(craft.thrusters), COUNT)).astype(float))
-
-
-def everything(task: Any, state: Any, goal: Any, thrust: Any) -> dict[str, Any]:
+def everything(task: Any, state: Any, goal: Any, command: Any, previous: Any) -> dict[str, Any]:
     """Every field a task computes, by name."""
     numbered = {f"observation {i}": x for i, x in enumerate(observation(task, state, goal))}
     residual = {f"residual {i}": x for i, x in enumerate(task.residual(state, goal))}
     errors = {f"error {name}": x for name, x in task.errors(state, goal).items()}
-    terms = {f"reward {name}": x for name, x in task.reward(state, goal, thrust).items()}
-    flags = {"failed": task.failed(state, goal), "reached": reached(task, state, goal)}
+    terms = {f"reward {name}": x for name, x in task.reward(state, goal, command, previous).items()}
+    flags = {"failed": task.failed(state, goal), "reached": task.reached(state, goal)}
     return {**numbered, **residual, **errors, **terms, **flags}
 
 
@@ -86,44 +57,45 @@ def test_registration(task: Any) -> None:
 
 
 def test_flags_tell_tasks_apart() -> None:
-    flags = [kind().flag for kind in TASKS.values()]
+    flags = [kind.flag for kind in TASKS.values() if issubclass(kind, SingleTask)]
     assert len(set(flags)) == len(flags)
 
 
-def test_shapes_and_finite(task: Any, states: Any, goals: Any, thrust: Any) -> None:
-    for name, x in everything(task, states, goals, thrust).items():
+def test_shapes_and_finite(task: Any, states: Any, goals: Any, commands: Any) -> None:
+    for name, x in everything(task, states, goals, *commands).items():
         assert x.shape == (COUNT,), name
         assert np.isfinite(x).all(), name
         assert x.dtype == (np.bool_ if name in ("failed", "reached") else np.float64), name
 
 
-def test_batch_is_a_loop(task: Any, states: Any, goals: Any, thrust: Any) -> None:
-    batch = everything(task, states, goals, thrust)
+def test_batch_is_a_loop(task: Any, states: Any, goals: Any, commands: Any) -> None:
+    batch = everything(task, states, goals, *commands)
     for index in range(0, COUNT, 7):
-        command = tuple(float(c[index]) for c in thrust)
-        alone = everything(task, at(index, states), at(index, goals), command)
+        both = [tuple(float(c[index]) for c in command) for command in commands]
+        alone = everything(task, at(index, states), at(index, goals), *both)
         for name, x in alone.items():
             # sine, cosine and exp may round differently in a vector register
             np.testing.assert_allclose(batch[name][index], x, rtol=1e-13, atol=1e-14, err_msg=name)
 
 
-def test_torch_is_numpy(task: Any, states: Any, goals: Any, thrust: Any) -> None:
+def test_torch_is_numpy(task: Any, states: Any, goals: Any, commands: Any) -> None:
     torch = pytest.importorskip("torch")
     lift: Callable[[Any], Any] = lambda x: torch.from_numpy(np.ascontiguousarray(x))  # noqa: E731
     state, goal = map_leaves(lift, states), map_leaves(lift, goals)
-    numpy_values = everything(task, states, goals, thrust)
-    torch_values = everything(task, state, goal, tuple(map(lift, thrust)))
+    numpy_values = everything(task, states, goals, *commands)
+    torch_values = everything(task, state, goal, *(tuple(map(lift, command)) for command in commands))
     assert numpy_values.keys() == torch_values.keys()
     for name, x in torch_values.items():
         # last digits of two implementations of sine, cosine, exp and atan2
         np.testing.assert_allclose(x.numpy(), numpy_values[name], rtol=1e-12, atol=1e-12, err_msg=name)
 
 
-def test_single_precision_stays_single(task: Any, states: Any, goals: Any, thrust: Any) -> None:
+def test_single_precision_stays_single(task: Any, states: Any, goals: Any, commands: Any) -> None:
     torch = pytest.importorskip("torch")
     lift: Callable[[Any], Any] = lambda x: torch.from_numpy(x.astype(np.float32))  # noqa: E731
     state, goal = map_leaves(lift, states), map_leaves(lift, goals)
-    for name, x in everything(task, state, goal, tuple(map(lift, thrust))).items():
+    both = (tuple(map(lift, command)) for command in commands)
+    for name, x in everything(task, state, goal, *both).items():
         assert x.dtype in (torch.float32, torch.bool), name
 
 
@@ -144,6 +116,20 @@ def test_casadi_traces_the_residual(task: Any, states: Any, goals: Any) -> None:
         ahead, behind = (task.residual(unflatten(state, here + s * nudge), goal) for s in (1, -1))
         difference = (np.array(ahead) - np.array(behind)) / (2 * step)
         np.testing.assert_allclose(column, difference, rtol=0, atol=1e-8)
+
+
+def test_casadi_traces_the_reward(task: Any, states: Any, goals: Any, commands: Any) -> None:
+    casadi = pytest.importorskip("casadi")
+    state, goal = at(5, states), at(5, goals)
+    here, numbers = np.array(leaves(state)), [[float(c[5]) for c in command] for command in commands]
+    x, *pairs = (casadi.SX.sym("x", len(values)) for values in (here, *numbers))
+    terms = task.reward(unflatten(state, casadi.vertsplit(x)), goal, *map(casadi.vertsplit, pairs))
+    traced = casadi.Function("reward", [x, *pairs], [casadi.vertcat(*terms.values())])
+    expected = task.reward(state, goal, *numbers)
+    assert terms.keys() == expected.keys()
+    # last digits of exp and atan2
+    np.testing.assert_allclose(traced(here, *numbers).full()[:, 0], list(expected.values()),
+                               rtol=1e-13, atol=1e-14)
 
 
 def test_residual_is_differentiable_at_the_goal(task: Any, goals: Any) -> None:
@@ -172,114 +158,78 @@ def test_observation_table_names_every_column(
         if what == "unused":
             assert not value.any()
         if what == "task flag":
-            assert (value == task.flag).all()
+            assert (value == task.flag_of(goals)).all()
 
 
 def test_residual_has_a_row_and_a_target_per_entry(
     task: Any, craft: Spacecraft, states: Any, goals: Any
 ) -> None:
-    entries = len(task.residual(states, goals))
-    assert len(task.residual_columns(craft.dimension)) == entries
-    assert len(task.residual_target(craft.dimension)) == entries
+    assert len(task.residual_columns(craft.dimension)) == len(task.residual(states, goals))
+    for part in parts(task).values():
+        assert len(part.residual_target(craft.dimension)) == len(part.residual(states, goals))
 
 
 def test_at_the_goal_nothing_is_left(task: Any, craft: Spacecraft, goals: Any) -> None:
-    residual = np.stack(task.residual(goals, goals))
-    target = np.array(task.residual_target(craft.dimension))[:, None]
-    np.testing.assert_allclose(residual, np.broadcast_to(target, residual.shape), rtol=0, atol=1e-14)
+    for part in parts(task).values():
+        residual = np.stack(part.residual(goals, goals))
+        target = np.array(part.residual_target(craft.dimension))[:, None]
+        np.testing.assert_allclose(residual, np.broadcast_to(target, residual.shape), rtol=0, atol=1e-14)
     for name, error in task.errors(goals, goals).items():
         np.testing.assert_allclose(error, 0.0, atol=1e-14, err_msg=name)
     assert not task.failed(goals, goals).any()
-    assert reached(task, goals, goals).all()
+    assert task.reached(goals, goals).all()
 
 
 def test_errors_have_units_and_tolerances(task: Any, states: Any, goals: Any) -> None:
-    errors, tolerances = task.errors(states, goals), task.tolerances()
+    errors = task.errors(states, goals)
     assert errors.keys() <= UNITS.keys()
-    assert tolerances.keys() <= errors.keys()
-    assert tolerances
-    assert all(t > 0 for t in tolerances.values())
     assert all((e >= 0).all() for e in errors.values())
+    for part in parts(task).values():
+        tolerances = part.tolerances()
+        assert tolerances.keys() <= part.errors(states, goals).keys() <= errors.keys()
+        assert tolerances
+        assert all(t > 0 for t in tolerances.values())
 
 
 def test_reached_means_every_error_within_its_tolerance(task: Any, states: Any, goals: Any) -> None:
-    inside = reached(task, states, goals)
+    inside = task.reached(states, goals)
     for index in range(COUNT):
-        errors = task.errors(at(index, states), at(index, goals))
-        assert inside[index] == all(errors[n] < t for n, t in task.tolerances().items())
+        goal = at(index, goals)
+        errors, tolerances = task.errors(at(index, states), goal), drawn(task, goal).tolerances()
+        assert inside[index] == all(errors[n] < t for n, t in tolerances.items())
 
 
-def test_reward_is_best_at_the_goal(task: Any, states: Any, goals: Any, thrust: Any) -> None:
-    idle = tuple(0.0 * c for c in thrust)
-    there = np.sum(list(task.reward(goals, goals, idle).values()), axis=0)
-    elsewhere = np.sum(list(task.reward(states, goals, thrust).values()), axis=0)
+def drawn(task: Any, goal: Any) -> Any:
+    """The task itself, or that part of it which the goal is for."""
+    return next(part for part in parts(task).values() if part.flag_of(goal) == task.flag_of(goal))
+
+
+def test_reward_is_best_at_the_goal(task: Any, states: Any, goals: Any, commands: Any) -> None:
+    idle = tuple(0.0 * c for c in commands[0])
+    there = np.sum(list(task.reward(goals, goals, idle, idle).values()), axis=0)
+    elsewhere = np.sum(list(task.reward(states, goals, *commands).values()), axis=0)
     assert (there > elsewhere).all()
 
 
 def test_spawns_lie_inside_the_stated_range(task: Any, craft: Spacecraft) -> None:
-    drawn = scenarios(task, craft, seed=6, count=2000)
-    if hasattr(task, "spawn_distance"):
-        low, high = task.spawn_distance
-        way = np.subtract(drawn.goal.p.columns(), drawn.start.p.columns())
-    else:
-        low, high = task.target_speed
-        way = np.subtract(drawn.goal.v.columns(), drawn.start.v.columns())
-    distance = np.linalg.norm(way, axis=0)
-    # the draw is within [low, high); a direction's length is off by an eps
-    assert distance.min() >= low - 1e-14
-    assert distance.max() <= high + 1e-14
-    width = high - low  # 2000 uniform draws miss 1 % of the range at an end once in 5e8 seeds
-    assert distance.min() < low + 0.01 * width
-    assert distance.max() > high - 0.01 * width
-    assert not task.failed(drawn.start, drawn.goal).any()
-    assert low == 0 or not reached(task, drawn.start, drawn.goal).any()
-
-
-def test_a_moved_world_changes_nothing(task: Any, states: Any, goals: Any, thrust: Any) -> None:
-    """Errors, reward and failure are the same when start and goal are turned and shifted together."""
-    moved_states, moved_goals = moved(states), moved(goals)
-    here, there = (
-        {"failed": task.failed(s, g), **task.errors(s, g), **task.reward(s, g, thrust)}
-        for s, g in ((states, goals), (moved_states, moved_goals))
-    )
-    for name, x in here.items():
-        # distances of 10 m carry 1e-15; an angle near zero or half a turn keeps half the digits of
-        # a cosine but all of an atan2
-        np.testing.assert_allclose(there[name], x, rtol=0, atol=1e-12, err_msg=name)
-
-
-def moved(state: Any) -> Any:
-    """The state seen from a world frame that is turned and shifted; body quantities stay."""
-    if isinstance(state, PlanarState):
-        turn = Rotation.from_rotvec([0, 0, 2.1]).as_matrix()[:2, :2]
-        p, v = (Vec2(*(turn @ np.stack(x.columns()))) for x in (state.p, state.v))
-        return PlanarState(p + Vec2(3.0, -5.0), Heading(state.attitude.angle + 2.1), v, state.w)
-    turn = Rotation.from_rotvec([0.4, -1.2, 0.8])
-    p, v = (Vec3(*turn.apply(np.stack(x.columns(), axis=1)).T) for x in (state.p, state.v))
-    w, x, y, z = leaves(state.attitude)
-    qx, qy, qz, qw = (turn * Rotation.from_quat(np.stack([x, y, z, w], axis=1))).as_quat().T
-    return SpatialState(p + Vec3(3.0, -5.0, 1.0), Quat(qw, qx, qy, qz), v, state.w)
-
-
-def test_the_plane_is_a_slice_of_space(task: Any) -> None:
-    """A planar motion written as a spatial one has the same errors and reward."""
-    flat = random_states(2, COUNT, seed=7)
-    goal = random_states(2, COUNT, seed=8, speed=0.0, spin=0.0)
-    command = (np.ones(COUNT),) * 8
-    for name in ("errors", "reward"):
-        extra = (command,) if name == "reward" else ()
-        plane = getattr(task, name)(flat, goal, *extra)
-        space = getattr(task, name)(embedded(flat), embedded(goal), *extra)
-        assert plane.keys() == space.keys()
-        for key, value in plane.items():
-            # twice an atan2 against a difference of angles
-            np.testing.assert_allclose(space[key], value, rtol=0, atol=1e-13, err_msg=key)
-
-
-def embedded(flat: Any) -> Any:
-    zero, half = np.zeros(COUNT), flat.attitude.angle / 2
-    return SpatialState(Vec3(flat.p.x, flat.p.y, zero), Quat(np.cos(half), zero, zero, np.sin(half)),
-                        Vec3(flat.v.x, flat.v.y, zero), Vec3(zero, zero, flat.w))
+    every = scenarios(task, craft, seed=6, count=2000 * len(parts(task)))
+    assert not task.failed(every.start, every.goal).any()
+    every_part: dict[str, Any] = parts(task)
+    for part in every_part.values():
+        mine = np.flatnonzero(task.flag_of(every.goal) == np.full(len(every.start.p.x), part.flag))
+        start, goal = (map_leaves(lambda x: x[mine], s) for s in (every.start, every.goal))  # noqa: B023
+        if hasattr(part, "spawn_distance"):
+            (low, high), way = part.spawn_distance, np.subtract(goal.p.columns(), start.p.columns())
+        else:
+            (low, high), way = part.target_speed, np.subtract(goal.v.columns(), start.v.columns())
+        distance = np.linalg.norm(way, axis=0)
+        # the draw is within [low, high); a direction's length is off by an eps
+        assert distance.min() >= low - 1e-14
+        assert distance.max() <= high + 1e-14
+        width = high - low  # 2000 uniform draws miss 1 % of the range at an end once in 5e8 seeds
+        assert distance.min() < low + 0.01 * width
+        assert distance.max() > high - 0.01 * width
+        assert low == 0 or not part.reached(start, goal).any()
 
 
 def test_an_unknown_task_is_named() -> None:

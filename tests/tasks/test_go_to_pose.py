@@ -10,7 +10,7 @@ import pytest
 
 from rans.dynamics import PlanarState, SpatialState
 from rans.fields import Heading, Quat, Vec2, Vec3
-from rans.tasks import GoToPose, observation, reached
+from rans.tasks import GoToPose, observation
 
 HALF = math.sqrt(0.5)
 
@@ -59,12 +59,12 @@ def test_reward() -> None:
     The wide copies: exp(-0.5 / 1.5) / 2 = 0.3582657; exp(-pi / 6) / 2 = 0.2961925.
     """
     task = GoToPose(thrust_weight=0.02)
-    terms = task.reward(PLANAR, PLANAR_GOAL, (1.0, 0.0, 1.0, 1.0))
+    terms = task.reward(PLANAR, PLANAR_GOAL, (1.0, 0.0, 1.0, 1.0), (0.0,) * 4)
     expected = {"position": 0.1353353, "attitude": 0.1231447, "approach": 0.3582657,
                 "turn": 0.2961925, "thrust": -0.06}
     assert terms == pytest.approx(expected, abs=1e-7)
     far = GoToPose(position_scale=3.0, attitude_scale=2 * math.pi / 3)
-    terms = far.reward(SPATIAL, SPATIAL_GOAL, (1.0,))
+    terms = far.reward(SPATIAL, SPATIAL_GOAL, (1.0,), (0.0,))
     assert [terms["position"], terms["attitude"]] == pytest.approx([0.3678794] * 2, abs=1e-7)
 
 
@@ -75,7 +75,7 @@ def test_reached_within_5_cm_and_5_degrees(distance: float, angle: float, expect
     goal = PLANAR_GOAL
     state = PlanarState(goal.p + Vec2(0.6 * distance, -0.8 * distance),
                         Heading(goal.attitude.angle + math.radians(angle)), goal.v, goal.w)
-    assert bool(reached(GoToPose(), state, goal)) is expected
+    assert bool(GoToPose().reached(state, goal)) is expected
 
 
 @pytest.mark.parametrize(("state", "expected"), [

@@ -13,7 +13,7 @@ from rans.errors import ConfigError
 from rans.fields import Heading, Quat, Vec2, Vec3
 from rans.flight import scenarios
 from rans.spacecraft_file import load_spacecraft
-from rans.tasks import TrackTwist, TrackVelocity, TrackVelocityHeading, observation, reached
+from rans.tasks import TrackTwist, TrackVelocity, TrackVelocityHeading, observation
 
 HALF = math.sqrt(0.5)
 
@@ -70,21 +70,22 @@ def test_errors(task: Any, planar: dict[str, float], spatial: dict[str, float]) 
      {"velocity": 0.1353353, "fine": 0.0067379, "stillness": 0.2706706, "thrust": -0.2}),
     # exp(-0.75 / 0.25) = 0.0497871
     (TrackTwist(fine_scale=0.1, fine_weight=1.0, thrust_weight=0.1),
-     {"velocity": 0.1353353, "spin": 0.0497871, "fine": 0.0067379, "thrust": -0.2}),
+     {"velocity": 0.1353353, "rotation": 0.0497871, "fine": 0.0067379, "thrust": -0.2}),
     # exp(-(pi / 6) / 0.25) = 0.1231447, exp(-pi / 6) / 2 = 0.2961925
     (TrackVelocityHeading(fine_scale=0.1, fine_weight=1.0, thrust_weight=0.1),
      {"velocity": 0.1353353, "attitude": 0.1231447, "fine": 0.0067379, "turn": 0.2961925,
       "thrust": -0.2}),
 ])
 def test_reward(task: Any, expected: dict[str, float]) -> None:
-    assert task.reward(PLANAR, PLANAR_GOAL, (1.0, 0.0, 1.0)) == pytest.approx(expected, abs=1e-7)
+    terms = task.reward(PLANAR, PLANAR_GOAL, (1.0, 0.0, 1.0), (0.0, 0.0, 0.0))
+    assert terms == pytest.approx(expected, abs=1e-7)
 
 
 def test_a_twist_is_reached_with_both_velocities() -> None:
     task = TrackTwist(velocity_tolerance=0.1, spin_tolerance=0.3)
     for dv, dw, expected in ((0.09, 0.29, True), (0.11, 0.0, False), (0.0, -0.31, False)):
         goal = PlanarState(PLANAR.p, PLANAR.attitude, PLANAR.v + Vec2(0.0, dv), PLANAR.w + dw)
-        assert bool(reached(task, PLANAR, goal)) is expected
+        assert bool(task.reached(PLANAR, goal)) is expected
 
 
 @pytest.mark.parametrize("task", [TrackVelocity(), TrackTwist(), TrackVelocityHeading()])

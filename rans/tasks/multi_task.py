@@ -1,0 +1,159 @@
+"""One agent for many tasks: every episode draws one of them (MultiTask2D, MultiTask3D)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields, replace
+from typing import Any
+
+from rans.dynamics import PlanarState, SpatialState, State
+from rans.errors import ConfigError
+from rans.fields import Field, leaves, unflatten, where
+from rans.scenario import Random
+from rans.tasks.base import Column, Dimension, SingleTask
+from rans.tasks.go_to_pose import GoToPose
+from rans.tasks.go_to_position import GoToPosition
+from rans.tasks.track_twist import TrackTwist
+from rans.tasks.track_velocity import TrackVelocity
+from rans.tasks.track_velocity_heading import TrackVelocityHeading
+
+
+@dataclass(frozen=True)
+class PlanarGoal(PlanarState):
+    """A goal in the plane that knows its task."""
+
+    flag: Field
+    """The drawn task's."""
+
+
+@dataclass(frozen=True)
+class SpatialGoal(SpatialState):
+    """A goal in space that knows its task."""
+
+    flag: Field
+    """The drawn task's."""
+
+
+@dataclass(frozen=True)
+class MultiTask:
+    """Fly whichever task the episode draws, with equal chances (paper: section 3.2, task flag).
+
+    Start, goal, reward, failure and observation are those of the drawn task, whose flag tells the policy
+    which one it is. Agents are judged on each of the `parts` by itself: there an observation is the same.
+
+    Raises:
+        ConfigError: there is no task to draw, an unknown one or one twice.
+    """
+
+    tasks: tuple[str, ...] = (
+        "go-to-position", "go-to-pose", "track-velocity", "track-twist", "track-velocity-heading")
+    """The tasks to draw from."""
+    go_to_position: GoToPosition = field(default_factory=GoToPosition)
+    """Settings of this task."""
+    go_to_pose: GoToPose = field(default_factory=GoToPose)
+    """Settings of this task."""
+    track_velocity: TrackVelocity = field(default_factory=TrackVelocity)
+    """Settings of this task."""
+    track_twist: TrackTwist = field(default_factory=TrackTwist)
+    """Settings of this task."""
+    track_velocity_heading: TrackVelocityHeading = field(default_factory=TrackVelocityHeading)
+    """Settings of this task."""
+
+    def __post_init__(self) -> None:
+        known = [f.name.replace("_", "-") for f in fields(self)[1:]]
+        if not self.tasks or len(set(self.tasks)) < len(self.tasks) or not set(self.tasks) <= set(known):
+            raise ConfigError(f"tasks must be different ones of {', '.join(known)}, got {self.tasks!r}.")
+
+    def parts(self) -> dict[str, SingleTask]:
+        """The tasks to draw from, by name."""
+        return {name: getattr(self, name.replace("-", "_")) for name in self.tasks}
+
+    def for_evaluation(self) -> MultiTask:
+        """The task with the starts and goals that agents are judged on."""
+        judged = {name.replace("-", "_"): part.for_evaluation() for name, part in self.parts().items()}
+        return replace(self, **judged)
+
+    def flag_of(self, goal: Any) -> Field:
+        """The drawn task's."""
+        return goal.flag
+
+    def sample(self, random: Random) -> tuple[State, State]:
+        """Start and goal of the drawn task."""
+        parts, draw = tuple(self.parts().values()), random.unit() * len(self.tasks)
+        flag = draw * 0.0 + float(parts[0].flag)
+        for rank, part in enumerate(parts[1:], start=1):
+            flag = where(draw >= rank, float(part.flag), flag)
+        starts, goals = zip(*(part.sample(random) for part in parts), strict=True)
+        start, goal = (unflatten(each[0], self._drawn_row(flag, [leaves(x) for x in each]))
+                       for each in (starts, goals))
+        kind: Any = PlanarGoal if isinstance(goal, PlanarState) else SpatialGoal
+        return start, kind(goal.p, goal.attitude, goal.v, goal.w, flag)
+
+    def residual(self, state: Any, goal: Any) -> tuple[Field, ...]:
+        """Of the drawn task; entries it has none of are zero."""
+        data = [part.residual(state, goal) for part in self.parts().values()]
+        width = max(map(len, data))
+        return self._drawn_row(goal.flag, [(*d, *(0.0,) * (width - len(d))) for d in data])
+
+    def residual_columns(self, dimension: Dimension) -> tuple[Column, ...]:
+        """As the drawn task's."""
+        width = max(len(part.residual_columns(dimension)) for part in self.parts().values())
+        return tuple((f"task data {i} of the drawn task", "-", "-") for i in range(width))
+
+    def residual_target(self, dimension: Dimension) -> tuple[float, ...]:
+        """There is none that all tasks share.
+
+        Raises:
+            ConfigError: always.
+        """
+        raise ConfigError(_ONE_BY_ONE)
+
+    def tolerances(self) -> dict[str, float]:
+        """There are none that all tasks share.
+
+        Raises:
+            ConfigError: always.
+        """
+        raise ConfigError(_ONE_BY_ONE)
+
+    def errors(self, state: Any, goal: Any) -> dict[str, Field]:
+        """Those of the drawn task; a quantity it does not name has no error."""
+        return self._drawn_terms(goal.flag, [part.errors(state, goal) for part in self.parts().values()])
+
+    @property
+    def watches_switching(self) -> bool:
+        """Whether any of the tasks does."""
+        return any(part.watches_switching for part in self.parts().values())
+
+    def reward(self, state: Any, goal: Any, command: tuple[Field, ...],
+               previous: tuple[Field, ...]) -> dict[str, Field]:
+        """The drawn task's terms; those of the others are zero."""
+        return self._drawn_terms(goal.flag, [part.reward(state, goal, command, previous)
+                                             for part in self.parts().values()])
+
+    def reached(self, state: Any, goal: Any) -> Field:
+        """Whether every error of the drawn task is within its tolerance."""
+        return self._drawn(goal.flag, [part.reached(state, goal) for part in self.parts().values()])
+
+    def failed(self, state: Any, goal: Any) -> Field:
+        """Whether the drawn task has failed."""
+        return self._drawn(goal.flag, [part.failed(state, goal) for part in self.parts().values()])
+
+    def _drawn(self, flag: Field, values: Sequence[Field]) -> Field:
+        """The drawn task's among the values of all tasks."""
+        result = values[0]
+        for part, value in zip(tuple(self.parts().values())[1:], values[1:], strict=True):
+            if not (isinstance(value, float) and isinstance(result, float) and value == result):
+                result = where(flag == part.flag, value, result)
+        return result
+
+    def _drawn_row(self, flag: Field, rows: Sequence[Sequence[Field]]) -> tuple[Field, ...]:
+        return tuple(self._drawn(flag, column) for column in zip(*rows, strict=True))
+
+    def _drawn_terms(self, flag: Field, terms: Sequence[dict[str, Field]]) -> dict[str, Field]:
+        names = dict.fromkeys(name for some in terms for name in some)
+        return {name: self._drawn(flag, [some.get(name, 0.0) for some in terms]) for name in names}
+
+
+_ONE_BY_ONE = ("a multi-task is judged on each of its tasks by itself, as their tolerances differ; take one "
+               "of its parts().")

@@ -1,0 +1,99 @@
+"""What only some tasks ask of the engine: the previous command, and goals that know their task."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from rans.errors import ConfigError
+from rans.fields import leaves
+from rans.scenario import scenario
+from rans.spacecraft import Spacecraft
+from rans.tasks import GoToPosition, MultiTask, TrackVelocity
+from rans.timing import Timing
+from tests.fast.engines import NEAR, PLATFORM, SHORT, actions, both_crafts, run
+
+COSTLY = replace(NEAR, switching_weight=0.25)
+MIXED = MultiTask(tasks=("go-to-pose", "go-to-position", "track-velocity"), go_to_pose=COSTLY,
+                  go_to_position=GoToPosition(spawn_distance=(0.5, 1.0), fail_distance=1.05, fail_spin=15.0),
+                  track_velocity=TrackVelocity(velocity_tolerance=0.5, fail_spin=2.0))
+"""With it too many episodes of `SHORT` fail under random thrust, and others do not."""
+
+
+@both_crafts
+def test_every_valve_that_moves_is_paid_for(backend: Any, craft: Spacecraft) -> None:
+    """Episodes begin with all valves shut, wherever the last one ended."""
+    engine = backend(craft, COSTLY, 32, SHORT, seed=1)
+    paid, before, begun = engine.term_names.index("switching"), torch.zeros(32, len(craft.thrusters)), 0
+    for action in actions(craft, 32, 45, held=2):
+        step = engine.step(action)
+        moved = (action - before).abs().sum(dim=1)
+        torch.testing.assert_close(step.terms[paid], -0.25 * moved)
+        ended = step.terminated | step.truncated
+        before, begun = torch.where(ended[:, None], 0, action).float(), begun + int(ended.sum())
+    assert begun > 32
+    engine.reset()
+    opened = engine.step(torch.ones(32, len(craft.thrusters))).terms[paid]
+    torch.testing.assert_close(opened, torch.full((32,), -0.25 * len(craft.thrusters)))
+
+
+def test_it_remembers_what_the_task_looks_at_and_nothing_more(backend: Any) -> None:
+    """A byte a thruster, where switching costs anything."""
+    engines = [backend(PLATFORM, task, 16, SHORT) for task in (NEAR, COSTLY)]
+    sizes = [sum(x.nbytes for x in engine.save_state()["buffers"]) for engine in engines]
+    assert sizes[1] - sizes[0] == 16 * 8
+    assert set(engines[1].term_names) - set(engines[0].term_names) == {"switching"}
+
+
+@both_crafts
+@pytest.mark.parametrize("task", [COSTLY, MIXED], ids=["switching", "multi-task"])
+def test_a_loaded_state_goes_on_bit_for_bit(backend: Any, craft: Spacecraft, task: Any) -> None:
+    engine, other = (backend(craft, task, 16, SHORT, seed=seed) for seed in (9, 123))
+    run(engine, 7)
+    saved = engine.save_state()
+    expected = run(engine, 45, seed=2)
+    other.load_state(saved)
+    for a, b in zip(expected, run(other, 45, seed=2), strict=True):
+        assert all(torch.equal(x, y) for x, y in zip(a, b, strict=True))
+
+
+def test_a_state_without_commands_is_refused_where_they_are_needed(backend: Any) -> None:
+    saved = backend(PLATFORM, NEAR, 4, SHORT).save_state()
+    with pytest.raises(ConfigError, match="saved state is not one of 4 environments"):
+        backend(PLATFORM, COSTLY, 4, SHORT).load_state(saved)
+
+
+@both_crafts
+def test_every_episode_draws_its_task_anew(backend: Any, craft: Spacecraft) -> None:
+    """Goals and flags are those of `scenario`; only the drawn task's terms are paid."""
+    engine = backend(craft, MIXED, 16, SHORT, seed=2, dtype=torch.float64)
+    number, flag_column = np.arange(16), 5 if craft.dimension == 2 else 12
+    names, seen_flags = engine.term_names, set()
+    for action in actions(craft, 16, 45):
+        goals = [scenario(MIXED, craft.dimension, 2, int(k)).goal for k in number]
+        flags = np.array([goal.flag for goal in goals])  # type: ignore[union-attr]
+        kept = [np.broadcast_to(np.asarray(x), 16) for x in leaves(engine.goal)]
+        # Both take the same draws; sine and cosine may differ in the last place.
+        np.testing.assert_allclose(np.transpose(kept), [leaves(goal) for goal in goals], rtol=0, atol=1e-15)
+        step = engine.step(action)
+        np.testing.assert_array_equal(step.final_observation[:, flag_column], flags)
+        for name, goes_to_a_place in (("position", True), ("velocity", False)):
+            paid = torch.from_numpy((flags < 2) == goes_to_a_place)
+            assert torch.equal(step.terms[names.index(name)] != 0, paid)
+        assert torch.equal(step.terms[names.index("attitude")] != 0, torch.from_numpy(flags == 1))
+        number = number + 16 * (step.terminated | step.truncated).numpy()
+        seen_flags |= set(flags)
+    assert seen_flags == {0.0, 1.0, 2.0}
+    assert number.min() >= 16
+
+
+def test_one_step_costs_no_more_memory_than_its_goals(backend: Any) -> None:
+    """A multi-task of one moving goal remembers that goal and its flag."""
+    alone, mixed = (backend(PLATFORM, task, 16, Timing()) for task in (
+        TrackVelocity(), MultiTask(tasks=("track-velocity",))))
+    sizes = [sum(x.nbytes for x in engine.save_state()["buffers"]) for engine in (alone, mixed)]
+    assert sizes[1] - sizes[0] == 16 * 4

@@ -1,0 +1,52 @@
+"""Every task with every price charged, on every spacecraft, in batches of any states."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rans.flight import scenarios
+from rans.spacecraft import Spacecraft
+from rans.spacecraft_file import load_spacecraft, spacecraft_names
+from rans.tasks import TASKS, SingleTask, parts, task_class
+from tests.crafts import random_states
+
+COUNT = 64
+"""Spacecraft in every batch."""
+
+
+@pytest.fixture(params=sorted(TASKS))
+def task(request: pytest.FixtureRequest) -> Any:
+    return priced(task_class(request.param)())
+
+
+def priced(task: Any) -> Any:
+    """The task, or every part of it, with whatever is off by default switched on a little."""
+    if isinstance(task, SingleTask):
+        return replace(task, **{field.name: 0.01 for field in fields(task) if field.default == 0.0})
+    return replace(task, **{name.replace("-", "_"): priced(part) for name, part in parts(task).items()})
+
+
+@pytest.fixture(params=spacecraft_names())
+def craft(request: pytest.FixtureRequest) -> Spacecraft:
+    return load_spacecraft(request.param)
+
+
+@pytest.fixture
+def states(craft: Spacecraft) -> Any:
+    return random_states(craft.dimension, COUNT, seed=1)
+
+
+@pytest.fixture
+def goals(task: Any, craft: Spacecraft) -> Any:
+    return scenarios(task, craft, seed=2, count=COUNT).goal
+
+
+@pytest.fixture
+def commands(craft: Spacecraft) -> tuple[tuple[np.ndarray, ...], ...]:
+    """A command and the one before it."""
+    rng = np.random.default_rng(3)
+    return tuple(tuple(rng.integers(0, 2, (len(craft.thrusters), COUNT)).astype(float)) for _ in range(2))

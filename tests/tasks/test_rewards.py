@@ -1,0 +1,86 @@
+"""The prices that every task can charge, by hand."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rans.dynamics import PlanarState, SpatialState
+from rans.errors import ConfigError
+from rans.fields import Heading, Quat, Vec2, Vec3
+from rans.flight import Flight
+from rans.spacecraft_file import load_spacecraft
+from rans.tasks import TASKS, GoToPose, SingleTask
+from rans.tasks.rewards import Prices, nearness
+from rans.timing import Timing
+
+PLANAR = PlanarState(Vec2(7.0, -9.0), Heading(2.0), Vec2(0.3, -0.4), -0.2)
+"""At 0.5 m/s and 0.2 rad/s."""
+SPATIAL = SpatialState(Vec3(7.0, -9.0, 1.0), Quat(1.0, 0.0, 0.0, 0.0), Vec3(0.2, 0.6, -0.9),
+                       Vec3(-0.2, 0.3, 0.6))
+"""At 1.1 m/s and 0.7 rad/s."""
+WORK = ((1.0, 0.0, 1.0, 0.0, 1.0), (1.0, 1.0, 0.0, 0.0, 0.0))
+"""Three valves are open; of the two open before one has shut, and two of the three have opened."""
+
+
+@pytest.mark.parametrize(("state", "speed", "spin"), [(PLANAR, 0.5, 0.2), (SPATIAL, 1.1, 0.7)])
+def test_prices(state: Any, speed: float, spin: float) -> None:
+    prices = Prices(thrust_weight=0.1, switching_weight=0.01, speed_weight=2.0, spin_weight=3.0)
+    expected = {"thrust": -0.3, "switching": -0.03, "speed": -2.0 * speed, "spin": -3.0 * spin}
+    assert prices.prices(state, *WORK) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("name", ["thrust", "switching", "speed", "spin"])
+def test_a_price_of_zero_is_no_term(name: str) -> None:
+    free = {f"{other}_weight": 0.0 for other in ("thrust", "switching", "speed", "spin")}
+    assert Prices(**free).prices(PLANAR, *WORK) == {}
+    assert Prices(**free | {f"{name}_weight": 0.5}).prices(PLANAR, *WORK).keys() == {name}
+    assert Prices(**free | {f"{name}_weight": 0.5}).watches_switching == (name == "switching")
+
+
+@pytest.mark.parametrize("kind", [kind for kind in TASKS.values() if issubclass(kind, SingleTask)])
+def test_every_task_charges_for_open_thrusters_only(kind: Any) -> None:
+    """Unless it is told to charge for more; and no weight may be negative."""
+    charged = kind().reward(PLANAR, PLANAR, *WORK).keys() & {"thrust", "switching", "speed"}
+    assert charged == {"thrust"}
+    assert not kind().watches_switching
+    dearer = kind(thrust_weight=0.5, switching_weight=0.25).reward(PLANAR, PLANAR, *WORK)
+    assert (dearer["thrust"], dearer["switching"]) == (-1.5, -0.75)
+    with pytest.raises(ConfigError, match=r"switching_weight must be finite and not negative, got -0\.1"):
+        kind(switching_weight=-0.1)
+
+
+def test_a_flight_pays_for_every_valve_from_the_first_command_on() -> None:
+    """One valve opens, another joins it, both shut; nothing happens in the second episode."""
+    commands = np.zeros((4, 2, 8))
+    commands[0, 0, 3] = commands[1, 0, 3] = commands[1, 0, 6] = 1.0
+    still = np.zeros((5, 2))
+    states = PlanarState(Vec2(still, still), Heading(still), Vec2(still, still), still)
+    goals = PlanarState(Vec2(still[0], still[0]), Heading(still[0]), Vec2(still[0], still[0]), still[0])
+    task = GoToPose(switching_weight=0.5, thrust_weight=0.25)
+    flight = Flight(load_spacecraft("floating-platform-shared"), task, Timing(episode_steps=4), states,
+                    goals, commands, "by hand")
+    np.testing.assert_array_equal(flight.rewards()["switching"].T, [[-0.5, -0.5, -1.0, 0.0], [0.0] * 4])
+    # What is counted are commands: the platform shares one thruster's worth among the open ones.
+    np.testing.assert_array_equal(flight.rewards()["thrust"].T, [[-0.25, -0.5, 0.0, 0.0], [0.0] * 4])
+
+
+def test_nothing_is_nearer_than_a_rest() -> None:
+    """Flat up to 0.5, then the same shape moved out by 0.5: ln 2 further on it has halved."""
+    error = np.array([0.0, 0.3, 0.5, 0.5 + np.log(2.0)])
+    np.testing.assert_allclose(nearness(error, 1.0, rest=0.5), [1.0, 1.0, 1.0, 0.5], rtol=1e-15)
+
+
+@pytest.mark.parametrize(("name", "fine"), [
+    ("go-to-position", {"fine"}), ("go-to-pose", {"fine position", "fine attitude"})])
+def test_an_agent_at_rest_gains_nothing_by_coming_closer(name: str, fine: set[str]) -> None:
+    """At 7 mm and 0.01 rad within rests of 8 mm and 0.02 rad every term is as at the goal."""
+    goal = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
+    near = PlanarState(Vec2(0.0, -7e-3), Heading(0.01), Vec2(0.0, 0.0), 0.0)
+    rests = {"rest_position": 8e-3, "rest_spin" if name == "go-to-position" else "rest_attitude": 0.02}
+    task, plain = TASKS[name](fine_weight=0.5, **rests), TASKS[name]()
+    assert task.reward(near, goal, *WORK) == task.reward(goal, goal, *WORK)
+    assert plain.reward(near, goal, *WORK)["position"] < plain.reward(goal, goal, *WORK)["position"]
+    assert task.reward(near, goal, *WORK).keys() - plain.reward(near, goal, *WORK).keys() == fine

@@ -1,0 +1,70 @@
+"""Neither where the world's frame lies nor whether a motion is planar changes what a task says."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from rans.dynamics import PlanarState, SpatialState
+from rans.fields import Heading, Quat, Vec2, Vec3, leaves, unflatten
+from rans.flight import scenarios
+from rans.spacecraft_file import load_spacecraft
+from rans.tasks.multi_task import PlanarGoal, SpatialGoal
+from tests.crafts import random_states
+from tests.tasks.conftest import COUNT
+
+
+def test_a_moved_world_changes_nothing(task: Any, states: Any, goals: Any, commands: Any) -> None:
+    """Errors, reward and failure are the same when start and goal are turned and shifted together."""
+    moved_states, moved_goals = moved(states), moved(goals)
+    here, there = (
+        {"failed": task.failed(s, g), **task.errors(s, g), **task.reward(s, g, *commands)}
+        for s, g in ((states, goals), (moved_states, moved_goals))
+    )
+    for name, x in here.items():
+        # distances of 10 m carry 1e-15; an angle near zero or half a turn keeps half the digits of
+        # a cosine but all of an atan2
+        np.testing.assert_allclose(there[name], x, rtol=0, atol=1e-12, err_msg=name)
+
+
+def moved(state: Any) -> Any:
+    """The state seen from a world frame that is turned and shifted; body quantities stay."""
+    if isinstance(state, PlanarState):
+        turn = Rotation.from_rotvec([0, 0, 2.1]).as_matrix()[:2, :2]
+        p, v = (Vec2(*(turn @ np.stack(x.columns()))) for x in (state.p, state.v))
+        return replace(state, p=p + Vec2(3.0, -5.0), attitude=Heading(state.attitude.angle + 2.1), v=v)
+    turn = Rotation.from_rotvec([0.4, -1.2, 0.8])
+    p, v = (Vec3(*turn.apply(np.stack(x.columns(), axis=1)).T) for x in (state.p, state.v))
+    w, x, y, z = leaves(state.attitude)
+    qx, qy, qz, qw = (turn * Rotation.from_quat(np.stack([x, y, z, w], axis=1))).as_quat().T
+    return replace(state, p=p + Vec3(3.0, -5.0, 1.0), attitude=Quat(qw, qx, qy, qz), v=v)
+
+
+def test_the_plane_is_a_slice_of_space(task: Any) -> None:
+    """A planar motion written as a spatial one has the same errors and reward."""
+    flat = random_states(2, COUNT, seed=7)
+    drawn_goal, goal = flat_goals(task), random_states(2, COUNT, seed=8, speed=0.0, spin=0.0)
+    goal = unflatten(drawn_goal, (*leaves(goal), *leaves(drawn_goal)[6:]))
+    opened, shut = (np.ones(COUNT),) * 8, (np.zeros(COUNT),) * 8
+    for name in ("errors", "reward"):
+        extra = (opened, shut) if name == "reward" else ()
+        plane = getattr(task, name)(flat, goal, *extra)
+        space = getattr(task, name)(embedded(flat), embedded(goal), *extra)
+        assert plane.keys() == space.keys()
+        for key, value in plane.items():
+            # twice an atan2 against a difference of angles
+            np.testing.assert_allclose(space[key], value, rtol=0, atol=1e-13, err_msg=key)
+
+
+def flat_goals(task: Any) -> Any:
+    return scenarios(task, load_spacecraft("floating-platform"), seed=9, count=COUNT).goal
+
+
+def embedded(flat: Any) -> Any:
+    zero, half = np.zeros(COUNT), flat.attitude.angle / 2
+    kind: Any = SpatialGoal if isinstance(flat, PlanarGoal) else SpatialState
+    return kind(Vec3(flat.p.x, flat.p.y, zero), Quat(np.cos(half), zero, zero, np.sin(half)),
+                Vec3(flat.v.x, flat.v.y, zero), Vec3(zero, zero, flat.w), *leaves(flat)[6:])
