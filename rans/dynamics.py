@@ -14,12 +14,17 @@ from typing import Any, TypeVar
 import numpy as np
 
 from rans.fields import Field, Heading, Quat, Vec2, Vec3, at_least, cos, sin
+from rans.magnus import Rotation, Series, at, exponential, last_product, total, turned
 from rans.spacecraft import Spacecraft
 
 NODES = 6
 """Of the Gauss-Legendre rule for planar motion. Over one control period its error, as a share of the
 thrust's effect, is below 3e-13 up to 1 rad turned and 3e-11 up to 2 rad
 (docs/decisions/003-planar-motion-by-quadrature.md)."""
+_SPATIAL_NODES = 3
+"""The same in space: of order six, as the attitude is (docs/decisions/006-motion-in-space-by-series.md)."""
+_SPIN_ORDER = 8
+"""Of the angular velocity of a body whose moments of inertia differ."""
 
 
 def _gauss_legendre(count: int) -> tuple[tuple[float, float], ...]:
@@ -150,7 +155,7 @@ def advance(state: AnyState, applied: Wrench, body: MassProperties, duration: Fi
         body: mass properties.
         duration: of the whole motion, s.
         substeps: equal parts the motion is computed in. Each part is exact up to quadrature
-            rounding in the plane and one fourth-order Runge-Kutta step in space.
+            rounding in the plane and of order six in space.
         nodes: of the quadrature in the plane; float32 needs only four.
         disturbance: a second wrench, constant in W: an uneven floor, a draught, a tether.
     """
@@ -204,41 +209,53 @@ def _advance_planar(state: PlanarState, load: _Load, h: Field, nodes: int) -> Pl
 
 
 def _advance_spatial(state: SpatialState, load: _Load, h: Field) -> SpatialState:
-    """One classical Runge-Kutta step of order four."""
-    k1 = _rate(state, load)
-    k2 = _rate(_moved(state, k1, 0.5 * h), load)
-    k3 = _rate(_moved(state, k2, 0.5 * h), load)
-    k4 = _rate(_moved(state, k3, h), load)
-    slow, fast = h / 6.0, h / 3.0
-    return _moved(_moved(_moved(_moved(state, k1, slow), k2, fast), k3, fast), k4, slow)
+    """Spin by its Taylor series, attitude by Magnus' series, translation by quadrature.
 
-
-def _rate(state: SpatialState, load: _Load) -> SpatialState:
-    """Time derivative of every member: Newton, Euler's I w' = tau - w x I w, q' = q (0, w) / 2."""
-    inertia = load.body.inertia
-    force_W: Any = state.attitude.rotate(load.thrust.force)  # type: ignore[arg-type]
-    torque_B: Any = load.thrust.torque
+    The thrust's acceleration, expressed in B at the start of the step, enters velocity and position as in
+    the plane.
+    """
+    rate = _spin_series(state, load, h)
+    rotation, acceleration = Rotation(rate, h), load.thrust.force.scale(1.0 / load.body.mass)
+    speed = way = Vec3(0.0, 0.0, 0.0)
+    for node, weight in _RULES[_SPATIAL_NODES]:
+        push = turned(rotation.vector(node), acceleration)  # type: ignore[arg-type]
+        speed, way = speed + push.scale(weight), way + push.scale(weight * (1 - node))
+    gained, moved = (state.attitude.rotate(x) for x in (speed.scale(h), way.scale(h * h)))
     if load.disturbance is not None:
-        force_W = force_W + load.disturbance.force
-        torque_B = torque_B + state.attitude.conjugate().rotate(load.disturbance.torque)
-    momentum = _symmetric_times(inertia, state.w)
-    q = state.attitude.times(Quat(0.0, state.w.x, state.w.y, state.w.z))
+        drift: Any = load.disturbance.force.scale(1.0 / load.body.mass)
+        gained, moved = gained + drift.scale(h), moved + drift.scale(0.5 * h * h)
     return SpatialState(
-        p=state.v,
-        attitude=Quat(0.5 * q.w, 0.5 * q.x, 0.5 * q.y, 0.5 * q.z),
-        v=force_W.scale(1.0 / load.body.mass),
-        w=_symmetric_times(_inverse(inertia), torque_B - state.w.cross(momentum)),
+        p=state.p + state.v.scale(h) + moved,
+        attitude=state.attitude.times(exponential(rotation.vector(1.0))),
+        v=state.v + gained,
+        w=at(rate, 1.0),
     )
 
 
-def _moved(state: SpatialState, rate: SpatialState, h: Field) -> SpatialState:
-    q, dq = state.attitude, rate.attitude
-    return SpatialState(
-        p=state.p + rate.p.scale(h),
-        attitude=Quat(q.w + h * dq.w, q.x + h * dq.x, q.y + h * dq.y, q.z + h * dq.z),
-        v=state.v + rate.v.scale(h),
-        w=state.w + rate.w.scale(h),
-    )
+def _spin_series(state: SpatialState, load: _Load, h: Field) -> Series:
+    """Taylor series of the angular velocity over the share of h that is gone.
+
+    Euler's equation, I w' = tau - w x (I - I_zz 1) w: a multiple of the unit tensor has no part in
+    w x I w, so the series of a body with three equal moments ends after its second term. A torque that is
+    constant in W turns in B: u' = u x w.
+    """
+    xx, xy, xz, yy, yz, zz = load.body.inertia
+    excess, inverse = (xx - zz, xy, xz, yy - zz, yz, 0.0), _inverse(load.body.inertia)
+    even = all(isinstance(x, float) and x == 0.0 for x in excess)
+    turning: list[Any] = []
+    if load.disturbance is not None:
+        turning.append(state.attitude.conjugate().rotate(load.disturbance.torque))  # type: ignore[arg-type]
+    rate, momentum = [state.w], []
+    for k in range(1 if even and not turning else _SPIN_ORDER):
+        torques: list[Any] = [load.thrust.torque] if k == 0 else []
+        if turning:
+            torques.append(turning[k])
+            turning.append(last_product(turning, rate).scale(h / (k + 1)))
+        if not even:
+            momentum.append(_symmetric_times(excess, rate[k]))
+            torques.append(last_product(momentum, rate))
+        rate.append(_symmetric_times(inverse, total(torques)).scale(h / (k + 1)))
+    return rate
 
 
 def _symmetric_times(entries: Sequence[Field], v: Vec3) -> Vec3:

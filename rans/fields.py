@@ -2,8 +2,9 @@
 
 A field is one scalar quantity of however many spacecraft: a torch tensor ``(N,)`` in the fast
 engine, a float or NumPy array in a test or the Drake environment, a CasADi ``SX`` in an optimal
-control problem. Equations written over fields are plain arithmetic on named scalars, so one source
-serves all three libraries and compiles into one kernel (docs/decisions/001-structure-of-fields.md).
+control problem, a `rans.fast.kernel.trace.Symbol` while a GPU kernel is generated. Equations written
+over fields are plain arithmetic on named scalars, so one source serves all these libraries and
+compiles into one kernel (docs/decisions/001-structure-of-fields.md).
 
 Two rules keep it traceable: multiply a vector with ``v.scale(s)``, never ``s * v`` (a torch tensor
 on the left takes the operator first), and never branch on a field: use `where`.
@@ -16,6 +17,7 @@ import math
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, TypeVar
 
 import numpy as np
@@ -38,6 +40,8 @@ def _function(name: str, *fields: Field) -> Callable[..., Field]:
             return getattr(sys.modules["torch"], name)
         if library == "casadi":
             return getattr(sys.modules["casadi"], _CASADI_NAMES.get(name, name))
+        if library == "rans":
+            return partial(type(field).apply, name)
     return getattr(np, _NUMPY_NAMES.get(name, name))
 
 
@@ -231,8 +235,8 @@ class Quat:
     def rotate(self, v: Vec3) -> Vec3:
         """A vector given in B, expressed in W: (w^2 - u.u) v + 2 (u.v) u + 2 w u x v, u = (x, y, z).
 
-        Off unit length this form scales the vector but still turns it exactly, which halves the
-        error of Runge-Kutta stages against the shorter v + 2 u x (u x v + w v).
+        Off unit length this form scales the vector but still turns it exactly; the shorter
+        v + 2 u x (u x v + w v) does not.
         """
         w, u = self.w, Vec3(self.x, self.y, self.z)
         along = v.scale(w * w - u.dot(u)) + u.scale(2.0 * u.dot(v))

@@ -18,9 +18,9 @@ class Timing:
 
     control_period: float = 0.2
     """Time a command is held, s: 5 Hz, as in the paper (section 3.1)."""
-    substeps: int | None = None
-    """Integration steps a control period; by default 1 in the plane, where that is exact to rounding,
-    and 3 in space, 0.03 mm off after 25 s: the original system's ten steps at 50 Hz are 3.5 mm off."""
+    substeps: int = 1
+    """Integration steps a control period. One is exact to rounding in the plane and 0.01 mm off after 25 s
+    in space, where the original system's ten steps at 50 Hz are 3.5 mm off."""
     episode_steps: int = 125
     """Control periods until an episode is cut off: 25 s."""
 
@@ -30,13 +30,5 @@ class Timing:
             raise ConfigError(f"control_period must be a finite number > 0 s, got {period!r}.")
         for key in ("substeps", "episode_steps"):
             value = getattr(self, key)
-            if key == "substeps" and value is None:
-                continue
             if isinstance(value, bool) or not isinstance(value, int) or value < 1:
                 raise ConfigError(f"{key} must be a whole number >= 1, got {value!r}.")
-
-    def substeps_in(self, dimension: int) -> int:
-        """Integration steps a control period for a planar (2) or spatial (3) spacecraft."""
-        if self.substeps is not None:
-            return self.substeps
-        return 1 if dimension == 2 else 3

@@ -16,11 +16,6 @@ def test_defaults_are_25_seconds_at_5_hz() -> None:
     assert timing.control_period * timing.episode_steps == 25.0
 
 
-def test_substeps_follow_the_dimension_unless_given() -> None:
-    assert (Timing().substeps_in(2), Timing().substeps_in(3)) == (1, 3)
-    assert (Timing(substeps=7).substeps_in(2), Timing(substeps=7).substeps_in(3)) == (7, 7)
-
-
 @pytest.mark.parametrize(("key", "value"), [
     ("control_period", 0.0), ("control_period", -0.2), ("control_period", float("nan")),
     ("control_period", float("inf")), ("control_period", "0.2"), ("control_period", True),

@@ -35,8 +35,8 @@ _OUR_NODES = (1, 2, 3, 4, 5, 6)
 """Of one quadrature a control period, in the plane."""
 _ORDER_STEPS = (1, 2, 4, 8, 16, 32)
 """A control period."""
-_EVALUATIONS = {2: 1, 3: 4}
-"""Of the force for each of these: a node, or a step of Runge-Kutta."""
+_EVALUATIONS = {2: 1, 3: 3}
+"""Of the force for each of these: a node, or a step of three nodes."""
 
 
 def discretisation_checks(craft: Spacecraft, seed: int, count: int) -> list[Check | Curve]:
@@ -120,7 +120,7 @@ def _turn(vector: Vec3) -> Quat:
 
 def _default(craft: Spacecraft) -> int:
     """Nodes or steps a control period."""
-    return _OUR_NODES[-1] if craft.dimension == 2 else Timing().substeps_in(3)
+    return _OUR_NODES[-1] if craft.dimension == 2 else Timing().substeps
 
 
 def _ours(craft: Spacecraft, rate: int, error: Callable[..., dict[str, float]],

@@ -21,7 +21,7 @@ from validation.sampling import FASTEST, gap_checks, gentle_commands, random_sta
 
 VALIDATION_SUBSTEPS = {2: 1, 3: 32}
 """Physics substeps at which the equations, not the step size, are compared with Drake: the plane's step
-is exact, in space the fourth-order error of 32 is 65,536 times below that of 2."""
+is exact, in space the sixth-order error of 32 is below rounding."""
 
 
 def thruster_checks(craft: Spacecraft) -> list[Check]:

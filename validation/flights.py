@@ -27,7 +27,7 @@ from validation.sampling import Restless, gap_checks, growth, reach, rollout
 _OPTIMAL_STARTS = 4
 _HARDER = 4.0
 """How much farther off the default step may be when every thruster always fires: such flights spin up to
-1.4 times as fast, and the fourth-order error of a step grows with the fifth power of the angle turned."""
+1.4 times as fast, and the error of a step grows with the seventh power of the angle turned."""
 
 
 def flight_checks(craft: Spacecraft, seed: int, count: int) -> list[Check | Curve]:
@@ -87,7 +87,7 @@ def drake_states(craft: Spacecraft, start: Any, commands: np.ndarray, timing: Ti
 def _accuracy(layer: str, craft: Spacecraft, start: Any, commands: np.ndarray, drake: Any,
               timing: Timing, harder: float = 1.0) -> list[Check | Curve]:
     """Default substeps (a bound on accuracy), and in space validation substeps (the equations)."""
-    default = timing.substeps_in(craft.dimension)
+    default = timing.substeps
     ours = rollout(craft, start, commands, timing.control_period, default)
     if craft.dimension == 2:
         reason = "The plane's step is exact: rounding, and Drake's own error, over the whole flight."
@@ -101,7 +101,7 @@ def _accuracy(layer: str, craft: Spacecraft, start: Any, commands: np.ndarray, d
     return [
         position, replace(attitude, tolerance=1e-5 * harder),
         *gap_checks(f"{layer}, {substeps} substeps", fine, drake, _agreement(drake),
-                    "Fourth-order truncation; a wrong term of the equations would not shrink with it."),
+                    "Truncation; a wrong term of the equations would not shrink with it."),
         *growth(f"{layer}, default", ours, drake, timing),
         *growth(f"{layer}, {substeps} substeps", fine, drake, timing),
     ]

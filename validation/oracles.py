@@ -102,7 +102,7 @@ def _top_checks(craft: Spacecraft, seed: int, count: int) -> list[Check]:
     expected = axes @ tumbling(moments, least, largest, _PERIODS * period)
     error = np.linalg.norm(np.array(state.w.columns()) - expected, axis=0)
     return [Check("asymmetric top: spin", float(error.max()), 1e-9, "rad/s",
-                  "Fourth-order truncation of 5 s at validation substeps.", f"state {error.argmax()}")]
+                  "Sixth-order truncation of 5 s, and rounding.", f"state {error.argmax()}")]
 
 
 def tumbling(moments: np.ndarray, least: Any, largest: Any, time: float) -> np.ndarray:

@@ -33,12 +33,12 @@ _SECTIONS = (
      "is the floor below which no comparison with it means anything."),
     ("Order of convergence", ("error of one control period",),
      "Random states under random thrust, against 256 steps. The slope of a line is the order: 1 for "
-     "semi-implicit Euler, 4 for Runge-Kutta in space; in the plane one step is exact to rounding."),
+     "semi-implicit Euler, 6 for ours in space; in the plane one step is exact to rounding."),
     ("What the time step costs", ("position error after 25 s", "attitude error after 25 s"),
      "25 s of closed-loop on/off thrust at 5 and 10 Hz, against Drake. The original system takes "
      "semi-implicit Euler steps at 50 or 100 Hz, one force evaluation each (its two leftmost points). "
-     "Ours is a quadrature of 1 to 6 nodes a control period in the plane and 1 to 16 Runge-Kutta steps of "
-     "four evaluations in space; the default is six nodes or three steps."),
+     "Ours is a quadrature of 1 to 6 nodes a control period in the plane and 1 to 16 steps of three nodes "
+     "in space; the default is six nodes or one step."),
 )
 
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import torch
@@ -11,12 +12,16 @@ from torch import Tensor
 
 from rans.dynamics import NODES
 from rans.errors import ConfigError
+from rans.fast.distributed import ALONE, World
 from rans.fast.episode import Episodes, Outcome, Simulation
 from rans.fields import leaves, map_leaves
 from rans.scenario import seed_words
 from rans.spacecraft import Spacecraft
 from rans.tasks.base import Task, observation, observation_width
 from rans.timing import Timing
+
+if TYPE_CHECKING:
+    from rans.fast.kernel.launch import Kernel
 
 _FLOAT32_NODES = 4
 """Quadrature nodes at which float32 rounding hides the rule's error, up to 15 rad/s."""
@@ -35,11 +40,17 @@ class Step(NamedTuple):
     truncated: Tensor
     """(N,) bool: time is up without failure."""
     final_observation: Tensor
-    """(N, width) of the state arrived in: the last of the old episode where it ended."""
+    """(N, width) of the state arrived in, where an episode ended; what the other rows hold is undefined."""
     reached: Tensor
     """(N,) bool: within the task's tolerances on arrival."""
     terms: Tensor
     """(terms, N): reward by term, in the order of `Engine.term_names`."""
+
+
+def field_dtype(device: torch.device, dtype: torch.dtype = torch.float32,
+                compiled: bool | None = None) -> Any:
+    """Dtype of an engine's fields: NumPy's for an uncompiled step on a CPU, else torch's."""
+    return dtype if compiled or device.type == "cuda" else _NUMPY_DTYPES[dtype]
 
 
 class Engine:
@@ -56,6 +67,7 @@ class Engine:
         compiled: whether a step is one compiled kernel. By default on a GPU only: a CPU step then
             runs the same source on NumPy, two to six times faster than uncompiled torch for 4,096 to
             128 spacecraft, and without a compiler.
+        world: the processes among which the batch is divided; ``num_envs`` are this one's.
 
     Raises:
         ConfigError: num_envs is not a positive whole number, or dtype is another one.
@@ -63,7 +75,8 @@ class Engine:
 
     def __init__(self, craft: Spacecraft, task: Task, num_envs: int, timing: Timing | None = None, *,
                  seed: int = 0, device: str | torch.device = "cpu",
-                 dtype: torch.dtype = torch.float32, compiled: bool | None = None) -> None:
+                 dtype: torch.dtype = torch.float32, compiled: bool | None = None,
+                 world: World = ALONE) -> None:
         if isinstance(num_envs, bool) or not isinstance(num_envs, int) or num_envs < 1:
             raise ConfigError(
                 f"the number of environments must be a whole number >= 1, got {num_envs!r}.")
@@ -72,15 +85,18 @@ class Engine:
         self.craft, self.task, self.timing = craft, task, timing or Timing()
         self.num_envs, self.dtype, self.device = num_envs, dtype, torch.device(device)
         self.compiled = self.device.type == "cuda" if compiled is None else compiled
+        self.world, self._stride = world, num_envs * world.size
         self.observation_width = observation_width(craft.dimension)
-        self._on_numpy = self.device.type == "cpu" and not self.compiled
+        fields = field_dtype(self.device, dtype, self.compiled)
+        self._on_numpy = not isinstance(fields, torch.dtype)
         self._simulation = Simulation(
-            craft, task, self.timing, _NUMPY_DTYPES[dtype] if self._on_numpy else dtype,
+            craft, task, self.timing, fields,
             nodes=_FLOAT32_NODES if dtype == torch.float32 else NODES)
         step = _step_tensors
         self._step = torch.compile(step, fullgraph=True, dynamic=False) if self.compiled else step
         self._seed: tuple[Any, Any] = (self._int32(0), self._int32(0))
         self._episodes: Episodes = self._allocate(seed)
+        self._kernel = self._generated()
         self.reset(seed)
 
     def _int32(self, value: int) -> Any:
@@ -90,8 +106,8 @@ class Engine:
     def term_names(self) -> tuple[str, ...]:
         """Names of the reward terms, in the order of `Step.terms`."""
         e = self._episodes
-        nothing = (leaves(e.state)[0] * 0.0,) * len(self.craft.thrusters)
-        return tuple(self.task.reward(e.state, e.goal, nothing))
+        shut = (leaves(e.state)[0] * 0.0,) * len(self.craft.thrusters)
+        return tuple(self.task.reward(e.state, e.goal, shut, shut))
 
     @property
     def state(self) -> Any:
@@ -114,20 +130,22 @@ class Engine:
         """
         number = self._episodes.number
         if seed is None:
-            number += self.num_envs
+            number += self._stride
         else:
             self._set_seed(seed_words(seed))
             self._write(number, self._count())
         start, goal = self._simulation.begin(self._seed, number)
         for buffer, value in zip(self._buffers(), (*leaves(start), *_varying(goal)), strict=False):
             self._write(buffer, value)
-        self._episodes.steps[:] = 0
+        for buffer in (self._episodes.steps, *self._episodes.previous):
+            buffer[:] = 0
         return self.observe()
 
     def stagger(self, generator: torch.Generator | None = None) -> None:
         """Pretend the episodes started at random times, so that they do not all end together."""
         limit = self.timing.episode_steps
-        steps = torch.randint(0, limit, (self.num_envs,), generator=generator, dtype=torch.int32)
+        steps = self.world.mine(
+            torch.randint(0, limit, (self._stride,), generator=generator, dtype=torch.int32))
         self._write(self._episodes.steps, steps.numpy() if self._on_numpy else steps.to(self.device))
 
     def observe(self) -> Tensor:
@@ -147,18 +165,35 @@ class Engine:
         """
         if self._on_numpy:
             return self._step_numpy(action)
-        return self._step(self._simulation, self._episodes, action, self._seed, self.num_envs)
+        if self._kernel is not None:
+            return self._kernel(action)
+        return self._step(self._simulation, self._episodes, action, self._seed, self._stride)
+
+    def _generated(self) -> Kernel | None:
+        """The step as one generated kernel; without it torch's compiler makes several."""
+        if self.device.type != "cuda" or not self.compiled:
+            return None
+        from rans.fast.kernel.cuda import CudaError
+        from rans.fast.kernel.launch import Kernel  # it needs `Step`
+
+        try:
+            kernel = Kernel(self._simulation, self._episodes, self._seed, self._stride)
+            kernel.function(self.dtype)
+        except (TypeError, OSError, CudaError) as error:
+            warnings.warn(f"torch.compile makes this engine's step, which is slower: {error}", stacklevel=3)
+            return None
+        return kernel
 
     def _step_numpy(self, action: Tensor) -> Step:
         command = tuple(np.ascontiguousarray(action.numpy().T).astype(self._simulation.dtype))
-        after, outcome = self._simulation.step(self._episodes, command, self._seed, self.num_envs)
+        after, outcome = self._simulation.step(self._episodes, command, self._seed, self._stride)
         for buffer, value in zip(self._buffers(), _memory(after), strict=True):
-            np.copyto(buffer, value)
+            self._write(buffer, value)
         return _results(outcome, lambda rows: torch.from_numpy(np.stack(rows)), torch.from_numpy)
 
     def save_state(self) -> dict[str, Any]:
         """Everything a later `load_state` needs to go on bit-identically."""
-        buffers = [torch.as_tensor(b).clone() for b in self._buffers()]
+        buffers = [self.world.whole(torch.as_tensor(b)).clone() for b in self._buffers()]
         return {"buffers": buffers, "seed": [int(w) for w in self._seed]}
 
     def load_state(self, saved: dict[str, Any]) -> None:
@@ -167,7 +202,7 @@ class Engine:
         Raises:
             ConfigError: it was saved with another number of environments or dimension.
         """
-        buffers, values = self._buffers(), saved["buffers"]
+        buffers, values = self._buffers(), [self.world.mine(value) for value in saved["buffers"]]
         if [tuple(b.shape) for b in buffers] != [tuple(v.shape) for v in values]:
             raise ConfigError(
                 f"the saved state is not one of {self.num_envs} environments of {self.craft.name!r}; "
@@ -185,9 +220,10 @@ class Engine:
                 tensor.fill_(word)
 
     def _count(self) -> Any:
+        numbers = self.world.rank, self.num_envs * self.world.size, self.world.size
         if self._on_numpy:
-            return np.arange(self.num_envs, dtype=np.int32)
-        return torch.arange(self.num_envs, dtype=torch.int32, device=self.device)
+            return np.arange(*numbers, dtype=np.int32)
+        return torch.arange(*numbers, dtype=torch.int32, device=self.device)
 
     def _allocate(self, seed: int) -> Episodes:
         """Buffers of the right shape; their content is written by `reset`."""
@@ -202,7 +238,13 @@ class Engine:
             goal=map_leaves(lambda x: x if isinstance(x, float) else buffer(x), goal),
             steps=self._count() * 0,
             number=number,
+            previous=self._shut() if self.task.watches_switching else (),
         )
+
+    def _shut(self) -> tuple[Any, ...]:
+        """One byte a thruster: commands are 0 or 1."""
+        zeros = np.zeros((len(self.craft.thrusters), self.num_envs), dtype=np.int8)
+        return tuple(zeros) if self._on_numpy else torch.from_numpy(zeros).to(self.device).unbind()
 
     def _buffers(self) -> list[Any]:
         return _memory(self._episodes)
@@ -220,7 +262,8 @@ def _varying(tree: Any) -> list[Any]:
 
 def _memory(episodes: Episodes) -> list[Any]:
     """Every buffer of the episodes, in a fixed order."""
-    return [*leaves(episodes.state), *_varying(episodes.goal), episodes.steps, episodes.number]
+    return [*leaves(episodes.state), *_varying(episodes.goal), episodes.steps, episodes.number,
+            *episodes.previous]
 
 
 def _step_tensors(simulation: Simulation, episodes: Episodes, action: Tensor,

@@ -1,0 +1,104 @@
+"""The kernel as the step of an engine."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from rans.errors import ConfigError
+from rans.fast.engine import Step
+from rans.fast.episode import Episodes, Simulation
+from rans.fast.kernel.cuda import Function
+from rans.fast.kernel.program import Shape, trace
+from rans.fast.kernel.source import THREADS, source
+
+_C_TYPES: dict[torch.dtype, Any] = {
+    torch.uint8: "unsigned char", torch.float32: "float", torch.float64: "double"}
+
+
+class Kernel:
+    """One kernel that steps N spacecraft, compiled for each type of action when it first meets it.
+
+    It may be recorded in a CUDA graph once it is compiled.
+
+    Args:
+        simulation: what to run.
+        episodes: in memory that never moves.
+        seed: its two words, likewise.
+        stride: how far the next episode's number is.
+
+    Raises:
+        TypeError: the task's functions do more than arithmetic on fields.
+    """
+
+    def __init__(self, simulation: Simulation, episodes: Episodes, seed: tuple[Tensor, Tensor],
+                 stride: int) -> None:
+        self._program = trace(simulation, episodes)
+        self._inputs = [given.source for given in (*self._program.memory, *self._program.settings)]
+        self._seed, self._stride = seed, stride
+        self._real, self._device = simulation.dtype, self._inputs[0].device
+        self._action_shape = (len(self._inputs[0]), len(simulation.craft.thrusters))
+        self._functions: dict[torch.dtype, Function] = {}
+
+    def source(self, action: torch.dtype) -> str:
+        """The kernel's text for actions that are bytes or reals."""
+        return source(self._program, self._action_shape[1], _C_TYPES[action], _C_TYPES[self._real])
+
+    def function(self, action: torch.dtype) -> Function:
+        """The compiled kernel for such actions.
+
+        Raises:
+            OSError: CUDA's runtime compiler or driver is missing.
+            CudaError: they refuse.
+        """
+        if action not in self._functions:
+            capability = torch.cuda.get_device_capability()
+            self._functions[action] = Function(self.source(action), "step", capability)
+        return self._functions[action]
+
+    def __call__(self, action: Tensor) -> Step:
+        """Hold the thrusters for one control period, see `rans.fast.engine.Engine.step`.
+
+        Raises:
+            ConfigError: the action has another shape.
+        """
+        if tuple(action.shape) != self._action_shape:
+            raise ConfigError(f"actions must have the shape {self._action_shape} (environments, thrusters), "
+                              f"got {tuple(action.shape)}.")
+        action, count = self._readable(action), self._action_shape[0]
+        shape = self._program.shape
+        reals = torch.empty((shape.reals, count), dtype=self._real, device=self._device)
+        flags = torch.empty((len(Shape.FLAGS), count), dtype=torch.bool, device=self._device)
+        tensors = (action, *self._seed, reals, flags, *self._inputs)
+        self._launch(action.dtype, [tensor.data_ptr() for tensor in tensors], (count, self._stride))
+        return _step(shape, reals, flags)
+
+    def _launch(self, action: torch.dtype, pointers: list[int], numbers: tuple[int, int]) -> None:
+        with torch.cuda.device(self._device):
+            stream = torch.cuda.current_stream().cuda_stream
+            self.function(action).launch(-(-numbers[0] // THREADS), THREADS, stream, pointers, numbers)
+
+    def _readable(self, action: Tensor) -> Tensor:
+        """Bytes or reals in rows that start at multiples of what is read at once."""
+        if action.dtype == torch.bool:
+            action = action.view(torch.uint8)
+        if action.dtype not in _C_TYPES:
+            action = action.to(self._real if action.is_floating_point() else torch.uint8)
+        action = action.to(self._device).contiguous()
+        return action if action.data_ptr() % 16 == 0 else action.clone()
+
+
+def _step(shape: Shape, reals: Tensor, flags: Tensor) -> Step:
+    terms = shape.width + shape.terms
+    terminated, truncated, reached = flags
+    return Step(
+        observation=reals[:shape.width].T,
+        reward=reals[terms],
+        terminated=terminated,
+        truncated=truncated,
+        final_observation=reals[terms + 1:].T,
+        reached=reached,
+        terms=reals[shape.width:terms],
+    )

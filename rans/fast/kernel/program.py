@@ -1,0 +1,161 @@
+"""One step of an engine as a straight-line program, and a second one for the episodes that end in it."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from rans.fast.episode import Episodes, Simulation
+from rans.fast.kernel.trace import Symbol, substituted
+from rans.fields import leaves, unflatten
+from rans.tasks.base import is_moving
+
+Type = Literal["real", "int", "signed char"]
+
+
+@dataclass(frozen=True)
+class Input:
+    """A number that a step reads."""
+
+    symbol: Symbol
+    type: Type
+    """In memory; an int has 32 bits."""
+    source: Any
+    """The array it lies in: one number for each spacecraft, or one for all."""
+
+
+@dataclass(frozen=True)
+class Store:
+    """A number for each spacecraft that a step leaves behind."""
+
+    array: Literal["memory", "reals", "flags"]
+    row: int
+    value: Symbol
+
+
+@dataclass(frozen=True)
+class Shape:
+    """Of a step's results: rows of reals and rows of flags, each with a number for each spacecraft."""
+
+    width: int
+    """Of an observation."""
+    terms: int
+    """Of the reward."""
+
+    FLAGS = ("terminated", "truncated", "reached")
+
+    @property
+    def reals(self) -> int:
+        """Number of rows: observation, terms, reward, final observation."""
+        return 2 * self.width + self.terms + 1
+
+
+@dataclass(frozen=True)
+class Program:
+    """What a step computes from "command_0" ..., "memory_0" ..., "setting_0" ..., "low", "high" and "stride".
+
+    Starts and goals are drawn for few spacecraft a step, so they are apart: most need not compute them.
+    """
+
+    memory: tuple[Input, ...]
+    """What the engine remembers."""
+    settings: tuple[Input, ...]
+    """Of the task, those that a curriculum moves."""
+    ended: Symbol
+    """Where an episode ends."""
+    always: tuple[Store, ...]
+    """What to store everywhere, as if no episode ended."""
+    at_end: tuple[Store, ...]
+    """What else to store where an episode ended, after that."""
+    shape: Shape
+    """Of the results."""
+
+
+def trace(simulation: Simulation, episodes: Episodes) -> Program:
+    """Run one step on symbols.
+
+    Args:
+        simulation: what to run.
+        episodes: those that the program will step.
+
+    Raises:
+        TypeError: the task's functions do more than arithmetic on fields.
+    """
+    settings: list[Input] = []
+    simulation = dataclasses.replace(simulation, task=_with_symbols(simulation.task, settings))
+    memory, inputs = _remembered(episodes)
+    command = tuple(Symbol.input(f"command_{i}") for i in range(len(simulation.craft.thrusters)))
+    words = (Symbol.input("low", "int"), Symbol.input("high", "int"))
+    stride: Any = Symbol.input("stride", "int")
+    after, outcome = simulation.step(inputs, command, words, stride)
+    ended: Any = outcome.terminated | outcome.truncated
+    shape = Shape(len(outcome.observation), len(outcome.terms))
+    first = (*outcome.observation, *outcome.terms.values(), outcome.reward)
+    stores = [
+        *_rows("memory", _memory(after)),
+        *_rows("reals", first),
+        *_rows("flags", (getattr(outcome, name) for name in Shape.FLAGS)),
+    ]
+    going, begun = (_given(stores, ended, value) for value in (False, True))
+    return Program(
+        memory=memory,
+        settings=tuple(settings),
+        ended=ended,
+        always=tuple(s for s in going if s.array != "memory" or s.value is not memory[s.row].symbol),
+        at_end=(
+            *_rows("reals", outcome.final_observation, len(first)),
+            *(new for new, old in zip(begun, going, strict=True) if new.value is not old.value),
+        ),
+        shape=shape,
+    )
+
+
+def _rows(array: Any, values: Any, start: int = 0) -> Iterator[Store]:
+    return (Store(array, row, Symbol.constant(value)) for row, value in enumerate(values, start))
+
+
+def _memory(episodes: Episodes) -> list[Any]:
+    """Every field of the episodes that varies; the first ones are reals."""
+    varying = (x for x in leaves(episodes.goal) if not isinstance(x, float))
+    return [*leaves(episodes.state), *varying, episodes.steps, episodes.number, *episodes.previous]
+
+
+def _remembered(episodes: Episodes) -> tuple[tuple[Input, ...], Episodes]:
+    """The episodes' arrays, and the episodes with symbols in their place."""
+    arrays, switches = _memory(episodes), len(episodes.previous)
+    types: list[Type] = ["real"] * (len(arrays) - 2 - switches)
+    types.extend(("int", "int"))
+    types.extend("signed char" for _ in range(switches))
+    memory = tuple(
+        Input(Symbol.input(f"memory_{row}", "real" if kind == "real" else "int"), kind, array)
+        for row, (array, kind) in enumerate(zip(arrays, types, strict=True)))
+    symbols = iter(given.symbol for given in memory)
+    new = lambda x: x if isinstance(x, float) else next(symbols)  # noqa: E731
+    state, goal = (unflatten(tree, [new(x) for x in leaves(tree)])
+                   for tree in (episodes.state, episodes.goal))
+    return memory, Episodes(state, goal, next(symbols), next(symbols), tuple(symbols))
+
+
+def _with_symbols(setting: Any, found: list[Input]) -> Any:
+    """A task or a setting with symbols for the numbers in memory, which are added to those found."""
+    if is_moving(setting):
+        symbol = Symbol.input(f"setting_{len(found)}")
+        found.append(Input(symbol, "real", setting))
+        return symbol
+    if isinstance(setting, tuple):
+        return tuple(_with_symbols(x, found) for x in setting)
+    if not dataclasses.is_dataclass(setting):
+        return setting
+    changed = copy.copy(setting)  # not replaced: the settings were checked, and symbols cannot be
+    for field in dataclasses.fields(setting):
+        object.__setattr__(changed, field.name, _with_symbols(getattr(setting, field.name), found))
+    return changed
+
+
+def _given(stores: list[Store], condition: Symbol, value: bool) -> list[Store]:
+    """The stores where a condition is known."""
+    values = substituted([s.value for s in stores], {condition: Symbol.constant(value)})
+    return [Store(s.array, s.row, new) for s, new in zip(stores, values, strict=True)]

@@ -1,0 +1,122 @@
+"""The generated kernel against NumPy, which runs the equations themselves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from rans.errors import ConfigError
+from rans.fast.curriculum import Curriculum, Ramp
+from rans.fast.engine import Engine, Step
+from rans.spacecraft import Spacecraft
+from rans.tasks import TASKS, GoToPose
+from rans.timing import Timing
+from tests.fast.engines import FLYER, NEAR, PLATFORM, SHORT, actions, both_crafts
+from tests.fast.kernel.host import HostKernel, needs_compiler
+
+pytestmark = needs_compiler
+TOLERANCE = {torch.float64: 1e-12, torch.float32: 2e-5}
+"""Some dozen steps multiply a last place of values up to 4 by a hundred at most."""
+SEED = 2**40 + 5
+"""Both its words differ from zero."""
+
+
+@pytest.fixture
+def on_host(tmp_path: Path) -> Iterator[Callable[..., Engine]]:
+    """Makes engines on the CPU that step by their kernel."""
+    def make(*args: Any, **kwargs: Any) -> Engine:
+        engine = Engine(*args, compiled=True, **kwargs)
+        engine._kernel = HostKernel(engine, tmp_path)
+        return engine
+
+    with torch.compiler.set_stance("force_eager"):
+        yield make
+
+
+def compare(ours: Engine, theirs: Engine, steps: int = 25, form: torch.dtype = torch.uint8) -> int:
+    """Fly the same commands; the number of episodes that ended."""
+    ends, tolerance = 0, TOLERANCE[ours.dtype]
+    for action in actions(ours.craft, ours.num_envs, steps):
+        a, b = ours.step(action), theirs.step(action.to(form))
+        ended = a.terminated | a.truncated
+        for name, x, y in zip(Step._fields, a, b, strict=True):
+            assert (x.shape, x.dtype) == (y.shape, y.dtype), name
+            rows = ended if name == "final_observation" else slice(None)
+            torch.testing.assert_close(y[rows], x[rows], rtol=0, atol=tolerance,
+                                       msg=lambda m, n=name: f"{n}: {m}")
+        ends += int(ended.sum())
+    for x, y in zip(ours.save_state()["buffers"], theirs.save_state()["buffers"], strict=True):
+        torch.testing.assert_close(y, x, rtol=0, atol=tolerance)
+    return ends
+
+
+@both_crafts
+@pytest.mark.parametrize("task", TASKS)
+def test_every_task_steps_and_restarts_as_on_numpy(on_host: Any, task: str, craft: Spacecraft) -> None:
+    made: Any = (craft, TASKS[task](), 16, Timing(episode_steps=12))
+    how: Any = {"seed": SEED, "dtype": torch.float64}
+    assert compare(Engine(*made, **how), on_host(*made, **how)) >= 2 * 16
+
+
+@both_crafts
+def test_float32_and_failures(on_host: Any, craft: Spacecraft) -> None:
+    made = (craft, NEAR, 16, SHORT)
+    ours, theirs = Engine(*made, seed=SEED), on_host(*made, seed=SEED)
+    assert compare(ours, theirs, form=torch.float32) > 16
+
+
+@pytest.mark.parametrize("form", [torch.bool, torch.float64, torch.int64, torch.float16])
+def test_actions_of_any_dtype(on_host: Any, form: torch.dtype) -> None:
+    made = (PLATFORM, NEAR, 4, SHORT)
+    compare(Engine(*made), on_host(*made), 3, form)
+
+
+@pytest.mark.filterwarnings("ignore:spacecraft 'free-flyer'.*cannot push and turn")
+@pytest.mark.parametrize("thrusters", [5, 6, 12])
+@pytest.mark.parametrize("form", [torch.uint8, torch.float64])
+def test_any_number_of_thrusters(on_host: Any, thrusters: int, form: torch.dtype) -> None:
+    """Commands are read in pieces of one to sixteen bytes."""
+    craft = replace(FLYER, thrusters=FLYER.thrusters[:thrusters], thrust_sharing="split")
+    made: Any = (craft, GoToPose(), 3, Timing(substeps=1))
+    how: Any = {"dtype": torch.float64}
+    compare(Engine(*made, **how), on_host(*made, **how), 6, form)
+
+
+def test_actions_may_lie_anywhere(on_host: Any) -> None:
+    made = (PLATFORM, NEAR, 3, SHORT)
+    action = actions(PLATFORM, 3, 1)[0].to(torch.uint8)
+    shifted = torch.zeros(25, dtype=torch.uint8)[1:].view(3, 8).copy_(action)
+    sparse = torch.zeros(3, 16, dtype=torch.uint8)[:, ::2].copy_(action)
+    seen = [on_host(*made).step(form).observation for form in (action, shifted, sparse)]
+    assert torch.equal(seen[0], seen[1])
+    assert torch.equal(seen[0], seen[2])
+
+
+def test_the_previous_command_is_remembered(on_host: Any) -> None:
+    made = (PLATFORM, replace(NEAR, switching_weight=0.1), 16, SHORT)
+    assert compare(Engine(*made), on_host(*made)) > 16
+
+
+def test_a_curriculum_moves_the_settings_of_a_compiled_kernel(on_host: Any) -> None:
+    ramps = (Ramp("thrust_weight", 0.5, 100), Ramp("spawn_distance", (0.1, 0.2), 100))
+    ours, theirs = (Curriculum(NEAR, ramps, dtype) for dtype in (np.float32, torch.float32))
+    a, b = Engine(PLATFORM, ours.task, 16, SHORT), on_host(PLATFORM, theirs.task, 16, SHORT)
+    seen = []
+    for steps in (0, 50, 100):
+        for curriculum in (ours, theirs):
+            curriculum.move_to(steps)
+        compare(a, b)
+        seen.append([engine.step(torch.ones(16, 8)).terms[-1, 0].item() for engine in (a, b)])
+    # Eight thrusters at a price on its way from 0.5 to the task's 0.02.
+    np.testing.assert_allclose(seen, [[-4.0] * 2, [-2.08] * 2, [-0.16] * 2], rtol=1e-6)
+
+
+def test_wrong_shapes_are_refused(on_host: Any) -> None:
+    with pytest.raises(ConfigError, match=r"shape \(4, 8\) \(environments, thrusters\), got \(8, 4\)"):
+        on_host(PLATFORM, NEAR, 4).step(torch.zeros(8, 4))
