@@ -15,3 +15,7 @@ class NonFiniteState(RansError):
 
 class SolverFailed(RansError):
     """An optimal control problem ended without a solution; the message gives the solver's status."""
+
+
+class WorkerLost(RansError):
+    """A training on several processes lost one of them; the message says how to go on."""

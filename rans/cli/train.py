@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
+import os
 import shlex
 import signal
+import socket
 import sys
 import time
 from dataclasses import dataclass, replace
@@ -14,7 +17,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 from tyro.conf import Positional, UseAppendAction, arg
 
 from rans.cli import STARTED
-from rans.errors import ConfigError
+from rans.errors import ConfigError, RansError
+from rans.processes import beside
 
 if TYPE_CHECKING:
     from rans.fast.config import TrainConfig
@@ -30,7 +34,8 @@ class Train:
     """
 
     task: Positional[str | None] = None
-    """What to learn: see `rans list`."""
+    """What to learn: a task (see `rans list`), or the name of an agent that comes with RANS, such as
+    go-to-pose-2d, to train it again as it was trained: longer than until solved, for a GPU."""
     spacecraft: str | None = None
     """Name of a spacecraft that comes with RANS, or your own TOML file; by default floating-platform."""
     seed: int | None = None
@@ -47,27 +52,33 @@ class Train:
     """Start from the config.json of another run instead of a task's preset."""
     resume: Path | None = None
     """Continue the training in this run folder from its last checkpoint, or begin it if there is none."""
+    view: bool = False
+    """Show the newest agent in the browser while it learns."""
 
     def _trainer(self) -> Trainer:
         """Ready to train; a new run folder is begun only once its config has proved to work."""
+        from rans.fast.distributed import join
         from rans.fast.run_folder import RunFolder
         from rans.fast.trainer import Trainer, run_path
         from rans.spacecraft_file import load_spacecraft
 
         if self.resume is not None:
-            if replace(self, resume=None) != Train():
+            if replace(self, resume=None, view=False) != Train():
                 raise ConfigError("--resume takes everything from the run folder; give nothing else.")
             run = RunFolder(self.resume)
-            trainer = Trainer(run.config(), run.spacecraft(), run)
+            config = run.config()
+            trainer = Trainer(config, run.spacecraft(), run, join(config.device))
             trainer.resume()
             return trainer
-        config = self._config()
-        run = RunFolder(self.output or run_path(config))
-        trainer = Trainer(config, load_spacecraft(config.spacecraft), run)
-        run.begin(config, shlex.join(["rans", *sys.argv[1:]]))
+        config = self.resolved()
+        world = join(config.device)
+        run = RunFolder(world.first_says(self.output or run_path(config)))
+        trainer = Trainer(config, load_spacecraft(config.spacecraft), run, world)
+        if world.is_first:
+            run.begin(config, shlex.join(["rans", *sys.argv[1:]]))
         return trainer
 
-    def _config(self) -> TrainConfig:
+    def resolved(self) -> TrainConfig:
         """A preset or another run's config, with whatever else was given."""
         from rans.fast.config import from_table, to_table
         from rans.fast.run_folder import read_config
@@ -87,12 +98,15 @@ class Train:
 
         from rans.fast.config import TrainConfig
         from rans.fast.presets import preset
+        from rans.fast.recipes import RECIPES, recipe
         from rans.spacecraft_file import load_spacecraft
         from rans.tasks import task_class
 
         task, spacecraft = str(self.task), self.spacecraft or "floating-platform"
-        settings, craft = task_class(task)(), load_spacecraft(spacecraft)
         device = self.device or ("cuda" if torch.cuda.is_available() else "cpu")
+        if task in RECIPES:
+            return recipe(task, device)
+        settings, craft = task_class(task)(), load_spacecraft(spacecraft)
         return TrainConfig(task, settings, spacecraft, preset(task, craft.dimension, device), device=device)
 
     def run(self) -> int:
@@ -102,13 +116,23 @@ class Train:
         from rans.files import replace_file
 
         trainer = self._trainer()
-        with TrainingProgress(trainer.config) as progress, _stop_gently() as stop:
+        if not trainer.world.is_first:
+            return _assist(trainer)
+        watched = _watched(trainer.run.path) if self.view else contextlib.nullcontext()
+        with watched, TrainingProgress(trainer.config) as progress, StopGently() as stop:
             trainer.train(progress.show, lambda: stop.asked)
         picture = trainer.run.path / "learning_curve.svg"
         if rows := trainer.run.metrics():
             replace_file(picture, lambda draft: learning_curve(rows).savefig(draft, format="svg"))
         print(_summary(trainer, stop.asked, time.monotonic() - STARTED))
         return 130 if stop.asked else 0
+
+
+def _assist(trainer: Trainer) -> int:
+    """Train as one of the processes that are not the first, without a word."""
+    with StopGently() as stop:
+        trainer.train(lambda _: None, lambda: stop.asked)
+    return 130 if stop.asked else 0
 
 
 def _summary(trainer: Trainer, stopped: bool, seconds: float) -> str:
@@ -124,6 +148,29 @@ def _summary(trainer: Trainer, stopped: bool, seconds: float) -> str:
     if stopped:
         text += f" Continue with: {shlex.join(['rans', 'train', '--resume', str(path)])}"
     return text
+
+
+def _watched(run: Path) -> contextlib.AbstractContextManager[None]:
+    """A process beside the training that shows its newest agent; see `rans.evaluation.watch`.
+
+    Training does nothing for it but what it does anyway, writing checkpoints, and the process has the
+    lowest priority: on a busy machine it gets what training leaves over.
+    """
+    with socket.create_server(("localhost", 0)) as free:
+        port: int = free.getsockname()[1]
+    print(f"The newest agent is to be seen at http://localhost:{port} from the first checkpoint on.",
+          file=sys.stderr)
+    return beside(_watch, run, port)
+
+
+def _watch(run: Path, port: int) -> None:
+    os.nice(19)
+    from rans.evaluation.watch import watch
+
+    try:
+        watch(run, port)
+    except RansError as error:
+        print(f"rans: nothing more to see, but training goes on: {error}", file=sys.stderr)
 
 
 def _change(table: dict[str, Any], change: str) -> None:
@@ -143,12 +190,12 @@ def _change(table: dict[str, Any], change: str) -> None:
         inner[last] = text
 
 
-class _stop_gently:
+class StopGently:
     """Within it Ctrl-C asks for a stop after this iteration; a second one interrupts at once."""
 
     asked = False
 
-    def __enter__(self) -> _stop_gently:
+    def __enter__(self) -> StopGently:
         self._before = {s: signal.signal(s, self._ask) for s in (signal.SIGINT, signal.SIGTERM)}
         return self
 

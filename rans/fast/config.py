@@ -10,6 +10,7 @@ from typing import Any, Literal
 import cattrs
 
 from rans.errors import ConfigError, RansError
+from rans.fast.curriculum import Numbers, Ramp, check_ramps
 from rans.tasks import Task, task_class
 from rans.timing import Timing
 
@@ -34,6 +35,11 @@ class PPOSettings:
     """Step size to start with."""
     desired_kl: float | None = 0.016
     """Divergence an update should cause: the step size adapts to it. None: constant step size."""
+    max_learning_rate: float = 1e-2
+    """Upper bound of the adapted step size."""
+    anneal: float = 0.0
+    """Last share of all steps over which that bound falls to zero, for agents trained to the end: their
+    last bits of precision come from small steps."""
     gamma: float = 0.98
     """Discount per control period."""
     gae_lambda: float = 0.95
@@ -56,10 +62,11 @@ class PPOSettings:
     def __post_init__(self) -> None:
         for name, least in (("n_envs", 1), ("n_steps", 1), ("batch_size", 2), ("n_epochs", 1)):
             _require(getattr(self, name) >= least, name, getattr(self, name), f">= {least}")
-        for name in ("learning_rate", "clip_range", "max_grad_norm", "reward_scale"):
+        for name in ("learning_rate", "max_learning_rate", "clip_range", "max_grad_norm", "reward_scale"):
             _require(0 < getattr(self, name) < math.inf, name, getattr(self, name), "finite and > 0")
         for name in ("ent_coef", "vf_coef"):
             _require(0 <= getattr(self, name) < math.inf, name, getattr(self, name), "finite and >= 0")
+        _require(0 <= self.anneal <= 1, "anneal", self.anneal, "between 0 and 1")
         for name in ("gamma", "gae_lambda"):
             _require(0 < getattr(self, name) <= 1, name, getattr(self, name), "in (0, 1]")
         divergence = self.desired_kl is None or 0 < self.desired_kl < math.inf
@@ -89,6 +96,8 @@ class TrainConfig:
     """Name of a spacecraft, or a TOML file."""
     ppo: PPOSettings = field(default_factory=PPOSettings)
     timing: Timing = field(default_factory=Timing)
+    curriculum: tuple[Ramp, ...] = ()
+    """Settings of the task that move during training, from an easier value to their own."""
     seed: int = 0
     """Of starts, goals, weights and actions."""
     device: str = "cpu"
@@ -109,6 +118,7 @@ class TrainConfig:
         _require(0 <= self.seed < 2**32, "seed", self.seed, "between 0 and 2^32 - 1")
         for name in ("total_timesteps", "report_interval", "threads"):
             _require(getattr(self, name) >= 1, name, getattr(self, name), ">= 1")
+        check_ramps(self.settings, self.curriculum)
         share = self.solved_share
         _require(share is None or 0 < share <= 1, "solved_share", share, "in (0, 1], or null")
 
@@ -135,6 +145,9 @@ def _structure(table: Any, cls: type, where: str) -> Any:
     converter.register_structure_hook_func(lambda kind: kind is Task, lambda value, _: value)
     for kind in (bool, int, float, str):
         converter.register_structure_hook(kind, _strict)
+    converter.register_structure_hook_func(
+        lambda kind: kind == Numbers,
+        lambda value, _: converter.structure(value, tuple[float, float] if _is_list(value) else float))
     try:
         return converter.structure(table, cls)
     except Exception as error:  # cattrs gathers whatever the values raised in groups of its own
@@ -142,6 +155,10 @@ def _structure(table: Any, cls: type, where: str) -> Any:
         # cattrs ends each with its place; a reader wants that first.
         places = (": ".join(reason.rsplit(" @ ", 1)[::-1]) for reason in reasons)
         raise ConfigError(f"{'; '.join(places)}.") from error
+
+
+def _is_list(value: Any) -> bool:
+    return isinstance(value, list | tuple)
 
 
 def _strict(value: Any, kind: type) -> Any:

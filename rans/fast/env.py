@@ -17,4 +17,4 @@ class SpacecraftEnv(Environment):
 
     def _moved(self, state: Any, command: tuple[float, ...]) -> Any:
         return advance(state, wrench(self.craft, command), MassProperties.of(self.craft),
-                       self.timing.control_period, self.timing.substeps_in(self.craft.dimension))
+                       self.timing.control_period, self.timing.substeps)

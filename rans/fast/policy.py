@@ -13,6 +13,9 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import Tensor, nn
 from torch.nn import functional
 
+from rans.fast.distributed import ALONE, World
+from rans.fields import Field
+
 ACTIVATIONS: dict[str, type[nn.Module]] = {"tanh": nn.Tanh, "elu": nn.ELU, "relu": nn.ReLU}
 
 
@@ -34,15 +37,18 @@ class BodyFrame(nn.Module):
 
     def forward(self, observation: Tensor) -> Tensor:
         """(N, width) with vectors in W to (N, self.width) with vectors in B."""
-        x = observation.unbind(dim=1)
-        return torch.stack(self._planar(x) if self.dimension == 2 else self._spatial(x), dim=1)
+        return torch.stack(self.turned(observation.unbind(dim=1)), dim=1)
 
-    def _planar(self, x: tuple[Tensor, ...]) -> list[Tensor]:
+    def turned(self, columns: Sequence[Field]) -> list[Field]:
+        """The same column by column, in whatever library the columns are of."""
+        return self._planar(columns) if self.dimension == 2 else self._spatial(columns)
+
+    def _planar(self, x: Sequence[Field]) -> list[Field]:
         c, s, v_x, v_y, w, flag, d_x, d_y, *rest = x
         return [c * v_x + s * v_y, c * v_y - s * v_x, w, flag, c * d_x + s * d_y, c * d_y - s * d_x,
                 *rest]
 
-    def _spatial(self, x: tuple[Tensor, ...]) -> list[Tensor]:
+    def _spatial(self, x: Sequence[Field]) -> list[Field]:
         """The third row of the rotation matrix is the cross product of the first two."""
         a, b, v, w, flag, d, rest = x[:3], x[3:6], x[6:9], x[9:12], x[12], x[13:16], x[16:]
         third = (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
@@ -89,15 +95,15 @@ class NormalisedMlp(BaseFeaturesExtractor):
         return (centred * torch.rsqrt(self.variance + 1e-6)).clamp(-self.clip, self.clip)
 
     @torch.no_grad()
-    def update_statistics(self, observations: Tensor) -> None:
-        """Merge the mean and variance of (N, width) observations into the running ones.
+    def update_statistics(self, observations: Tensor, world: World = ALONE) -> None:
+        """Merge the mean and variance of (N, width) observations on every process into the running ones.
 
         Chan, Golub and LeVeque, "Updating formulae and a pairwise algorithm for computing sample
         variances", 1979.
         """
-        count = observations.shape[0]
+        count = observations.shape[0] * world.size
         seen = self.body_frame(observations.to(self.mean.dtype))
-        variance, mean = torch.var_mean(seen, dim=0, correction=0)
+        variance, mean = world.pooled(*torch.var_mean(seen, dim=0, correction=0))
         share = count / (self.count + count)
         shift = mean - self.mean
         self.mean += shift * share
@@ -121,9 +127,9 @@ class OnOff(NamedTuple):
         """Entropy (N,) of the joint distribution, nats."""
         return (functional.softplus(self.logit) - self.logit * torch.sigmoid(self.logit)).sum(dim=1)
 
-    def sample(self) -> Tensor:
+    def sample(self, world: World = ALONE) -> Tensor:
         """Random action (N, n), of zeros and ones in the logits' dtype."""
-        return (torch.rand_like(self.logit) < torch.sigmoid(self.logit)).to(self.logit.dtype)
+        return (world.uniform_like(self.logit) < torch.sigmoid(self.logit)).to(self.logit.dtype)
 
     def mode(self) -> Tensor:
         """Most likely action (N, n), zeros and ones in the logits' dtype."""

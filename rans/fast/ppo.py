@@ -13,6 +13,7 @@ from stable_baselines3.common.vec_env import VecEnv
 from torch import Tensor, nn
 
 from rans.errors import ConfigError, NonFiniteState
+from rans.fast.distributed import World
 from rans.fast.engine import Engine
 from rans.fast.graph import fused, graphed
 from rans.fast.loss import Losses, ppo_loss
@@ -22,8 +23,8 @@ from rans.fast.sb3 import SB3VecEnv
 
 _STATISTICS = (*Losses._fields, "grad_norm")
 """Means over the minibatches of an update, by their names in the log."""
-_LEARNING_RATES = (1e-5, 1e-2)
-"""Bounds of the adapted step size."""
+MIN_LEARNING_RATE = 1e-5
+"""Lower bound of the adapted step size, unless training slows down below it."""
 
 
 class PPO(stable_baselines3.PPO):
@@ -46,7 +47,9 @@ class PPO(stable_baselines3.PPO):
         max_grad_norm: as SB3.
         policy_kwargs: as SB3; by default `rans.fast.policy.network`.
         desired_kl: divergence a whole iteration should cause; the step size is adapted to it
-            between 1e-5 and 1e-2. None: ``learning_rate`` as given.
+            between 1e-5 and ``max_learning_rate``. None: ``learning_rate`` as given.
+        max_learning_rate: upper bound of the adapted step size.
+        anneal: see `slow_down`.
         reward_scale: factor on every reward, so that values are of order one.
         **settings: SB3's others, with its names and meanings.
 
@@ -58,9 +61,10 @@ class PPO(stable_baselines3.PPO):
     def __init__(self, policy: Any, env: Any, learning_rate: Any = 1e-3, n_steps: int = 64,
                  batch_size: int | None = None, n_epochs: int = 4, gamma: float = 0.98, *,
                  max_grad_norm: float = 1.0, policy_kwargs: dict[str, Any] | None = None,
-                 desired_kl: float | None = 0.016, reward_scale: float = 0.1,
+                 desired_kl: float | None = 0.016, max_learning_rate: float = 1e-2,
+                 anneal: float = 0.0, reward_scale: float = 0.1,
                  _init_setup_model: bool = True, **settings: Any) -> None:
-        self.desired_kl = desired_kl
+        self.desired_kl, self.max_learning_rate, self.anneal = desired_kl, max_learning_rate, anneal
         self.reward_scale = reward_scale
         if _init_setup_model:  # SB3's `load` sets everything after an empty construction
             rollout = _engine_of(env).num_envs * n_steps
@@ -112,6 +116,8 @@ class PPO(stable_baselines3.PPO):
         group = self.policy.optimizer.param_groups[0]
         group["lr"] = torch.tensor(float(group["lr"]), dtype=torch.float32, device=self.device)
         group["capturable"] = self.device.type == "cuda"
+        # In memory that never moves: a CUDA graph reads it.
+        self._ceiling = torch.tensor(self.max_learning_rate, device=self.device)
         self._rollout = Rollout(engine, self.n_steps)
         self._loss = fused(ppo_loss, self.device)
         self.collect = graphed(self._collect_on_device, self.device)
@@ -121,8 +127,8 @@ class PPO(stable_baselines3.PPO):
         """SB3 warns that PPO is slow on a GPU; this one is not."""
 
     def _excluded_save_params(self) -> list[str]:
-        return [*super()._excluded_save_params(), "_rollout", "_loss", "collect", "update", "_last_obs",
-                "_last_episode_starts", "rollout_buffer_class"]
+        return [*super()._excluded_save_params(), "_rollout", "_ceiling", "_loss", "collect", "update",
+                "_last_obs", "_last_episode_starts", "rollout_buffer_class"]
 
     def _setup_learn(self, total_timesteps: int, callback: Any = None, reset_num_timesteps: bool = True,
                      *args: Any, **kwargs: Any) -> Any:
@@ -145,6 +151,14 @@ class PPO(stable_baselines3.PPO):
         # SB3 resets the environment unless it has seen an observation; this trainer needs none.
         self._last_obs = np.zeros(0)
 
+    def slow_down(self, remaining: float) -> None:
+        """Lower the bound of the step size, from ``anneal`` before the end on, towards zero at the end.
+
+        Args:
+            remaining: share of the training's steps that is still to come.
+        """
+        self._ceiling.fill_(self.max_learning_rate * min(1.0, remaining / max(self.anneal, 1e-9)))
+
     def collect_rollouts(self, env: VecEnv, callback: BaseCallback, rollout_buffer: RolloutBuffer,
                          n_rollout_steps: int) -> bool:
         """Fill the device's rollout; see SB3. The callbacks' ``on_step`` follow the flight."""
@@ -153,7 +167,7 @@ class PPO(stable_baselines3.PPO):
         self.collect()
         callback.update_locals(locals())
         for _ in range(n_rollout_steps):
-            self.num_timesteps += env.num_envs
+            self.num_timesteps += env.num_envs * self._world.size
             if not callback.on_step():
                 return False
         callback.on_rollout_end()
@@ -180,21 +194,33 @@ class PPO(stable_baselines3.PPO):
         batch = rollout.batch(engine, self.policy, self.gamma, self.gae_lambda, self.reward_scale)
         count = engine.num_envs * self.n_steps // self.batch_size
         parts = minibatches(batch, count)
+        if self._normalises_over_processes:
+            parts = [part._replace(advantage=self._world.standardised(part.advantage)) for part in parts]
         losses = [self._descend(part) for _ in range(self.n_epochs) for part in parts]
         mean = torch.stack([torch.stack(x) for x in losses]).mean(dim=0)
-        self._adapt(mean[_STATISTICS.index("approx_kl")])
         extractor = self.policy.features_extractor
         if isinstance(extractor, NormalisedMlp):
-            extractor.update_statistics(batch.observation.flatten(0, 1))
+            extractor.update_statistics(batch.observation.flatten(0, 1), self._world)
         ends = torch.stack((rollout.truncated.sum(), rollout.ended.sum(), rollout.reached.sum()))
-        return torch.cat((mean, ends, rollout.terms.mean(dim=0)))
+        statistics = self._world.average(torch.cat((mean, ends, rollout.terms.mean(dim=0))))
+        self._adapt(statistics[_STATISTICS.index("approx_kl")])
+        return statistics
+
+    @property
+    def _world(self) -> World:
+        return self.env.engine.world  # type: ignore[union-attr]
+
+    @property
+    def _normalises_over_processes(self) -> bool:
+        return self.normalize_advantage and self._world.size > 1
 
     def _descend(self, batch: Batch) -> list[Tensor]:
         optimizer = self.policy.optimizer
         losses = self._loss(self.policy, batch, self.clip_range(1.0), self.ent_coef, self.vf_coef,  # type: ignore[operator]
-                          self.normalize_advantage)
+                          self.normalize_advantage and not self._normalises_over_processes)
         optimizer.zero_grad()
         losses.loss.backward()
+        self._world.average_gradients(self.policy.parameters())
         norm = nn.utils.clip_grad_norm_(self.policy.parameters(), self.max_grad_norm)
         optimizer.step()
         return [x.detach() for x in (*losses, norm)]
@@ -206,7 +232,7 @@ class PPO(stable_baselines3.PPO):
         rate = self.policy.optimizer.param_groups[0]["lr"]
         factor = torch.where(kl > 2.0 * self.desired_kl, 1 / 1.5,
                              torch.where(kl < 0.5 * self.desired_kl, 1.5, 1.0))
-        rate.mul_(factor).clamp_(*_LEARNING_RATES)
+        torch.minimum(rate.mul_(factor).clamp_(min=MIN_LEARNING_RATE), self._ceiling, out=rate)
 
     def _record(self, statistics: list[float]) -> None:
         """Hand the iteration's statistics to SB3's logger.

@@ -11,9 +11,11 @@ from typing import Any
 import torch
 from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
 
-from rans.errors import ConfigError, NonFiniteState
+from rans.errors import ConfigError, NonFiniteState, WorkerLost
 from rans.fast.config import PPOSettings, TrainConfig
-from rans.fast.engine import Engine
+from rans.fast.curriculum import Curriculum
+from rans.fast.distributed import ALONE, World
+from rans.fast.engine import Engine, field_dtype
 from rans.fast.policy import network
 from rans.fast.ppo import PPO
 from rans.fast.run_folder import RunFolder
@@ -22,9 +24,9 @@ from rans.fast.selection import Selection
 from rans.files import replace_file
 from rans.spacecraft import Spacecraft
 
-_WARM_UP_ITERATIONS = 3
+WARM_UP_ITERATIONS = 3
 """On a GPU: two that compile, one that records the graphs. They train, but are timed apart."""
-_SOLVED_IN_A_ROW = 2
+SOLVED_IN_A_ROW = 2
 """Reports that must find the task solved: one alone may be the luckiest of many."""
 _CHECKPOINT_SECONDS = 5.0
 
@@ -35,18 +37,21 @@ class Trainer:
     Args:
         config: what to train.
         craft: the spacecraft the config names.
-        run: where to keep it; nothing is written there before `train`.
+        run: where to keep it; nothing is written there before `train`, and only by the first process.
+        world: the processes that share the training's environments.
 
     Raises:
         ConfigError: the config cannot work.
     """
 
-    def __init__(self, config: TrainConfig, craft: Spacecraft, run: RunFolder) -> None:
+    def __init__(self, config: TrainConfig, craft: Spacecraft, run: RunFolder, world: World = ALONE) -> None:
         check_device(config.device)
         torch.set_num_threads(config.threads)
-        self.config, self.run, self.seconds, self.warm_up = config, run, 0.0, 0.0
-        self.engine = Engine(craft, config.settings, config.ppo.n_envs, config.timing, seed=config.seed,
-                             device=config.device)
+        self.config, self.run, self.world, self.seconds, self.warm_up = config, run, world, 0.0, 0.0
+        device = torch.device(config.device)
+        self.curriculum = Curriculum(config.settings, config.curriculum, field_dtype(device), device)
+        self.engine = Engine(craft, self.curriculum.task, world.share("n_envs", config.ppo.n_envs),
+                             config.timing, seed=config.seed, device=device, world=world)
         self.model = make_ppo(self.engine, config.ppo, config.seed)
         self.selection = Selection(self.model.policy, craft, config.settings, config.timing, config.device)
         self._solved_in_a_row = 0
@@ -57,7 +62,7 @@ class Trainer:
     @property
     def solved(self) -> bool:
         """Whether enough reports in a row found the task solved."""
-        return self._solved_in_a_row >= _SOLVED_IN_A_ROW
+        return self._solved_in_a_row >= SOLVED_IN_A_ROW
 
     @property
     def _ended(self) -> bool:
@@ -74,7 +79,15 @@ class Trainer:
         Raises:
             NonFiniteState: a value became NaN; the state was dumped into the run folder.
             ConfigError: the disk refused.
+            WorkerLost: another process is gone.
         """
+        try:
+            self._train(report, stop)
+        except WorkerLost as error:
+            raise WorkerLost(f"{error} Continue from the last checkpoint with --resume {self.run.path}."
+                             ) from error
+
+    def _train(self, report: Callable[[dict[str, Any]], object], stop: Callable[[], bool]) -> None:
         self._open_log()
         self._warm_up()
         stopped, saved = False, time.monotonic()
@@ -82,10 +95,11 @@ class Trainer:
             begun = time.monotonic()
             self._iterate()
             self.seconds += time.monotonic() - begun
-            stopped = stop()
+            late = time.monotonic() - saved > _CHECKPOINT_SECONDS
+            stopped, late = self.world.any(stop(), late)
             if stopped or self._ended or self._is_report_due():
                 report(self._report())
-            if time.monotonic() - saved > _CHECKPOINT_SECONDS:
+            if late:
                 self.save()
                 saved = time.monotonic()
         self.save()
@@ -95,7 +109,7 @@ class Trainer:
         self._reported = (self.model.num_timesteps, self.seconds)
         if self.engine.device.type == "cuda" and not self._ended:
             begun = time.monotonic()
-            for _ in range(_WARM_UP_ITERATIONS):
+            for _ in range(WARM_UP_ITERATIONS):
                 self._iterate()
                 self.selection.judge()
             self.warm_up = time.monotonic() - begun
@@ -107,12 +121,15 @@ class Trainer:
 
     def _iterate(self) -> None:
         """One iteration of PPO."""
+        self.curriculum.move_to(self.model.num_timesteps)
+        self.model.slow_down(max(0.0, 1 - self.model.num_timesteps / self.config.total_timesteps))
         try:
             self.model.learn(1, log_interval=None,  # type: ignore[arg-type]
                              reset_num_timesteps=self.model.num_timesteps == 0)
         except NonFiniteState as error:
-            file = self.run.path / "nonfinite.pt"
-            replace_file(file, lambda draft: torch.save(self._checkpoint(), draft))
+            file, state = self.run.path / "nonfinite.pt", self._checkpoint()
+            if self.world.is_first:
+                replace_file(file, lambda draft: torch.save(state, draft))
             raise NonFiniteState(f"{error} State and weights are in {file}.") from error
 
     def _report(self) -> dict[str, Any]:
@@ -120,7 +137,7 @@ class Trainer:
         solved, errors = self.selection.judge()
         needed = self.config.solved_share
         if self._is_report_due():
-            found = needed is not None and solved >= needed
+            found, = self.world.any(needed is not None and solved >= needed)
             self._solved_in_a_row = self._solved_in_a_row + 1 if found else 0
         steps, seconds = self._reported
         self._reported = (self.model.num_timesteps, self.seconds)
@@ -134,19 +151,23 @@ class Trainer:
             self.model.logger.record(f"evaluation/{key.removeprefix('error/')}", row[key])
         self.model.logger.record("perf/steps_per_s", rate)
         self.model.logger.dump(self.model.num_timesteps)
-        self.run.append_metrics(row)
+        if self.world.is_first:
+            self.run.append_metrics(row)
         return row
 
     def _open_log(self) -> None:
         if self._logger is None:
-            events = TensorBoardOutputFormat(str(self.run.path / "tensorboard"))
-            self._logger = Logger(str(self.run.path), [events])
+            events = str(self.run.path / "tensorboard")
+            outputs = [TensorBoardOutputFormat(events)] if self.world.is_first else []
+            self._logger = Logger(str(self.run.path), outputs)  # type: ignore[arg-type]
             self.model.set_logger(self._logger)
 
     def save(self) -> None:
-        """Write checkpoint and agent."""
-        self.run.save_checkpoint(self._checkpoint())
-        replace_file(self.run.policy_file, self.model.save)
+        """Write checkpoint and agent; all processes must come."""
+        state = self._checkpoint()
+        if self.world.is_first:
+            self.run.save_checkpoint(state)
+            replace_file(self.run.policy_file, self.model.save)
 
     def _checkpoint(self) -> dict[str, Any]:
         cuda = torch.cuda.get_rng_state() if self.config.device.startswith("cuda") else None
@@ -169,7 +190,8 @@ class Trainer:
         """
         if self.run.checkpoint_file.exists():
             self._restore(self.run.load_checkpoint(self.config.device))
-        self.run.forget_after(self.model.num_timesteps)
+        if self.world.is_first:
+            self.run.forget_after(self.model.num_timesteps)
 
     def _restore(self, saved: dict[str, Any]) -> None:
         try:
@@ -191,6 +213,7 @@ def make_ppo(engine: Engine, settings: PPOSettings, seed: int) -> PPO:
     given = {f.name: getattr(settings, f.name) for f in dataclasses.fields(settings)}
     layers, activation = given.pop("layers"), given.pop("activation")
     del given["n_envs"]
+    given["batch_size"] = engine.world.share("batch_size", settings.batch_size)
     return PPO(
         "MlpPolicy", SB3VecEnv(engine), seed=seed, device=engine.device, **given,
         policy_kwargs=network(layers, activation),
@@ -215,7 +238,10 @@ def check_device(device: str) -> None:
 
 def run_path(config: TrainConfig, folder: Path = Path("runs")) -> Path:
     """The first unused folder for a training of this config."""
-    craft = Path(config.spacecraft).stem
-    stem = f"{config.task}-{craft}-seed{config.seed}"
+    return unused_path(f"{config.task}-{Path(config.spacecraft).stem}-seed{config.seed}", folder)
+
+
+def unused_path(stem: str, folder: Path = Path("runs")) -> Path:
+    """The folder of this name, or the first with a number behind it that does not exist."""
     candidates = (folder / (stem if n == 1 else f"{stem}-{n}") for n in range(1, 1_000_000))
     return next(path for path in candidates if not path.exists())

@@ -7,14 +7,16 @@ from typing import Any
 
 import numpy as np
 import torch
+from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from torch import Tensor
 
 from rans.errors import ConfigError
 from rans.fast.engine import Engine
+from rans.fast.film import Film
 from rans.spacecraft import Spacecraft
-from rans.spaces import action_space, choose, observation_space
+from rans.spaces import action_space, checked_render_mode, choose, observation_space
 from rans.tasks import Task
 from rans.tasks.base import Dimension
 from rans.timing import Timing
@@ -44,17 +46,22 @@ class SpacecraftVectorEnv(VectorEnv[Tensor, Tensor, Tensor]):
         device: torch device of every tensor.
         dtype: torch.float32, or torch.float64 for comparisons.
         compiled: see `Engine`.
+        render_mode: None; "rgb_array": `render` gives a frame of every environment; "human": every `reset`
+            and `step` shows the first 16 in the browser, at real time (see `rans.window.Window`).
 
     Raises:
         ConfigError: one of these does not exist or does not fit the others.
     """
 
-    metadata = {"autoreset_mode": AutoresetMode.SAME_STEP, "render_modes": []}  # noqa: RUF012  (Gymnasium's)
+    metadata = {"autoreset_mode": AutoresetMode.SAME_STEP,  # noqa: RUF012  (Gymnasium's)
+                "render_modes": ["human", "rgb_array"], "render_fps": 5}
 
     def __init__(self, num_envs: int, task_name: str, dimension: Dimension, *,
                  spacecraft: str | Path | Spacecraft | None = None, task: Task | None = None,
                  timing: Timing | None = None, device: str | torch.device = "cpu",
-                 dtype: torch.dtype = torch.float32, compiled: bool | None = None) -> None:
+                 dtype: torch.dtype = torch.float32, compiled: bool | None = None,
+                 render_mode: str | None = None) -> None:
+        self.render_mode = checked_render_mode(render_mode)
         craft, task = choose(task_name, dimension, spacecraft, task)
         self.engine = Engine(craft, task, num_envs, timing, device=device, dtype=dtype,
                              compiled=compiled)
@@ -65,6 +72,8 @@ class SpacecraftVectorEnv(VectorEnv[Tensor, Tensor, Tensor]):
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._seeded = False
+        self.metadata = {**self.metadata, "render_fps": 1.0 / self.engine.timing.control_period}
+        self._film = None if render_mode is None else Film(self.engine, render_mode)
 
     def reset(self, *, seed: int | None = None,
               options: dict[str, Any] | None = None) -> tuple[Tensor, dict[str, Any]]:
@@ -86,7 +95,10 @@ class SpacecraftVectorEnv(VectorEnv[Tensor, Tensor, Tensor]):
         if seed is None and not self._seeded:
             seed = int(self.np_random.integers(2**63))
         self._seeded = True
-        return self.engine.reset(seed), {}
+        observation = self.engine.reset(seed)
+        if self._film is not None:
+            self._film.restart()
+        return observation, {}
 
     def step(self, actions: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor, dict[str, Any]]:
         """Hold the thrusters for one control period.
@@ -108,6 +120,8 @@ class SpacecraftVectorEnv(VectorEnv[Tensor, Tensor, Tensor]):
                 f"{tuple(actions.shape)}.")
         step = self.engine.step(actions)
         ended = step.terminated | step.truncated
+        if self._film is not None:
+            self._film.advance(actions, ended)
         info = {
             "reward_terms": dict(zip(self.engine.term_names, step.terms, strict=True)),
             "final_obs": step.final_observation,
@@ -116,3 +130,18 @@ class SpacecraftVectorEnv(VectorEnv[Tensor, Tensor, Tensor]):
             "_final_info": ended,
         }
         return step.observation, step.reward, step.terminated, step.truncated, info
+
+    def render(self) -> tuple[np.ndarray, ...] | None:  # type: ignore[override]
+        """A frame (240, 320, 3) uint8 of every environment in the mode "rgb_array".
+
+        Raises:
+            gymnasium.error.ResetNeeded: there was no `reset` yet.
+        """
+        if not self._seeded:
+            raise ResetNeeded("call reset() before render().")
+        return self._film.frames() if self._film is not None and self.render_mode == "rgb_array" else None
+
+    def close_extras(self, **_: Any) -> None:
+        """Close the window, if there is one."""
+        if self._film is not None:
+            self._film.close()

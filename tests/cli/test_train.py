@@ -194,3 +194,11 @@ def test_training_needs_no_compiler_and_no_git() -> None:
     _, errors = process.communicate(timeout=60)
     assert process.returncode == 0, errors
     assert Path("run/policy.zip").exists()
+
+
+def test_an_agent_that_comes_with_rans_is_trained_again_by_its_name() -> None:
+    _, _, *options = tiny()
+    assert main(["train", "go-to-pose-2d-shared", *options, "--total-timesteps=200", "--seed=3"]) == 0
+    config = read_config(Path("runs/go-to-pose-floating-platform-shared-seed3/config.json"))
+    assert (config.spacecraft, config.seed, config.ppo.n_envs) == ("floating-platform-shared", 3, 16)
+    assert config.ppo.anneal == 0.7

@@ -110,13 +110,14 @@ def test_success_is_to_be_there_when_time_is_up(start: PlanarState, success: boo
     assert env.step(SHUT)[4]["is_success"] is success
 
 
-@pytest.mark.parametrize(("sharing", "shares"), [("none", 8.0), ("split", 1.0)])
-def test_price_of_thrust_is_counted_after_sharing(sharing: Any, shares: float) -> None:
-    craft = dataclasses.replace(load_spacecraft("floating-platform"), thrust_sharing=sharing)
-    env = make(spacecraft=craft, task=GoToPose(thrust_weight=0.5))
-    env.reset(seed=1)
-    *_, info = env.step(np.ones(8))
-    assert info["reward_terms"]["thrust"] == pytest.approx(-0.5 * shares, rel=1e-14)
+@pytest.mark.parametrize("craft", ["floating-platform", "floating-platform-shared"])
+def test_open_and_moved_valves_are_counted_however_they_share(craft: str) -> None:
+    env = make(spacecraft=craft, task=GoToPose(thrust_weight=0.5, switching_weight=0.25))
+    for _ in range(2):
+        env.reset()
+        for command, opened, moved in ((np.ones(8), 8, 8), (np.eye(8)[3], 1, 7), (np.eye(8)[4], 1, 2)):
+            terms = env.step(command)[4]["reward_terms"]
+            assert (terms["thrust"], terms["switching"]) == (-0.5 * opened, -0.25 * moved)
 
 
 def test_info_holds_the_errors() -> None:
@@ -208,7 +209,7 @@ def test_wrong_arguments(kwargs: dict[str, Any], message: str) -> None:
 
 
 def test_wrong_render_mode() -> None:
-    with pytest.raises(ConfigError, match="render_mode must be None or \"rgb_array\", got 'ansi'"):
+    with pytest.raises(ConfigError, match="render_mode must be None, \"human\" or \"rgb_array\", got 'ansi'"):
         SpacecraftEnv("go-to-pose", 2, render_mode="ansi")
 
 

@@ -130,6 +130,17 @@ def test_step_size_follows_the_divergence() -> None:
         assert float(rate) == pytest.approx(bound, rel=1e-6)
 
 
+def test_the_step_size_falls_to_zero_over_the_last_share() -> None:
+    """Bounded by 4e-3 until half of the steps remain, then in proportion to what remains."""
+    model = tiny_ppo(desired_kl=0.01, learning_rate=1e-3, max_learning_rate=4e-3, anneal=0.5)
+    rate = model.policy.optimizer.param_groups[0]["lr"]
+    for remaining, bound in ((1.0, 4e-3), (0.5, 4e-3), (0.25, 2e-3), (0.0, 0.0)):
+        model.slow_down(remaining)
+        for _ in range(30):
+            model._adapt(torch.tensor(0.0))
+        assert float(rate) == pytest.approx(bound, rel=1e-6)
+
+
 def test_constant_step_size() -> None:
     model = silent(tiny_ppo(desired_kl=None, learning_rate=2e-3))
     model.learn(512, log_interval=None)  # type: ignore[arg-type]

@@ -11,7 +11,7 @@ from rans.evaluation.agent import Agent
 from rans.fast.selection import EPISODES, Selection
 from rans.flight import Flight, fly, scenarios
 from rans.scenario import SELECTION_SEED
-from rans.tasks import GoToPose
+from rans.tasks import GoToPose, MultiTask, TrackTwist
 from rans.timing import Timing
 from tests.fast.engines import FLYER, PLATFORM, SHORT, both_crafts
 from tests.fast.training import scatter, tiny_ppo
@@ -62,6 +62,22 @@ def test_it_always_judges_the_same_flights() -> None:
     assert torch.equal(torch.get_rng_state(), generator)  # training is not disturbed
     scatter(policy, seed=8)
     assert selection.judge() != first
+
+
+def test_a_multi_task_is_as_good_as_its_worst_part() -> None:
+    """Each part is judged as it would be alone."""
+    policy = tiny_ppo().policy
+    scatter(policy)
+    task = MultiTask(tasks=("go-to-pose", "track-twist"), go_to_pose=LENIENT,
+                     track_twist=TrackTwist(velocity_tolerance=0.6, spin_tolerance=1.5))
+    share, errors = Selection(policy, PLATFORM, task, SHORT, "cpu").judge()
+    alone = {name: Selection(policy, PLATFORM, part, SHORT, "cpu").judge()
+             for name, part in task.parts().items()}
+    assert errors == {f"{name}/{quantity}": error for name, (_, own) in alone.items()
+                      for quantity, error in own.items()}
+    shares = [own for own, _ in alone.values()]
+    assert 0.0 < min(shares) < max(shares) < 1.0
+    assert share == min(shares)
 
 
 def test_a_short_episode_has_a_last_step() -> None:

@@ -1,0 +1,165 @@
+"""``rans sweep``: seeds and hyper-parameters trained together on one device."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import shlex
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from tyro.conf import Positional, UseAppendAction, arg
+
+from rans.cli import STARTED
+from rans.cli.train import StopGently, Train
+from rans.errors import ConfigError
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from rans.fast.batched_trainer import Member
+    from rans.fast.config import TrainConfig
+    from rans.fast.sweep import Sweep as Trainings
+
+_PLAIN_SECONDS = 5.0
+"""Between lines of progress."""
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """Train many agents as one batch: every seed with every combination of hyper-parameters.
+
+    The folder holds sweep.json, sweep.svg, metrics.jsonl and best/, the run folder of the best agent.
+    Ctrl-C stops early and keeps what there is.
+    """
+
+    task: Positional[str]
+    """What to learn: see `rans list`."""
+    seeds: int = 8
+    """Number of seeds, from 0 on."""
+    set: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="KEY=VALUE,VALUE")] = ()
+    """Values for an entry of the config, e.g. --set ppo.learning_rate=1e-3,3e-4 --set ppo.n_steps=32."""
+    spacecraft: str | None = None
+    """Name of a spacecraft that comes with RANS, or your own TOML file; by default floating-platform."""
+    device: str | None = None
+    """cpu or cuda; by default a GPU if there is one."""
+    total_timesteps: int | None = None
+    """End after so many environment steps a member, solved or not."""
+    output: Annotated[Path | None, arg(name="run")] = None
+    """Folder for the results; by default a new one under runs/."""
+    config: Path | None = None
+    """Start from the config.json of a run instead of the task's preset."""
+
+    def run(self) -> int:
+        """Train with progress and print a table; 130 when it was stopped early."""
+        from rich.console import Console
+
+        from rans.fast.sweep import Sweep as Trainings
+
+        sweep = Trainings(list(self._configs()))
+        folder = self._folder(sweep.members[0].config)
+        with StopGently() as stop:
+            sweep.train(_Progress(sweep).show, lambda: stop.asked)
+        _save(sweep, folder)
+        Console().print(_table(sweep))
+        solved = sum(member.solved for member in sweep.members)
+        print(f"{'Stopped' if stop.asked else 'Done'}: {solved} of {len(sweep.members)} members solved, "
+              f"{sweep.seconds:.1f} s of training, {time.monotonic() - STARTED:.1f} s in all. "
+              f"The best agent is {folder}/best.")
+        return 130 if stop.asked else 0
+
+    def _folder(self, config: TrainConfig) -> Path:
+        from rans.fast.trainer import unused_path
+
+        if self.output is not None and self.output.exists():
+            raise ConfigError(f"{self.output} exists already; choose another folder with --run.")
+        return self.output or unused_path(f"sweep-{config.task}-{Path(config.spacecraft).stem}")
+
+    def _configs(self) -> Iterator[TrainConfig]:
+        """Every combination, the seeds of one beside each other."""
+        if self.seeds < 1:
+            raise ConfigError(f"--seeds must be >= 1, got {self.seeds}.")
+        task = self.task if self.config is None else None
+        for changes in itertools.product(*map(_changes, self.set)):
+            for seed in range(self.seeds):
+                yield Train(task, self.spacecraft, seed, self.device, self.total_timesteps, changes,
+                            config=self.config).resolved()
+
+
+def _changes(text: str) -> list[str]:
+    """KEY=V1,V2 as one ``--set`` of `rans train` a value; values are JSON, or else text."""
+    key, equals, values = text.partition("=")
+    if not equals or not values:
+        raise ConfigError(f"--set takes KEY=VALUE or KEY=VALUE,VALUE,..., got {text!r}.")
+    try:
+        return [f"{key}={json.dumps(value)}" for value in json.loads(f"[{values}]")]
+    except ValueError:
+        return [f"{key}={value}" for value in values.split(",")]
+
+
+def _save(sweep: Trainings, folder: Path) -> None:
+    from rans.evaluation.figures import svg
+    from rans.evaluation.sweep_figure import sweep_figure
+    from rans.files import environment, write_json, write_text
+
+    command, best = shlex.join(["rans", *sys.argv[1:]]), sweep.best()
+    rows = [{"member": number} | row for number, member in enumerate(sweep.members) for row in member.rows]
+    write_text(folder / "metrics.jsonl", "".join(json.dumps(row) + "\n" for row in rows))
+    write_json(folder / "sweep.json", {
+        "command": command, "environment": environment(), "seconds": sweep.seconds,
+        "best": sweep.members.index(best), "members": sweep.results()})
+    write_text(folder / "sweep.svg", svg(sweep_figure(sweep)))
+    best.save(folder / "best", command)
+
+
+def _table(sweep: Trainings) -> Table:
+    """One row a member, the best in bold."""
+    from rich.table import Table
+
+    from rans.evaluation.metrics import DISPLAY
+    from rans.fast.sweep import short
+
+    results, best = sweep.results(), sweep.members.index(sweep.best())
+    errors = {name: DISPLAY[name.rsplit("/", 1)[1]] for name in results[0] if name.startswith("error/")}
+    heads = [f"{name.removeprefix('error/')}\n{unit}" for name, (_, unit) in errors.items()]
+    varied = [short(name).replace("_", "\n") for name in sweep.varied]
+    table = Table("seed", *varied, "solved", "steps\nM", "time\ns", "success\n%", "duty\n%",
+                  *heads, box=None, padding=(0, 1, 0, 0))
+    for row in results:
+        ended = "diverged" if row["diverged"] else "yes" if row["solved"] else "no"
+        choice = [json.dumps(row[name], separators=(",", ":")) for name in sweep.varied]
+        numbers = [row["steps"] / 1e6, row["seconds"], 100.0 * row["success"], 100.0 * row["duty"],
+                   *(factor * row[name] for name, (factor, _) in errors.items())]
+        table.add_row(str(row["seed"]), *choice, ended, *(f"{number:.2f}" for number in numbers),
+                      style="bold" if row["member"] == best else None)
+    return table
+
+
+class _Progress:
+    """Plain lines on standard error, now and then."""
+
+    def __init__(self, sweep: Trainings) -> None:
+        self._sweep, self._last = sweep, -_PLAIN_SECONDS
+
+    def show(self, batch: Sequence[Member]) -> None:
+        """Say how far a batch is."""
+        if time.monotonic() - self._last > _PLAIN_SECONDS:
+            self._last = time.monotonic()
+            print(f"sweep: {describe(self._sweep, batch)}", file=sys.stderr, flush=True)
+
+
+def describe(sweep: Trainings, batch: Sequence[Member]) -> str:
+    """Steps, solved members and speed of the batch in training."""
+    last: dict[str, Any] = max((member.rows[-1] for member in batch), key=lambda row: row["steps"])
+    solved = sum(member.solved for member in sweep.members)
+    success = sorted(member.rows[-1]["success"] for member in batch)[len(batch) // 2]
+    return (f"{last['steps'] / 1e6:.2f} M steps each by {len(batch)} members, {solved} of "
+            f"{len(sweep.members)} solved, median success {success:.1%}, "
+            f"{last['steps_per_s'] * len(batch) / 1e6:.2f} M steps/s")
+
+
+COMMAND = Sweep

@@ -1,0 +1,82 @@
+"""The networks of many trainings as one: weights (K, ...) and grouped matrix products."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import chain
+
+import torch
+from stable_baselines3.common.policies import ActorCriticPolicy
+from torch import Tensor
+
+from rans.fast.policy import NormalisedMlp, OnOff
+
+
+class Network:
+    """The actor-critics of K members, every weight and statistic stacked to (K, ...).
+
+    Args:
+        policies: one a member, all of `rans.fast.policy.network` with the same layers.
+        device: torch device of the stacked weights.
+    """
+
+    def __init__(self, policies: Sequence[ActorCriticPolicy], device: torch.device) -> None:
+        extractor = policies[0].features_extractor
+        assert isinstance(extractor, NormalisedMlp)
+        self.body_frame, self.clip, self.activation = extractor.body_frame, extractor.clip, extractor.trunk[1]
+        tables = [dict(_tensors(policy)) for policy in policies]
+        self.tensors = {name: torch.stack([table[name].detach() for table in tables]).to(device)
+                        for name in tables[0]}
+        self.parameters = [self.tensors[name].requires_grad_() for name, _ in policies[0].named_parameters()]
+        prefixes = [name.removesuffix(".weight") for name in self.tensors
+                    if ".trunk." in name and name.endswith(".weight")]
+        self._trunk = [self._layer(prefix) for prefix in prefixes]
+        self._actor, self._critic = self._layer("action_net"), self._layer("value_net")
+        self._mean, self._variance, self._count = (
+            self.tensors[f"features_extractor.{name}"] for name in ("mean", "variance", "count"))
+
+    def _layer(self, name: str) -> tuple[Tensor, Tensor]:
+        return self.tensors[f"{name}.weight"], self.tensors[f"{name}.bias"]
+
+    def evaluate(self, observation: Tensor) -> OnOff:
+        """What every member says about its own rows of (K n, width) observations."""
+        rows = self.body_frame(observation.to(self._mean.dtype))
+        seen = rows.unflatten(0, (len(self._mean), -1)) - self._mean[:, None]
+        x = (seen * torch.rsqrt(self._variance[:, None] + 1e-6)).clamp(-self.clip, self.clip)
+        for weight, bias in self._trunk:
+            x = self.activation(torch.baddbmm(bias[:, None], x, weight.mT))
+        # As `rans.fast.policy.evaluate`: only the difference of a thruster's two logits matters.
+        (weight, bias), (value_weight, value_bias) = self._actor, self._critic
+        weight = torch.cat((weight[:, 1::2] - weight[:, 0::2], value_weight), dim=1)
+        bias = torch.cat((bias[:, 1::2] - bias[:, 0::2], value_bias), dim=1)
+        out = torch.baddbmm(bias[:, None], x, weight.mT).flatten(0, 1)
+        return OnOff(out[:, :-1], out[:, -1])
+
+    @torch.no_grad()
+    def update_statistics(self, observation: Tensor) -> None:
+        """Merge (T, K n, width) observations into each member's mean and variance, as `NormalisedMlp`."""
+        rows = self.body_frame(observation.flatten(0, 1).to(self._mean.dtype))
+        seen = rows.unflatten(0, (len(observation), len(self._mean), -1))
+        variance, mean = torch.var_mean(seen, dim=(0, 2), correction=0)
+        count = rows.shape[0] // len(self._mean)
+        share = (count / (self._count + count))[:, None]
+        shift = mean - self._mean
+        self._mean += shift * share
+        self._variance += (variance - self._variance) * share + shift.square() * (share * (1 - share))
+        self._count += count
+
+    def member(self, number: int) -> dict[str, Tensor]:
+        """A copy of one member's weights and statistics, on the CPU, by their names in its policy."""
+        return {name: stack[number].detach().cpu().clone() for name, stack in self.tensors.items()}
+
+
+@torch.no_grad()
+def write_weights(policy: ActorCriticPolicy, weights: dict[str, Tensor]) -> None:
+    """Give a policy what `Network.member` returned."""
+    for name, tensor in _tensors(policy):
+        tensor.copy_(weights[name])
+
+
+def _tensors(policy: ActorCriticPolicy) -> chain[tuple[str, Tensor]]:
+    """Every parameter and statistic once, though SB3 lists a shared extractor three times."""
+    return chain(policy.named_parameters(), policy.named_buffers())

@@ -1,0 +1,175 @@
+"""One training on several processes, started by torchrun: each has a GPU and its share of the environments.
+
+Process r of n owns every n-th environment of the batch, from environment r on, and draws the random
+numbers that these environments would get on one process. A minibatch so holds the same transitions however
+many processes share it, and averaged gradients are those of one process up to the order of summation.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+import torch
+import torch.distributed as dist
+from torch import Tensor, nn
+
+from rans.errors import ConfigError, WorkerLost
+
+Rows = TypeVar("Rows")
+
+
+@dataclass(frozen=True)
+class World:
+    """The processes of one training, seen from one of them; alone, everything is the identity."""
+
+    rank: int = 0
+    size: int = 1
+
+    @property
+    def is_first(self) -> bool:
+        """Whether this process writes the run folder and speaks to the user."""
+        return self.rank == 0
+
+    def share(self, name: str, count: int) -> int:
+        """This process's part of a number of things.
+
+        Raises:
+            ConfigError: it cannot be divided.
+        """
+        if count % self.size:
+            raise ConfigError(f"{name} must be a multiple of the {self.size} processes, got {count}.")
+        return count // self.size
+
+    def mine(self, whole: Rows) -> Rows:
+        """This process's rows of the whole batch's."""
+        return whole[self.rank::self.size] if self.size > 1 else whole  # type: ignore[index]
+
+    def whole(self, mine: Tensor) -> Tensor:
+        """The whole batch's rows from every process's; all must ask."""
+        if self.size == 1:
+            return mine
+        parts = [torch.empty_like(mine) for _ in range(self.size)]
+        _collective(dist.all_gather, parts, mine)
+        return torch.stack(parts, dim=1).flatten(0, 1)
+
+    def uniform_like(self, mine: Tensor) -> Tensor:
+        """Random numbers in [0, 1) for this process's rows; all must draw as often."""
+        if self.size == 1:
+            return torch.rand_like(mine)
+        shape = (self.size * mine.shape[0], *mine.shape[1:])
+        return self.mine(torch.rand(shape, dtype=mine.dtype, device=mine.device))
+
+    def average(self, tensor: Tensor) -> Tensor:
+        """Mean over the processes, which all must ask for."""
+        if self.size == 1:
+            return tensor
+        total = tensor.clone()
+        _collective(dist.all_reduce, total)
+        return total / self.size
+
+    def pooled(self, variance: Tensor, mean: Tensor) -> tuple[Tensor, Tensor]:
+        """Variance and mean of all processes' values from those of each; all have as many."""
+        together = self.average(mean)
+        return self.average(variance + (mean - together).square()), together
+
+    def average_gradients(self, parameters: Iterable[nn.Parameter]) -> None:
+        """Every gradient becomes its mean over the processes; one message for all."""
+        if self.size == 1:
+            return
+        gradients = [p.grad for p in parameters if p.grad is not None]
+        mean = self.average(torch.cat([g.flatten() for g in gradients]))
+        for gradient, part in zip(gradients, mean.split([g.numel() for g in gradients]), strict=True):
+            gradient.copy_(part.view_as(gradient))
+
+    def standardised(self, values: Tensor) -> Tensor:
+        """Values less their mean over all processes, over their standard deviation, as SB3."""
+        count = self.size * values.numel()
+        centred = values - self.average(values.mean())
+        variance = self.average(centred.square().mean()) * (count / (count - 1))
+        return centred / (variance.sqrt() + 1e-8)
+
+    def any(self, *flags: bool) -> tuple[bool, ...]:
+        """Per flag, whether it is set on any process: decisions that all must take alike."""
+        if self.size == 1:
+            return flags
+        asked = torch.tensor(flags, dtype=torch.int32)
+        _collective(dist.all_reduce, asked, dist.ReduceOp.MAX)
+        return tuple(map(bool, asked.tolist()))
+
+    def first_says(self, value: Any) -> Any:
+        """What the first process holds."""
+        if self.size == 1:
+            return value
+        box = [value]
+        _collective(dist.broadcast_object_list, box, device=torch.device("cpu"))
+        return box[0]
+
+
+ALONE = World()
+
+
+def join(device: str) -> World:
+    """The processes torchrun started, this one among them; `ALONE` where it started none.
+
+    From then on ``cuda`` means this process's own GPU.
+
+    Raises:
+        ConfigError: there are more processes than GPUs.
+    """
+    size = int(os.environ.get("WORLD_SIZE", "1"))
+    if size == 1:
+        return ALONE
+    if device.startswith("cuda"):
+        local, count = int(os.environ["LOCAL_RANK"]), torch.cuda.device_count()
+        if local >= count:
+            raise ConfigError(f"torchrun started more processes than the {count} GPUs here; lower "
+                              "--nproc-per-node.")
+        torch.cuda.set_device(local)
+        # Decisions travel through the CPU, so that asking does not wait for the GPU.
+        dist.init_process_group("cpu:gloo,cuda:nccl", device_id=torch.device("cuda", local))
+    else:
+        dist.init_process_group("gloo")
+    leave_when_stuck()
+    return World(dist.get_rank(), size)
+
+
+def leave_when_stuck(patience: float = 15.0) -> None:
+    """End this process so many seconds after it was told to, if it has not done so by itself.
+
+    Who waits on the GPU for a process that is gone hears no signal: Python handles them between two lines
+    of the main thread, which waits. torchrun would kill such a process without a word.
+    """
+    ears, mouth = socket.socketpair()
+    mouth.setblocking(False)
+    signal.set_wakeup_fd(mouth.detach())
+    threading.Thread(target=_leave, args=(ears, patience), daemon=True).start()
+
+
+def _leave(ears: socket.socket, patience: float) -> None:
+    ears.recv(1)
+    time.sleep(patience)
+    sys.stderr.write("rans: told to stop while waiting for another process of this training; go on from "
+                     "the last checkpoint with --resume.\n")
+    sys.stderr.flush()
+    os._exit(1)
+
+
+def _collective(function: Callable[..., Any], *arguments: Any, **settings: Any) -> None:
+    """Do what all processes must do together.
+
+    Raises:
+        WorkerLost: another process is gone.
+    """
+    try:
+        function(*arguments, **settings)
+    except RuntimeError as error:
+        raise WorkerLost("another process of this training is gone; the usual cause is lack of memory, "
+                         "and its own message is above.") from error

@@ -1,0 +1,56 @@
+"""How the agents that come with RANS are trained, one row of values each (docs/agents.md)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from rans.fast.config import PPOSettings, TrainConfig
+from rans.tasks import task_class
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """What differs from agent to agent; the rest is as in every training."""
+
+    task: str
+    spacecraft: str
+    settings: dict[str, Any]
+    """Of the task, where they are not its defaults."""
+    ppo: PPOSettings = field(default_factory=PPOSettings)
+    total_timesteps: int = 500_000_000
+
+
+_PRECISE = PPOSettings(n_envs=4096, n_steps=32, batch_size=32_768, layers=(256, 256), gamma=0.99,
+                       max_learning_rate=3e-3, anneal=0.7)
+"""Large batches and step sizes that fall to zero: slower to the tolerances, but many times closer."""
+_PATIENT = replace(_PRECISE, gamma=0.995)
+_HOLD = {"fine_weight": 0.5, "rest_position": 0.007}
+_POSE = {**_HOLD, "rest_attitude": 0.01}
+_PLATFORM, _SHARED, _FLYER = "floating-platform", "floating-platform-shared", "free-flyer"
+_VELOCITY = {"fine_scale": 0.01, "thrust_weight": 0.05}
+_TWIST = {**_VELOCITY, "fine_spin_weight": 0.5, "thrust_weight": 0.05}
+
+RECIPES: dict[str, Recipe] = {
+    "go-to-pose-2d": Recipe("go-to-pose", _PLATFORM, {**_POSE, "thrust_weight": 0.15}, _PATIENT),
+    "go-to-pose-2d-shared": Recipe("go-to-pose", _SHARED, {**_POSE, "thrust_weight": 0.2}, _PRECISE),
+    "go-to-position-2d-shared": Recipe(
+        "go-to-position", _SHARED, {**_HOLD, "rest_spin": 0.03, "thrust_weight": 0.1}, _PRECISE),
+    "track-velocity-2d": Recipe("track-velocity", _PLATFORM, _VELOCITY, _PRECISE),
+    "track-twist-2d-shared": Recipe("track-twist", _SHARED, _TWIST, _PRECISE),
+    "go-to-pose-3d": Recipe(
+        "go-to-pose", _FLYER, {**_POSE, "fine_attitude_scale": 0.03, "thrust_weight": 0.03}, _PRECISE),
+    "go-to-position-3d": Recipe(
+        "go-to-position", _FLYER,
+        {**_HOLD, "rest_spin": 0.03, "thrust_weight": 0.05, "evaluation_distance": (1.0, 5.0),
+         "spawn_distance": (0.5, 5.5)}, _PRECISE),
+    "track-velocity-3d": Recipe("track-velocity", _FLYER, _VELOCITY, _PRECISE),
+}
+"""By the agent's name."""
+
+
+def recipe(name: str, device: str) -> TrainConfig:
+    """The training that the agent of this name, one of `RECIPES`, came from, for this device."""
+    given = RECIPES[name]
+    return TrainConfig(given.task, task_class(given.task)(**given.settings), given.spacecraft, given.ppo,
+                       device=device, total_timesteps=given.total_timesteps, solved_share=None)

@@ -1,0 +1,94 @@
+from __future__ import annotations
+
+import json
+import signal
+from pathlib import Path
+from typing import Any
+
+import pytest
+import stable_baselines3
+
+from rans.cli import main
+from rans.cli.sweep import Sweep
+from rans.evaluation.agent import load_agent
+from rans.fast.run_folder import RunFolder
+
+TINY = {"ppo.n_envs": "16", "ppo.n_steps": "8", "ppo.batch_size": "64", "timing.episode_steps": "20",
+        "solved_share": "null"}
+
+
+def tiny(**changes: str) -> list[str]:
+    """Arguments for a sweep whose iterations take milliseconds."""
+    settings = {"ppo.layers": "[16, 16]"} | TINY | {k.replace("__", "."): v for k, v in changes.items()}
+    given = [part for key, value in settings.items() for part in ("--set", f"{key}={value}")]
+    return ["sweep", "go-to-pose", "--device", "cpu", *given]
+
+
+@pytest.fixture(autouse=True)
+def _elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Runs go to a folder of the test's own."""
+    monkeypatch.chdir(tmp_path)
+
+
+def test_a_sweep_leaves_table_figure_and_best_agent(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([*tiny(ppo__gamma="0.9,0.98"), "--seeds", "2", "--total-timesteps", "256"]) == 0
+    folder = Path("runs/sweep-go-to-pose-floating-platform")
+    captured = capsys.readouterr()
+    assert "Done: 0 of 4 members solved, " in captured.out
+    assert f"The best agent is {folder}/best." in captured.out
+    assert captured.out.count(" no ") == 4
+    for head in ("seed", "gamma", "steps", "success", "duty", "cm", "deg"):
+        assert head in captured.out
+    assert "0 of 4 solved" in captured.err
+    assert {file.name for file in folder.iterdir()} == {"sweep.json", "sweep.svg", "metrics.jsonl", "best"}
+    told = json.loads((folder / "sweep.json").read_text())
+    assert [(row["seed"], row["ppo.gamma"]) for row in told["members"]] == [
+        (0, 0.9), (1, 0.9), (0, 0.98), (1, 0.98)]
+    assert (folder / "sweep.svg").read_text().startswith("<?xml")
+    rows = [json.loads(line) for line in (folder / "metrics.jsonl").read_text().splitlines()]
+    assert [row["member"] for row in rows] == [0, 1, 2, 3]
+    check_best(folder, told)
+
+
+def check_best(folder: Path, told: dict[str, Any]) -> None:
+    """It is a run folder of the member that was chosen, which others can read."""
+    run, chosen = RunFolder(folder / "best"), told["members"][told["best"]]
+    config = run.config()
+    assert (config.seed, config.ppo.gamma) == (chosen["seed"], chosen["ppo.gamma"])
+    assert run.metrics()[-1]["steps"] == 256
+    stable_baselines3.PPO.load(run.policy_file, device="cpu")
+    assert load_agent(run.path).craft.name == "floating-platform"
+
+
+def test_values_of_every_kind() -> None:
+    sweep = Sweep("go-to-pose", seeds=1, device="cpu", set=(
+        "ppo.layers=[64,64],[32]", "spacecraft=floating-platform,floating-platform-air-tank", "seed=7"))
+    found = [(config.ppo.layers, config.spacecraft, config.seed) for config in sweep._configs()]
+    assert found == [(layers, craft, 7) for layers in ((64, 64), (32,))
+                     for craft in ("floating-platform", "floating-platform-air-tank")]
+
+
+def test_an_interrupt_keeps_what_there_is(monkeypatch: pytest.MonkeyPatch,
+                                          capsys: pytest.CaptureFixture[str]) -> None:
+    signals = iter([signal.SIGINT])
+    monkeypatch.setattr("rans.cli.sweep._Progress.show", lambda *_: [*map(signal.raise_signal, signals)])
+    assert main([*tiny(report_interval="1"), "--seeds", "2", "--run", "sweep"]) == 130
+    assert "Stopped: 0 of 2 members solved" in capsys.readouterr().out
+    # Interrupted in the first report, it reports once more.
+    assert [row["steps"] for row in RunFolder(Path("sweep/best")).metrics()] == [128, 256]
+
+
+@pytest.mark.parametrize(("arguments", "message"), [
+    (["go-to-pose", "--seeds", "0"], "--seeds must be >= 1, got 0"),
+    (["go-to-pose", "--set", "ppo.gamma"], "--set takes KEY=VALUE or KEY=VALUE,VALUE"),
+    (["go-to-pose", "--set", "ppo.gamma="], "--set takes KEY=VALUE or KEY=VALUE,VALUE"),
+    (["go-to-pose", "--set", "ppo.gamma=0.9,2"], "gamma must be in (0, 1], got 2"),
+    (["go-to-pose", "--set", "ppo.gama=0.9"], "the config has no 'ppo.gama'"),
+    (["hover"], "no task named 'hover'"),
+    (["go-to-pose", "--run", "."], ". exists already"),
+])
+def test_wrong_arguments(capsys: pytest.CaptureFixture[str], arguments: list[str], message: str) -> None:
+    assert main(["sweep", *arguments, "--device", "cpu"]) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1

@@ -1,0 +1,173 @@
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+import torch.distributed as dist
+from stable_baselines3.common.logger import Logger
+from torch.multiprocessing.spawn import start_processes
+
+from rans.cli import main
+from rans.errors import ConfigError, WorkerLost
+from rans.fast.distributed import ALONE, World, join
+from rans.fast.engine import Engine
+from rans.fast.ppo import PPO
+from rans.fast.rollout import act
+from rans.fast.run_folder import RunFolder
+from rans.fast.trainer import make_ppo
+from tests.cli.test_train import tiny
+from tests.fast.engines import NEAR, PLATFORM, SHORT
+from tests.fast.training import TINY, weights
+
+ROOT = Path(__file__).parents[2]
+SETTINGS = replace(TINY, max_grad_norm=0.1, learning_rate=2.0**-9)
+
+
+def started(world: World = ALONE) -> PPO:
+    """A training of 16 environments, or of this process's share of them, in float64."""
+    engine = Engine(PLATFORM, NEAR, 16 // world.size, SHORT, seed=4, dtype=torch.float64, world=world)
+    model = make_ppo(engine, SETTINGS, seed=4)
+    model.set_logger(Logger(None, []))
+    model._current_progress_remaining = 1.0
+    model.start()
+    return model
+
+
+def learned(model: PPO) -> dict[str, Any]:
+    """What three iterations make of it."""
+    for _ in range(3):
+        model.collect()
+        model.train()
+    rate = model.policy.optimizer.param_groups[0]["lr"]
+    return {"weights": weights(model.policy), "rate": float(rate), "random": torch.get_rng_state(),
+            "engine": model.env.engine.save_state()["buffers"],  # type: ignore[union-attr]
+            "log": dict(model.logger.name_to_value)}
+
+
+def one_of_two(rank: int, folder: Path) -> None:
+    """A process of two; the second leaves when both have learned."""
+    torch.set_num_threads(1)
+    dist.init_process_group("gloo", f"file://{folder}/meeting", rank=rank, world_size=2)
+    world = World(rank, 2)
+    found = learned(started(world)) | {
+        "any": world.any(rank == 1, False), "first": world.first_says(f"from {rank}")}
+    torch.save(found, folder / f"{rank}.pt")
+    if rank == 0:
+        with pytest.raises(WorkerLost, match="another process of this training is gone"):
+            world.average(torch.zeros(1))
+
+
+def test_two_processes_learn_what_one_does(tmp_path: Path) -> None:
+    """Same starts, actions and minibatches, and sums in another order: the same agent to rounding."""
+    start_processes(one_of_two, (tmp_path,), nprocs=2)
+    alone = learned(started())
+    first, second = (torch.load(tmp_path / f"{rank}.pt") for rank in (0, 1))
+    assert torch.equal(first["weights"], second["weights"])
+    # Adam's steps of 2e-3 differ by the rounding of float64 sums, divided by gradients as small as 1e-5.
+    torch.testing.assert_close(first["weights"], alone["weights"], rtol=0, atol=1e-9)
+    assert first["rate"] == alone["rate"] != SETTINGS.learning_rate
+    assert torch.equal(first["random"], alone["random"])
+    for ours, theirs in zip(first["engine"], alone["engine"], strict=True):
+        assert torch.equal(ours, theirs)
+    for name in ("train/loss", "train/approx_kl", "train/grad_norm", "rollout/failure_rate", "return/turn"):
+        assert first["log"][name] == pytest.approx(alone["log"][name], rel=1e-9), name
+    assert (first["any"], first["first"], second["first"]) == ((True, False), "from 0", "from 0")
+
+
+def test_alone_nothing_changes() -> None:
+    rows = torch.arange(6.0)
+    assert ALONE.mine(rows) is ALONE.whole(rows) is ALONE.average(rows) is rows
+    assert ALONE.any(True, False) == (True, False)
+    assert join("cpu") is ALONE
+
+
+def test_rows_belong_to_processes_in_turn() -> None:
+    """So that chunks of everybody's rows are a chunk of the whole batch's."""
+    rows = torch.arange(12)
+    shares = [World(rank, 3).mine(rows).chunk(2) for rank in range(3)]
+    for number, chunk in enumerate(rows.chunk(2)):
+        assert sorted(torch.cat([share[number] for share in shares]).tolist()) == chunk.tolist()
+
+
+def test_random_numbers_belong_to_rows() -> None:
+    shares = []
+    for rank in (0, 1):
+        torch.manual_seed(3)
+        shares.append(World(rank, 2).uniform_like(torch.zeros(4, 5)))
+    torch.manual_seed(3)
+    assert torch.equal(torch.stack(shares, dim=1).flatten(0, 1), torch.rand(8, 5))
+
+
+def test_a_share_must_be_whole() -> None:
+    with pytest.raises(ConfigError, match="n_envs must be a multiple of the 3 processes, got 16"):
+        World(0, 3).share("n_envs", 16)
+
+
+def test_acting_is_one_graph() -> None:
+    """What a GPU compiles can be compiled without a break."""
+    model = started()
+    seen, world = model.env.engine.observe(), World(1, 2)  # type: ignore[union-attr]
+    captured = torch.compile(act, fullgraph=True, dynamic=False, backend="eager")
+    torch.manual_seed(0)
+    action, *_ = captured(model.policy, seen, world)
+    torch.manual_seed(0)
+    assert torch.equal(action, act(model.policy, seen, world)[0])
+
+
+MORTAL = """
+import os, sys, threading, time
+from pathlib import Path
+from rans.cli import main
+
+def die():
+    while not Path("run/checkpoint.pt").exists():
+        time.sleep(0.05)
+    os._exit(9)
+
+if os.environ["RANK"] == "1":
+    threading.Thread(target=die, daemon=True).start()
+sys.exit(main(sys.argv[1:]))
+"""
+"""A second process that dies once there is a checkpoint."""
+
+
+def test_a_lost_process_leaves_a_sentence_and_a_checkpoint(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    """Which one process then resumes."""
+    monkeypatch.chdir(tmp_path)
+    Path("mortal.py").write_text(MORTAL)
+    command = [sys.executable, "-m", "torch.distributed.run", "--nproc-per-node", "2", "--", "mortal.py",
+               *tiny(total_timesteps=10**9), "--run", "run"]
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
+    ended = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120, check=False)
+    assert ended.returncode != 0
+    sentence = "rans: another process of this training is gone;"
+    assert ended.stderr.count(sentence) == 1, ended.stderr
+    assert "Continue from the last checkpoint with --resume run." in ended.stderr
+    steps = RunFolder(Path("run")).load_checkpoint("cpu")["steps"]
+    config = Path("run/config.json")
+    config.write_text(config.read_text().replace("1000000000", str(steps + 256)))
+    assert main(["train", "--resume", "run"]) == 0
+    assert f"Done after {steps + 256:,} steps" in capsys.readouterr().out
+
+
+def test_who_waits_forever_hears_a_signal() -> None:
+    """As where the GPU waits for a process that is gone: Python's own handlers then never run."""
+    code = ("import signal, threading; from rans.fast.distributed import leave_when_stuck; "
+            "signal.signal(signal.SIGTERM, lambda *_: None); leave_when_stuck(patience=0.1); "
+            "print('waiting', flush=True); import time; time.sleep(60)")
+    process = subprocess.Popen([sys.executable, "-c", code], cwd=ROOT, text=True, stdout=subprocess.PIPE,
+                               stderr=subprocess.PIPE)
+    assert process.stdout is not None
+    assert process.stdout.readline() == "waiting\n"
+    process.send_signal(signal.SIGTERM)
+    _, errors = process.communicate(timeout=30)
+    assert process.returncode == 1
+    assert errors.startswith("rans: told to stop while waiting for another process")

@@ -1,0 +1,154 @@
+"""Environments that are watched or filmed, through Gymnasium's own wrappers."""
+
+from __future__ import annotations
+
+import urllib.request
+import warnings
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+import torch
+from gymnasium.error import ResetNeeded
+from gymnasium.utils.env_checker import check_env
+from gymnasium.wrappers import RecordVideo
+from gymnasium.wrappers.vector import RecordVideo as RecordVideoOfMany
+
+from rans.drawing import Scene
+from rans.errors import ConfigError
+from rans.scenario import scenario
+from rans.tasks import GoToPose
+from rans.timing import Timing
+from tests.fast.engines import NEAR, actions
+
+PLANE, SPACE = "rans/GoToPose2D-v0", "rans/GoToPose3D-v0"
+QUICK = Timing(control_period=0.02, episode_steps=6)
+"""Real time must not take long."""
+
+
+@pytest.fixture(autouse=True)
+def _no_browser(monkeypatch: pytest.MonkeyPatch) -> None:
+    for display in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(display, raising=False)
+
+
+def seen(env: Any) -> bytes:
+    """The page of the window that an environment has open."""
+    with urllib.request.urlopen(env._window.url, timeout=10) as page:
+        return page.read()
+
+
+@pytest.mark.parametrize("name", [PLANE, SPACE, "rans/GoToPose2D-Drake-v0"])
+def test_gymnasium_finds_nothing_wrong(name: str) -> None:
+    env = gymnasium.make(name, render_mode="human", timing=QUICK)
+    check_env(env.unwrapped)
+    env.close()
+    env.close()
+
+
+def test_every_step_is_shown(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without a call of `render`, which then returns nothing."""
+    shown: list[np.ndarray] = []
+    monkeypatch.setattr("rans.window.Window.show", lambda window, frame: shown.append(frame))
+    env = gymnasium.make(PLANE, render_mode="human", timing=QUICK)
+    drawn = gymnasium.make(PLANE, render_mode="rgb_array", timing=QUICK)
+    expected = []
+    for flown in (env, drawn):
+        flown.reset(seed=1)
+        expected.append(flown.render())
+        for k in range(3):
+            flown.step(np.eye(8, dtype=int)[k])
+            expected.append(flown.render())
+    assert expected[:4] == [None] * 4
+    np.testing.assert_array_equal(shown, expected[4:])
+    assert b"/film" in seen(env.unwrapped)
+    env.close()
+
+
+def test_recording_a_video(tmp_path: Path) -> None:
+    """Its 6 steps and the start are 7 frames; moviepy 1 may write the last one twice."""
+    from imageio_ffmpeg import count_frames_and_secs
+
+    env = RecordVideo(gymnasium.make(PLANE, render_mode="rgb_array", timing=QUICK), str(tmp_path / "videos"))
+    env.reset(seed=1)
+    while not env.step(env.action_space.sample())[3]:
+        pass
+    env.close()
+    video, = (tmp_path / "videos").glob("*.mp4")
+    frames, seconds = count_frames_and_secs(str(video))
+    assert frames in (7, 8)
+    assert seconds == pytest.approx(frames / 50.0, abs=0.01)
+
+
+def test_recording_a_video_of_many(tmp_path: Path) -> None:
+    from imageio_ffmpeg import read_frames
+
+    envs = gymnasium.make_vec(PLANE, num_envs=4, render_mode="rgb_array", timing=QUICK)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # Gymnasium warns that the last frame of an episode is not in it
+        film = RecordVideoOfMany(envs, str(tmp_path / "videos"), video_length=4)  # type: ignore[type-var]
+    film.reset(seed=1)
+    for _ in range(5):
+        film.step(envs.action_space.sample())
+    film.close()
+    video, = (tmp_path / "videos").glob("*.mp4")
+    assert next(read_frames(str(video)))["size"] == (2 * 320, 2 * 240)
+
+
+@pytest.mark.parametrize("name", [PLANE, SPACE])
+def test_frames_of_many_are_those_of_each(name: str) -> None:
+    """Drawn from scenarios of the same numbers, over ends and fresh starts."""
+    envs: Any = gymnasium.make_vec(name, num_envs=3, render_mode="rgb_array", task=NEAR, timing=QUICK,
+                                   dtype=torch.float64)
+    envs.reset(seed=7)
+    check_fresh(envs, [0, 1, 2])
+    single: Any = gymnasium.make(name, render_mode="rgb_array", task=NEAR, timing=QUICK).unwrapped
+    single.reset(seed=7)
+    scene = Scene(single.craft, 320, 240)
+    commands = actions(single.craft, 3, 6)
+    for command in commands[:5]:
+        _, _, terminated, truncated, _ = envs.step(command)
+        assert not bool((terminated | truncated).any())
+        single.step(command[0].numpy())
+        expected = scene.render(single._state, single._goal, single._command, single._trail)
+        # Another order of operations: rounding may move an edge by a hair.
+        assert np.abs(envs.render()[0].astype(int) - expected).mean() < 0.01
+    assert bool(envs.step(commands[5])[3].all())
+    check_fresh(envs, [3, 4, 5])
+
+
+def check_fresh(envs: Any, episodes: list[int]) -> None:
+    """The frames show starts, with nothing behind them and no flame."""
+    scene = Scene(envs.engine.craft, 320, 240)
+    for frame, episode in zip(envs.render(), episodes, strict=True):
+        chosen = scenario(NEAR, envs.engine.craft.dimension, 7, episode)
+        shut = np.zeros(len(envs.engine.craft.thrusters))
+        assert np.abs(frame.astype(int) - scene.render(chosen.start, chosen.goal, shut)).mean() < 0.01
+
+
+def test_many_in_one_window(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first 16 of 20, in four rows."""
+    shown: list[np.ndarray] = []
+    monkeypatch.setattr("rans.window.Window.show", lambda window, frame: shown.append(frame))
+    envs: Any = gymnasium.make_vec(PLANE, num_envs=20, render_mode="human", timing=QUICK)
+    envs.reset(seed=1)
+    envs.step(envs.action_space.sample())
+    assert [frame.shape for frame in shown] == [(4 * 240, 4 * 320, 3)] * 2
+    assert envs.render() is None
+    assert b"/film" in seen(envs._film)
+    assert envs.metadata["render_fps"] == pytest.approx(50.0)
+    envs.close()
+    envs.close()
+
+
+def test_wrong_use() -> None:
+    with pytest.raises(ConfigError, match='render_mode must be None, "human" or "rgb_array", got \'ansi\''):
+        gymnasium.make_vec(PLANE, num_envs=2, render_mode="ansi")
+    envs = gymnasium.make_vec(PLANE, num_envs=2, render_mode="rgb_array", task=GoToPose())
+    with pytest.raises(ResetNeeded, match="call reset"):
+        envs.render()
+    unseen = gymnasium.make_vec(PLANE, num_envs=2)
+    unseen.reset(seed=1)
+    assert unseen.render() is None
