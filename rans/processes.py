@@ -42,6 +42,28 @@ def submitted(function: Callable[..., Answer], jobs: Iterable[tuple[Any, ...]], 
             raise
 
 
+@contextlib.contextmanager
+def beside(function: Callable[..., object], *arguments: Any) -> Iterator[None]:
+    """Another process that does something until this block ends; whatever becomes of it, the block goes on.
+
+    It starts afresh, as those of `submitted` do, ignores Ctrl-C, and ends with this process even when that
+    is killed.
+
+    Args:
+        function: what it does; of a module's top level.
+        arguments: of the function.
+    """
+    process = multiprocessing.get_context("spawn").Process(
+        target=_begin, args=(function, arguments), daemon=True)
+    with _interrupts_ignored():
+        process.start()
+    try:
+        yield
+    finally:
+        process.kill()
+        process.join()
+
+
 def _begin(prepare: Callable[..., object], arguments: tuple[Any, ...]) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all processes; the parent decides
     threading.Thread(target=_end_with_parent, daemon=True).start()

@@ -31,6 +31,17 @@ def action_space(craft: Spacecraft) -> spaces.MultiDiscrete:
     return spaces.MultiDiscrete([2] * len(craft.thrusters))
 
 
+def checked_render_mode(render_mode: str | None) -> str | None:
+    """The render mode, if environments have it.
+
+    Raises:
+        ConfigError: they do not.
+    """
+    if render_mode not in (None, "human", "rgb_array"):
+        raise ConfigError(f'render_mode must be None, "human" or "rgb_array", got {render_mode!r}.')
+    return render_mode
+
+
 def choose(task_name: str, dimension: Dimension, spacecraft: str | Path | Spacecraft | None,
            task: Task | None) -> tuple[Spacecraft, Task]:
     """Spacecraft and task of an environment.

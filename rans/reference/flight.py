@@ -30,14 +30,14 @@ def fly_in_drake(craft: Spacecraft, task: Task, controller: Controller, starts: 
     goal, count = starts.goal, len(leaves(starts.start)[0])
 
     def act(rows: np.ndarray) -> np.ndarray:
-        state = states_from_rows(rows, goal).normalised()
+        state = states_from_rows(rows, starts.start).normalised()
         seen = np.stack(observation(task, state, goal), axis=1).astype(np.float32)
         return controller.act(state, goal, seen)
 
     controller.reset(count)
     rows, commands = Plant(craft, count).follow(
         rows_from_states(starts.start), act, timing.episode_steps, timing.control_period)
-    states = states_from_rows(rows, goal).normalised()
+    states = states_from_rows(rows, starts.start).normalised()
     return Flight(craft, task, timing, states, goal, commands, controller.name, "drake")
 
 

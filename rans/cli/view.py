@@ -1,0 +1,88 @@
+"""``rans view``: agents and controllers in flight, in three dimensions."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import tyro
+
+from rans.errors import ConfigError
+from rans.scenario import EVALUATION_SEED
+
+if TYPE_CHECKING:
+    from rans.flight import Flight
+
+
+@dataclass(frozen=True)
+class View:
+    """Watch agents fly in the browser, at real time and from any side; Ctrl-C ends it.
+
+    Every agent has a row, every episode a tile. Open thrusters have orange plumes; the goal is green. "Open
+    Controls" on the page holds a slider for the time, pause and speed.
+    """
+
+    contestants: Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="RUN")]
+    """Who flies: run folders, or any other contestants, such as lqr:go-to-pose-3d."""
+    episodes: int = 1
+    """Flights of each; all contestants of the same task start from the same places."""
+    seed: int = EVALUATION_SEED
+    """Of starts and goals."""
+    engine: Literal["fast", "drake"] = "fast"
+    """What computes the motion: the shared equations, or Drake."""
+    save: Path | None = None
+    """Write a page that replays the flights anywhere, without RANS and offline, and return."""
+    frames: Path | None = None
+    """Write ten rendered frames of the first flight of all as one picture, and return."""
+
+    def run(self) -> int:
+        """Serve the page, or write what was asked for."""
+        if not self.contestants:
+            raise ConfigError("say who flies, such as `rans view runs/first`.")
+        if self.episodes < 1:
+            raise ConfigError(f"--episodes must be >= 1, got {self.episodes}.")
+        flights = [self._fly(spec) for spec in self.contestants]
+        if self.frames is not None:
+            from rans.evaluation.frames import save_frames
+
+            save_frames(flights[0], 0, self.frames)
+            print(f"Ten frames of {flights[0].controller} are in {self.frames}.")
+        if self.save is not None or self.frames is None:
+            self._show(flights)
+        return 0
+
+    def _fly(self, spec: str) -> Flight:
+        from rans.evaluation.contestants import contestant
+        from rans.flight import fly, scenarios
+
+        controller, craft, task, timing = contestant(spec)
+        starts = scenarios(task.for_evaluation(), craft, self.seed, self.episodes)
+        if self.engine == "fast":
+            return fly(craft, task, controller, starts, timing)
+        from rans.reference.flight import fly_in_drake
+
+        return fly_in_drake(craft, task, controller, starts, timing)
+
+    def _show(self, flights: list[Flight]) -> None:
+        from rans.reference.view import View as Page
+        from rans.window import open_browser
+
+        page = Page()
+        colours = page.show(flights)
+        names = [flight.controller for flight in flights]
+        who = ", ".join(f"{name} ({colour})" for name, colour in zip(names, colours, strict=True))
+        if self.save is not None:
+            page.save(self.save)
+            print(f"{self.save} replays {who} in any browser.")
+            return
+        print(f"{who}: to be seen at {page.url} until Ctrl-C.", flush=True)
+        open_browser(page.url)
+        with contextlib.suppress(KeyboardInterrupt):
+            while True:
+                time.sleep(3600.0)
+
+
+COMMAND = View

@@ -1,0 +1,112 @@
+"""A window without a toolkit: frames as a film in the browser, from a web server of its own."""
+
+from __future__ import annotations
+
+import io
+import os
+import sys
+import threading
+import time
+import webbrowser
+from functools import partial
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+_PAGE = b"""<!doctype html><title>RANS</title>
+<body style="margin: 0; display: grid; place-items: center; height: 100vh">
+<img src="/film" style="max-width: 100vw; max-height: 100vh">"""
+_PART = b"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: %d\r\n\r\n"
+
+
+class Window:
+    """Shows frames as they come, at most so many a second, to whoever opens its page.
+
+    It works wherever a browser does: a virtual environment rarely brings a toolkit for windows, and a
+    remote machine has no display, but its page can be reached with ``ssh -L``.
+
+    Args:
+        fps: frames per second; `show` waits as long as this asks for.
+    """
+
+    def __init__(self, fps: float) -> None:
+        self._period, self._due = 1.0 / fps, 0.0
+        self._changed = threading.Condition()
+        self._jpeg: bytes | None = b""
+        self._server = ThreadingHTTPServer(("127.0.0.1", 0), partial(_Handler, self))
+        threading.Thread(target=self._server.serve_forever, args=(0.05,), daemon=True).start()
+        self.url = f"http://localhost:{self._server.server_port}"
+        sys.stderr.write(f"The spacecraft flies at {self.url}\n")
+        open_browser(self.url)
+
+    def show(self, frame: np.ndarray) -> None:
+        """Show a frame, (height, width, 3) uint8, when it is due."""
+        time.sleep(max(0.0, self._due - time.monotonic()))
+        self._due = time.monotonic() + self._period
+        file = io.BytesIO()
+        Image.fromarray(frame).save(file, "jpeg", quality=90)
+        self._publish(file.getvalue())
+
+    def close(self) -> None:
+        """End the film and the server."""
+        self._publish(None)
+        self._server.shutdown()
+        self._server.server_close()
+
+    def next(self, last: bytes | None) -> bytes | None:
+        """Wait for a frame that is not the last one seen, as JPEG; None: there will be none."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._jpeg is not last)
+            return self._jpeg
+
+    def _publish(self, jpeg: bytes | None) -> None:
+        with self._changed:
+            self._jpeg = jpeg
+            self._changed.notify_all()
+
+
+class _Handler(BaseHTTPRequestHandler):
+    """Serves the page, and the film as a stream of pictures ("multipart/x-mixed-replace")."""
+
+    def __init__(self, window: Window, *arguments: Any) -> None:
+        self._window = window
+        super().__init__(*arguments)
+
+    def do_GET(self) -> None:
+        """Answer the browser until it leaves."""
+        film = self.path == "/film"
+        self.send_response(200)
+        self.send_header("Content-Type", "multipart/x-mixed-replace; boundary=frame" if film else "text/html")
+        self.end_headers()
+        try:
+            if film:
+                self._stream()
+            else:
+                self.wfile.write(_PAGE)
+        except ConnectionError:
+            pass  # the page was closed
+
+    def _stream(self) -> None:
+        jpeg: bytes | None = b""
+        while (jpeg := self._window.next(jpeg)) is not None:
+            self.wfile.write(_PART % len(jpeg) + jpeg + b"\r\n")
+
+    def log_message(self, format: str, *arguments: Any) -> None:
+        """Nobody wants to read of every request."""
+
+
+def open_browser(url: str) -> None:
+    """Open a page where there is a display; elsewhere a text browser would take the terminal."""
+    if sys.platform == "darwin" or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
+        webbrowser.open(url)
+
+
+def tiled(frames: list[np.ndarray]) -> np.ndarray:
+    """Frames of one size side by side in as many rows as columns, or one row less; the rest is white."""
+    columns = int(np.ceil(np.sqrt(len(frames))))
+    rows = -(-len(frames) // columns)
+    blank = [np.full_like(frames[0], 255)] * (rows * columns - len(frames))
+    grid = [*frames, *blank]
+    return np.concatenate([np.concatenate(grid[r * columns:(r + 1) * columns], axis=1) for r in range(rows)])

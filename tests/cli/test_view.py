@@ -1,0 +1,115 @@
+"""``rans view`` from the command line, and ``rans train --view``."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import time
+import urllib.request
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from rans.cli import main
+from tests.cli.test_train import command, tiny
+
+needs_proc = pytest.mark.skipif(not Path("/proc").is_dir(), reason="finds child processes in Linux's /proc")
+
+
+@pytest.fixture(autouse=True)
+def _elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Files go to a folder of the test's own, and no browser opens."""
+    monkeypatch.chdir(tmp_path)
+    for display in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(display, raising=False)
+
+
+@pytest.mark.parametrize("engine", ["fast", "drake"])
+def test_a_replay_is_saved(engine: str, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["lqr:go-to-pose-2d", "lqr:go-to-pose-3d", "--episodes", "2", "--engine", engine]
+    assert main(["view", *arguments, "--save", "replay.html"]) == 0
+    assert capsys.readouterr().out == "replay.html replays LQR (grey), LQR (orange) in any browser.\n"
+    assert 2e6 < Path("replay.html").stat().st_size < 5e6
+
+
+def test_it_serves_until_it_is_interrupted() -> None:
+    process = command("view", "lqr:go-to-pose-2d")
+    assert process.stdout is not None
+    line = process.stdout.readline()
+    url = re.search(r"LQR \(grey\): to be seen at (http://localhost:\d+) until Ctrl-C\.", line)
+    assert url is not None, line
+    with urllib.request.urlopen(url[1], timeout=10) as page:
+        assert b"meshcat" in page.read()
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=30)
+    assert (process.returncode, errors) == (0, "")
+
+
+@pytest.mark.parametrize(("arguments", "said"), [
+    ([], "say who flies"),
+    (["nowhere"], "nowhere is not a run folder"),
+    (["lqr:go-to-pose-2d", "--episodes", "0"], "--episodes must be >= 1, got 0"),
+    (["lqr:go-to-pose-2d", "--frames", "frames.xyz"], "use .png"),
+])
+def test_wrong_use_is_a_sentence(arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["view", *arguments]) == 2
+    errors = capsys.readouterr().err
+    assert said in errors
+    assert errors.count("\n") == 1
+
+
+@needs_proc
+def test_training_survives_its_watcher() -> None:
+    """The process of the page is killed, but training goes on and ends as ever."""
+    process, watcher = watched_training()
+    os.kill(watcher, signal.SIGKILL)
+    metrics = Path("run/metrics.jsonl")
+    wait_until(metrics.exists)
+    rows = metrics.read_text().count("\n")
+    wait_until(lambda: metrics.read_text().count("\n") > rows)
+    process.send_signal(signal.SIGINT)
+    out, errors = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert out.startswith("Stopped after ")
+    assert "Traceback" not in errors
+
+
+@needs_proc
+def test_the_watcher_ends_with_the_training() -> None:
+    """Even with one that is killed and cannot say farewell."""
+    process, watcher = watched_training()
+    process.kill()
+    process.communicate(timeout=60)
+    wait_until(lambda: "spawn_main" not in cmdline(watcher))
+
+
+def watched_training() -> tuple[subprocess.Popen[str], int]:
+    """A training that trains, and the number of the process that shows it."""
+    process = command(*tiny(total_timesteps=10**9), "--run", "run", "--view")
+    assert process.stderr is not None
+    first = process.stderr.readline()
+    assert re.search(r"seen at http://localhost:\d+ from the first checkpoint on", first), first
+    children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
+    wait_until(lambda: any("spawn_main" in cmdline(int(pid)) for pid in children.read_text().split()))
+    watcher, = (int(pid) for pid in children.read_text().split() if "spawn_main" in cmdline(int(pid)))
+    assert process.stderr.readline().startswith("training: ")
+    return process, watcher
+
+
+def cmdline(pid: int) -> str:
+    """The command of a process, or nothing when it has ended."""
+    try:
+        return Path(f"/proc/{pid}/cmdline").read_text()
+    except OSError:
+        return ""
+
+
+def wait_until(holds: Callable[[], bool]) -> None:
+    """For a minute: the machine may be busy, and a watcher has the lowest priority."""
+    deadline = time.monotonic() + 60.0
+    while not holds():
+        assert time.monotonic() < deadline
+        time.sleep(0.05)

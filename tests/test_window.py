@@ -1,0 +1,77 @@
+"""The film in the browser, watched by a client of the standard library."""
+
+from __future__ import annotations
+
+import io
+import time
+import urllib.request
+from collections.abc import Iterator
+from http.client import HTTPResponse
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from rans.window import Window, tiled
+
+
+@pytest.fixture
+def window(monkeypatch: pytest.MonkeyPatch) -> Iterator[Window]:
+    """One that opens no browser."""
+    for display in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(display, raising=False)
+    shown = Window(fps=20.0)
+    yield shown
+    shown.close()
+
+
+def flat(colour: tuple[int, int, int]) -> np.ndarray:
+    return np.full((30, 40, 3), colour, dtype=np.uint8)
+
+
+def next_frame(film: HTTPResponse) -> np.ndarray:
+    """The next picture of the stream."""
+    while not (line := film.readline()).startswith(b"Content-Length"):
+        assert line, "the film has ended"
+    film.readline()
+    return np.asarray(Image.open(io.BytesIO(film.read(int(line.split()[1])))))
+
+
+def test_frames_reach_the_browser(window: Window, capsys: pytest.CaptureFixture[str]) -> None:
+    with urllib.request.urlopen(window.url, timeout=10) as page:
+        assert b'<img src="/film"' in page.read()
+    window.show(flat((200, 30, 30)))
+    with urllib.request.urlopen(f"{window.url}/film", timeout=10) as film:
+        # Whoever comes late sees the newest frame at once. The format, JPEG, rounds colours.
+        for colour in ((200, 30, 30), (30, 200, 30)):
+            np.testing.assert_allclose(next_frame(film).mean(axis=(0, 1)), colour, atol=5.0)
+            window.show(flat((30, 200, 30)))
+
+
+def test_it_keeps_real_time(window: Window) -> None:
+    begun = time.monotonic()
+    for _ in range(5):
+        window.show(flat((0, 0, 0)))
+    assert time.monotonic() - begun >= 4 / 20.0  # the first frame is due at once
+
+
+def test_the_film_ends_with_the_window(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("DISPLAY", raising=False)
+    window = Window(fps=100.0)
+    window.show(flat((9, 9, 9)))
+    with urllib.request.urlopen(f"{window.url}/film", timeout=10) as film:
+        next_frame(film)
+        window.close()
+        assert film.read() in (b"", b"\r\n")
+    with pytest.raises(OSError, match="refused"):
+        urllib.request.urlopen(window.url, timeout=10)
+
+
+@pytest.mark.parametrize(("count", "rows", "columns"), [(1, 1, 1), (2, 1, 2), (3, 2, 2), (5, 2, 3)])
+def test_tiles(count: int, rows: int, columns: int) -> None:
+    whole = tiled([flat((k, k, k)) for k in range(count)])
+    assert whole.shape == (rows * 30, columns * 40, 3)
+    for k in range(rows * columns):
+        row, column = divmod(k, columns)
+        tile = whole[row * 30:(row + 1) * 30, column * 40:(column + 1) * 40]
+        assert (tile == (k if k < count else 255)).all()
