@@ -14,7 +14,8 @@ from rans.errors import RansError
 STARTED = time.monotonic()
 """When this process began to work, s: commands state their wall time from here."""
 
-COMMANDS = ("train", "evaluate", "follow", "compare", "report", "validate", "benchmark", "list")
+COMMANDS = ("train", "sweep", "evaluate", "follow", "view", "optimal", "compare",
+            "report", "export", "validate", "benchmark", "list")
 
 _ABOUT = """Train agents that fly thruster-driven spacecraft, verify them with Drake and bound them with
 optimal control. `rans COMMAND --help` explains a command, `rans --version` tells the version."""

@@ -1,65 +1,166 @@
-"""``rans benchmark``: speed on this machine, beside what its memory can move."""
+"""``rans benchmark``: speed on this machine, beside what its memory can move and what others reach on it."""
 
 from __future__ import annotations
 
 import os
+import shlex
 import shutil
 import sys
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from rans.errors import ConfigError
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from validation.peers.runner import PeerResult
+    from validation.speed.measurement import Measurement
+    from validation.speed.ratios import Ratio
 
 
 @dataclass(frozen=True)
 class Benchmark:
-    """Measure the engine and the trainer; compile time is reported apart."""
+    """Measure engine, trainer, optimiser and agents; compile time is reported apart.
 
-    spacecraft: str = "floating-platform"
-    """Name of a spacecraft that comes with RANS, or your own TOML file."""
+    An otherwise idle machine is needed for figures that repeat.
+    """
+
+    spacecraft: tuple[str, ...] = ("floating-platform", "free-flyer")
+    """Names of spacecraft that come with RANS, or your own TOML files."""
     task: str = "go-to-pose"
-    """What it flies."""
+    """What they fly."""
     device: str | None = None
     """cpu or cuda; by default a GPU if there is one."""
     num_envs: tuple[int, ...] = ()
     """Sizes of the batch; by default 1,024 to 262,144 on a CPU and 16,384 to 4,194,304 on a GPU."""
+    peers: bool = False
+    """Measure other simulators and Stable-Baselines3's PPO beside ours. Those that are missing are installed
+    with pip, each into an environment of its own."""
+    peer_folder: Path | None = None
+    """Where to keep these environments, 1 GB each; by default in the user's cache."""
+    quick: bool = False
+    """Rough figures in seconds: one small batch, few repeats, on a CPU nothing compiled."""
     output: Path | None = None
-    """JSON file to write the figures to."""
+    """JSON file to write everything to; a figure goes beside it."""
 
     def run(self) -> int:
-        """Print a table of figures."""
+        """Print ratios first, then every figure behind them."""
         import torch
         from rich.console import Console
-        from rich.table import Table
 
         from rans.fast.trainer import check_device
-        from rans.files import environment, write_json
-        from rans.spacecraft_file import load_spacecraft
-        from rans.tasks import task_class
-        from validation.speed import measurements
 
         device = self.device or ("cuda" if torch.cuda.is_available() else "cpu")
         check_device(device)
-        on_gpu = device.startswith("cuda")
-        if not on_gpu:
+        if not (device.startswith("cuda") or self.quick):
             _check_compiler()
-        sizes = list(self.num_envs) or ([16_384, 262_144, 4_194_304] if on_gpu else [1024, 16_384, 262_144])
-        about = environment() | {"device": torch.cuda.get_device_name() if on_gpu else "CPU",
-                                 "threads": str(torch.get_num_threads())}
-        table = Table("measurement", "value", "unit", "warm-up", "note", title=_hardware(about),
-                      title_justify="left")
-        console, rows = Console(), []
-        with console.status("measuring ...") as status:
-            for m in measurements(load_spacecraft(self.spacecraft), self.task, task_class(self.task)(),
-                                  device, sizes):
-                rows.append(asdict(m))
-                status.update(f"measured {m.name}")
-                table.add_row(m.name, f"{m.value:,.4g}", m.unit, f"{m.warm_up:.1f} s", m.note)
-        console.print(table)
+        console = Console()
+        measured = self._measure(console, device)
+        shares, peers, ratios = self._compare(console, device, measured)
+        about = _about(device)
+        console.print(_ratio_table([*ratios, *shares], _hardware(about)), _table(measured))
+        if peers:
+            console.print(_peer_table(peers))
         if self.output is not None:
-            write_json(self.output, {"environment": about, "measurements": rows})
-            print(f"Written to {self.output}.")
+            self._write(self.output, about, measured, shares, peers, ratios)
         return 0
+
+    def _measure(self, console: Console, device: str) -> list[Measurement]:
+        from rans.spacecraft_file import load_spacecraft
+        from rans.tasks import task_class
+        from validation.speed.suite import effort, measurements
+
+        crafts, task, found = [load_spacecraft(name) for name in self.spacecraft], task_class(self.task)(), []
+        with console.status("measuring ...") as status:
+            for m in measurements(crafts, self.task, task, self._sizes(device), effort(device, self.quick)):
+                found.append(m)
+                status.update(f"measured {m.name}")
+        return found
+
+    def _sizes(self, device: str) -> tuple[int, ...]:
+        if self.num_envs:
+            return self.num_envs
+        if self.quick:
+            return (1024,)
+        return (16_384, 262_144, 4_194_304) if device.startswith("cuda") else (1024, 16_384, 262_144)
+
+    def _compare(self, console: Console, device: str, measured: list[Measurement],
+                 ) -> tuple[list[Ratio], list[PeerResult], list[Ratio]]:
+        """Shares of bounds, peers, and ratios over them."""
+        from validation.peers.runner import default_folder
+        from validation.speed.ratios import bounds, compare_peers
+        from validation.speed.suite import effort
+
+        shares = list(bounds(measured))
+        if not self.peers:
+            return shares, [], []
+        with console.status("measuring peers ...") as status:
+            peers, ratios = compare_peers(
+                effort(device, self.quick), self.peer_folder or default_folder(), self.quick,
+                lambda name: status.update(f"measuring {name}, and ours; it may have to be installed ..."))
+        return shares, peers, ratios
+
+    def _write(self, file: Path, about: dict[str, str], measured: list[Measurement], shares: list[Ratio],
+               peers: list[PeerResult], ratios: list[Ratio]) -> None:
+        from rans.evaluation.figures import svg
+        from rans.files import write_json, write_text
+        from validation.speed.figure import speed_figure
+
+        content: dict[str, Any] = {
+            "ratios": [asdict(r) for r in (*ratios, *shares)], "measurements": [asdict(m) for m in measured],
+            "peers": [asdict(p) for p in peers], "environment": about,
+            "command": shlex.join(["rans", *sys.argv[1:]])}
+        write_json(file, content)
+        figure = file.with_suffix(".svg")
+        write_text(figure, svg(speed_figure(_hardware(about), measured, ratios)))
+        print(f"Written to {file} and {figure}.")
+
+
+def _about(device: str) -> dict[str, str]:
+    import torch
+
+    from rans.files import environment
+
+    name = torch.cuda.get_device_name(device) if device.startswith("cuda") else "CPU"
+    return environment() | {"device": name, "threads": str(torch.get_num_threads())}
+
+
+def _hardware(about: dict[str, str]) -> str:
+    return (f"{about['device']} ({about['processor']}, {about['cores']} cores, {about['threads']} "
+            f"threads), torch {about['torch']}, rans {about['rans']}")
+
+
+def _ratio_table(ratios: list[Ratio], title: str) -> Any:
+    from rich.table import Table
+
+    table = Table("ratio", "value", "of", title=title, title_justify="left")
+    for r in ratios:
+        table.add_row(r.name, f"{r.value:,.3g}", r.note)
+    return table
+
+
+def _table(measured: list[Measurement]) -> Any:
+    from rich.table import Table
+
+    table = Table("", "measurement", "value", "unit", "warm-up", "note")
+    for m in measured:
+        value = "-" if m.value is None else f"{m.value:,.4g}"
+        table.add_row(m.kind, m.name, value, m.unit, f"{m.warm_up:.1f} s" if m.warm_up else "", m.note)
+    return table
+
+
+def _peer_table(peers: list[PeerResult]) -> Any:
+    from rich.table import Table
+
+    table = Table("peer", "version", "environments", "M steps/s", "task", "command")
+    for p in peers:
+        theirs = p.figures
+        rate = theirs.get("steps_per_s") or theirs.get("trained_steps_per_s")
+        table.add_row(p.package, theirs.get("version", "-"), f"{theirs['num_envs']:,}" if theirs else "-",
+                      f"{rate / 1e6:,.4g}" if rate else "-", theirs.get("task") or p.reason, p.command)
+    return table
 
 
 def _check_compiler() -> None:
@@ -67,12 +168,8 @@ def _check_compiler() -> None:
     compiler = os.environ.get("CXX") or ("clang++" if sys.platform == "darwin" else "g++")
     if shutil.which(compiler) is None:
         raise ConfigError(f"the compiled engine needs a C++ compiler, but there is no {compiler} here; "
-                          "training works without one, only this measurement does not.")
-
-
-def _hardware(about: dict[str, str]) -> str:
-    return (f"{about['device']} ({about['processor']}, {about['cores']} cores, {about['threads']} "
-            f"threads), torch {about['torch']}")
+                          "training works without one, only this measurement does not; --quick does too.")
 
 
 COMMAND = Benchmark
+"""How fast everything is, beside what the memory of the same machine can move."""

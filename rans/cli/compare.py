@@ -1,58 +1,90 @@
-"""``rans compare``: an agent beside an LQR and beside what is possible."""
+"""``rans compare``: agents between what no controller can beat and what simple ones reach."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
 from rans.scenario import EVALUATION_SEED
 
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from rans.evaluation.comparison.run import Comparison
+
 
 @dataclass(frozen=True)
 class Compare:
-    """Fly an agent and an LQR from the same starts and find the optimal trajectories from them.
+    """Fly agents, your own policies and simple controllers from the same starts, beside what is possible.
 
-    Writes compare.json into the run folder. Exit code 1 if the optimiser found no trajectory from
-    some start.
+    Writes compare.html and compare.json. A contestant that fails is named, the rest is still compared,
+    and the exit code is 1. docs/comparison.md explains how it is judged.
     """
 
-    run_folder: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RUN")]
-    """Run folder of the agent, as `rans train` made it."""
-    episodes: int = 16
+    contestants: Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="RUN...")]
+    """Run folders, pretrained:NAME, lqr:TASK-2d, mpc:TASK-2d, sb3:FILE.zip, onnx:FILE or
+    python:MODULE:FUNCTION. The first gives task, spacecraft and rate; others are compared with it."""
+    beside: Annotated[tuple[Literal["lqr", "mpc", "optimal"], ...], tyro.conf.arg(name="with")] = (
+        "lqr", "mpc", "optimal")
+    """Who joins them: simple controllers, and the best that is possible."""
+    episodes: int = 128
     """Number of starts."""
+    engine: Literal["fast", "drake"] = "fast"
+    """What computes the motion: the shared equations, or Drake as an independent judge."""
+    certified: int = 4
+    """Starts whose bounds are certified, about 25 processor seconds each; kept for the next time."""
     seed: int = EVALUATION_SEED
     """Of the starts."""
+    output: Path | None = None
+    """Folder of the results; by default that of the first contestant."""
 
     def run(self) -> int:
-        """Print a table of the starts and a summary."""
+        """Print the table of scores."""
         from rich.console import Console
         from rich.progress import Progress
 
         from rans.errors import ConfigError
-        from rans.evaluation.agent import load_agent
-        from rans.evaluation.compare import bounds, compare
-        from rans.files import write_json
-        from rans.optimal.lqr import LQR
+        from rans.evaluation.comparison.roster import protocol_of
+        from rans.evaluation.comparison.run import Comparison, fill
+        from rans.evaluation.contestants import output_folder
 
-        if self.episodes < 1:
-            raise ConfigError(f"--episodes must be at least 1, got {self.episodes}.")
-        agent, craft, task, timing = load_agent(self.run_folder)
-        task = task.for_evaluation()
-        objectives = bounds(timing)
+        if not self.contestants:
+            raise ConfigError("name at least one contestant, for example a run folder.")
+        comparison = Comparison(protocol_of(self.contestants[0], self.episodes, self.seed, self.engine))
+        folder = self.output or output_folder(self.contestants[0])
         terminal = Console(stderr=True)
-        with Progress(console=terminal, transient=True, disable=not terminal.is_terminal) as progress:
-            bar = progress.add_task("optimal trajectories", total=len(objectives) * self.episodes)
-            comparison = compare([agent, LQR(craft, timing)], craft, task, timing, self.seed,
-                                 self.episodes, objectives, progress=lambda: progress.advance(bar))
-        console = Console()
-        for table in comparison.tables():
-            console.print(table)
-        write_json(self.run_folder / "compare.json", comparison.to_json())
-        console.print(f"Written to {self.run_folder / 'compare.json'}.")
-        return 1 if comparison.unsolved else 0
+        try:
+            with Progress(console=terminal, transient=True, disable=not terminal.is_terminal) as progress:
+                fill(comparison, self.contestants, self.beside, self.certified,
+                     folder / "compare-bounds.json",
+                     lambda what, count: partial(progress.advance, progress.add_task(what, total=count)))
+        finally:  # also after Ctrl-C: what is finished is kept
+            _write(comparison, folder, Console())
+        return 1 if comparison.failures else 0
+
+
+def _write(comparison: Comparison, folder: Path, console: Console) -> None:
+    from rich.table import Table
+
+    from rans.evaluation.comparison.page import TEXT, page
+    from rans.evaluation.comparison.tables import scoreboard, to_json
+    from rans.files import write_json
+
+    board = scoreboard(comparison)
+    table = Table("", *board, title=comparison.protocol.title(), title_justify="left")
+    for key in dict.fromkeys(key for row in board.values() for key in row):
+        table.add_row(key, *(row[key].text() for row in board.values()))
+    if board:
+        console.print(table)
+    for sentence in (*comparison.notes, *comparison.failures):
+        console.print(sentence, markup=False)
+    write_json(folder / "compare.json", to_json(comparison, TEXT))
+    page(comparison).write(folder / "compare.html")
+    console.print(f"Written to {folder / 'compare.html'} and compare.json.")
 
 
 COMMAND = Compare

@@ -1,26 +1,36 @@
-"""``rans evaluate``: what an agent is worth, from starts it has never seen."""
+"""``rans evaluate``: what an agent, or another controller, is worth from starts it has never seen."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import shlex
+import sys
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from tyro.conf import Positional
+from tyro.conf import Positional, arg
 
 from rans.errors import ConfigError
 from rans.scenario import EVALUATION_SEED
 
 if TYPE_CHECKING:
+    from rans.evaluation.agent import LoadedRun
     from rans.flight import Flight
 
 
 @dataclass(frozen=True)
 class Evaluate:
-    """Fly an agent from fixed starts; write metrics with 95 % intervals and figures into its run."""
+    """Fly an agent from fixed starts; write metrics with 95 % intervals, episodes and figures.
 
-    run_folder: Positional[Path]
-    """Run folder of the agent."""
+    They go into its run folder, those of other contestants into runs/evaluations/: evaluation.json,
+    episodes.npz, evaluation.svg and episode.svg; with a protocol, evaluation-paper.json and so on.
+    """
+
+    contestant: Annotated[str, Positional, arg(metavar="RUN")]
+    """A run folder, or pretrained:NAME, lqr:TASK-2d, mpc:TASK-3d (with @SPACECRAFT if you like)."""
+    protocol: Literal["own", "paper", "original"] = "own"
+    """Conditions: those of the training, with the task's evaluation starts; or of the paper: the floating
+    platform, 250 steps, starts 3 to 4 m away, with 1 N a thruster (paper) or in all (original)."""
     episodes: int = 1024
     """Number of flights."""
     seed: int = EVALUATION_SEED
@@ -28,45 +38,47 @@ class Evaluate:
     engine: Literal["fast", "drake", "both"] = "fast"
     """What computes the motion: the shared equations, Drake as an independent judge, or both side by
     side, with exit code 1 if they disagree."""
+    trajectories: bool = False
+    """Write all states and commands into episodes.npz too."""
 
     def run(self) -> int:
-        """Print the tables of metrics."""
-        from rich.console import Console
-
-        from rans.evaluation.engines import compare_engines
-        from rans.evaluation.figures import save_flight_figures
-        from rans.evaluation.metrics import measure
-        from rans.files import read_json, write_json
+        """Print the tables of metrics; a multi-task agent is judged on each of its tasks."""
+        from rans.evaluation.contestants import judged_separately
 
         if self.episodes < 1:
             raise ConfigError(f"--episodes must be >= 1, got {self.episodes}.")
-        console, file = Console(), self.run_folder / "evaluation.json"
-        flights = self._fly()
-        measured: dict[str, Any] = {name: measure(flight) for name, flight in flights.items()}
+        passed = [replace(self, contestant=spec).judge() for spec in judged_separately(self.contestant)]
+        return 0 if all(passed) else 1
+
+    def judge(self) -> bool:
+        """Evaluate on one task; whether the engines agree, where both were asked for."""
+        from rich.console import Console
+
+        from rans.evaluation.contestants import contestant
+        from rans.evaluation.engines import compare_engines
+        from rans.evaluation.measure import measure
+
+        flights = self._fly(contestant(self.contestant, self.protocol))
+        measured = {name: measure(flight) for name, flight in flights.items()}
         for metrics in measured.values():
-            console.print(metrics.table())
-        results = {name: metrics.to_json() for name, metrics in measured.items()}
+            Console().print(metrics.table())
+        results: dict[str, Any] = {name: metrics.to_json() for name, metrics in measured.items()}
         passed = True
         if self.engine == "both":
             comparison = compare_engines(flights["fast"], flights["drake"])
-            console.print(comparison.table())
+            Console().print(comparison.table())
             results["both"], passed = comparison.to_json(), comparison.passed
-        write_json(file, (read_json(file) if file.exists() else {}) | results)
-        if "fast" in flights:
-            save_flight_figures(flights["fast"], self.run_folder)
-        print(f"Written to {file}.")
-        return 0 if passed else 1
+        print(f"Written to {self._write(results, next(iter(flights.values())))}.")
+        return passed
 
-    def _fly(self) -> dict[str, Flight]:
+    def _fly(self, run: LoadedRun) -> dict[str, Flight]:
         """The flights by engine."""
-        from rans.evaluation.agent import load_agent
         from rans.flight import fly, scenarios
 
-        agent, craft, task, timing = load_agent(self.run_folder)
-        task, flights = task.for_evaluation(), {}
+        task, flights = run.task.for_evaluation(), {}
         if self.engine != "drake":
-            starts = scenarios(task, craft, self.seed, self.episodes)
-            flights["fast"] = fly(craft, task, agent, starts, timing)
+            starts = scenarios(task, run.craft, self.seed, self.episodes)
+            flights["fast"] = fly(run.craft, task, run.controller, starts, run.timing)
         if self.engine != "fast":
             flights["drake"] = self._fly_in_drake()
         return flights
@@ -75,13 +87,34 @@ class Evaluate:
         from rich.console import Console
         from rich.progress import Progress
 
-        from rans.evaluation.judge import fly_agent_in_drake
+        from rans.evaluation.judge import fly_contestant_in_drake
 
         console = Console(stderr=True)
         with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
             bar = progress.add_task("flying in Drake", total=self.episodes)
-            return fly_agent_in_drake(self.run_folder, self.seed, self.episodes,
-                                      progress=lambda flown: progress.advance(bar, flown))
+            return fly_contestant_in_drake(self.contestant, self.seed, self.episodes, protocol=self.protocol,
+                                           progress=lambda flown: progress.advance(bar, flown))
+
+    def _write(self, results: dict[str, Any], flight: Flight) -> Path:
+        """Write all files; results of the other engine under the same conditions are kept."""
+        from rans.evaluation.contestants import output_folder, picked_task
+        from rans.evaluation.episodes import save_episodes
+        from rans.evaluation.figures import save_flight_figures
+        from rans.files import environment, read_json, write_json
+
+        folder, names = output_folder(self.contestant), (picked_task(self.contestant), self.protocol)
+        suffix = "".join(f"-{name}" for name in names if name not in ("", "own"))
+        file = folder / f"evaluation{suffix}.json"
+        conditions = {"contestant": self.contestant, "protocol": self.protocol, "episodes": self.episodes,
+                      "seed": self.seed}
+        before = read_json(file) if file.exists() else {}
+        if not isinstance(before, dict) or before.get("conditions") != conditions:
+            before = {}
+        about = {"command": shlex.join(["rans", *sys.argv[1:]]), "environment": environment()}
+        write_json(file, before | results | {"conditions": conditions, "about": about})
+        save_episodes(flight, folder / f"episodes{suffix}.npz", self.trajectories)
+        save_flight_figures(flight, folder, suffix)
+        return file
 
 
 COMMAND = Evaluate

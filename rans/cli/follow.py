@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Annotated
 
-import tyro
+from tyro.conf import Positional, arg
 
 from rans.scenario import EVALUATION_SEED
 
@@ -15,11 +14,13 @@ from rans.scenario import EVALUATION_SEED
 class Follow:
     """Fly an agent trained for track-velocity along a path with the paper's look-ahead planner.
 
-    Writes follow-PATH.json and the figure follow-PATH.svg into the run folder.
+    Writes follow-PATH.json and the figure follow-PATH.svg into the run folder, or those of other
+    contestants into runs/evaluations/.
     """
 
-    run_folder: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RUN")]
-    """Run folder of the agent, as `rans train track-velocity` made it."""
+    contestant: Annotated[str, Positional, arg(metavar="RUN")]
+    """Run folder of the agent, as `rans train track-velocity` made it, or pretrained:NAME,
+    lqr:track-velocity-2d, mpc:track-velocity-3d (with @SPACECRAFT if you like)."""
     path: str = "circle"
     """circle, spiral, square, lemniscate, helix (in space), or a CSV file of points x,y[,z] in m."""
     speed: float = 0.25
@@ -36,7 +37,7 @@ class Follow:
         from rich.console import Console
 
         from rans.errors import ConfigError
-        from rans.evaluation.agent import load_agent
+        from rans.evaluation.contestants import contestant, output_folder
         from rans.evaluation.figures import svg
         from rans.evaluation.follow import follow
         from rans.evaluation.path_figures import following_figure
@@ -46,10 +47,10 @@ class Follow:
         if self.flights < 1:
             raise ConfigError(f"--flights must be at least 1, got {self.flights}.")
         planner = LookAhead(find_path(self.path), self.speed, self.look_ahead)
-        agent, craft, task, timing = load_agent(self.run_folder)
-        following = follow(craft, task, agent, planner, timing, self.seed, self.flights)
+        tracker, craft, task, timing = contestant(self.contestant)
+        following = follow(craft, task, tracker, planner, timing, self.seed, self.flights)
         Console().print(following.table())
-        file = self.run_folder / f"follow-{planner.path.name}.json"
+        file = output_folder(self.contestant) / f"follow-{planner.path.name}.json"
         write_json(file, following.to_json() | {"seed": self.seed})
         write_text(file.with_suffix(".svg"), svg(following_figure(following)))
         print(f"Written to {file}.")

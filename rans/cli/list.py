@@ -1,4 +1,4 @@
-"""``rans list``: the spacecraft and tasks there are, and what one of them is made of."""
+"""``rans list``: the spacecraft, tasks and agents there are, and what one of them is made of."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ _COLUMNS = ("column", "what", "unit", "frame")
 
 @dataclass(frozen=True)
 class List:
-    """Show the spacecraft and tasks there are; with a name, one of them in detail."""
+    """Show the spacecraft, tasks and agents there are; with a name, one of them in detail."""
 
     name: Annotated[str | None, conf.Positional, conf.arg(metavar="[NAME]")] = None
-    """A spacecraft, a task, or the .toml file of your own spacecraft."""
+    """A spacecraft, a task, an agent, or the .toml file of your own spacecraft."""
     picture: Annotated[Path | None, conf.arg(metavar="FILE")] = None
     """Save a drawing of the spacecraft's thrusters here (.png, .svg or .pdf)."""
 
@@ -45,21 +45,24 @@ class List:
         return 0
 
     def _parts(self) -> Iterable[str | Table]:
+        from rans.pretrained import pretrained_names
         from rans.spacecraft_file import load_spacecraft, spacecraft_names
         from rans.tasks import TASKS
 
-        crafts = spacecraft_names()
+        crafts, agents = spacecraft_names(), pretrained_names()
+        if self.name in TASKS or self.name in agents or self.name is None:
+            self._refuse_picture()
         if self.name in TASKS:
-            self._refuse_picture()
             return _task_details(self.name)
+        if self.name in agents:
+            return _agent_details(self.name)
         if self.name is None:
-            self._refuse_picture()
-            return (_all_spacecraft(), _all_tasks())
+            return (_all_spacecraft(), _all_tasks(), *([_all_agents()] if agents else []))
         if self.name not in crafts and not self.name.endswith(".toml"):
             raise ConfigError(
-                f"there is no spacecraft or task named {self.name!r}; known spacecraft are "
-                f"{', '.join(crafts)}; known tasks are {', '.join(TASKS)}; your own spacecraft's file "
-                "must end in .toml.")
+                f"there is no spacecraft, task or agent named {self.name!r}; known spacecraft are "
+                f"{', '.join(crafts)}; known tasks are {', '.join(TASKS)}; known agents are "
+                f"{', '.join(agents) or 'none'}; your own spacecraft's file must end in .toml.")
         craft = load_spacecraft(self.name)
         if self.picture is None:
             return _spacecraft_details(craft)
@@ -142,8 +145,38 @@ def _all_tasks() -> Table:
     from rans.tasks import GYMNASIUM_IDS, TASKS
 
     return _table("Tasks", ("name", "Gymnasium ids (plane, space)", "flag", "what"), [
-        (name, "\n".join(GYMNASIUM_IDS[name]), str(task.flag), _summary(task))
+        (name, "\n".join(GYMNASIUM_IDS[name]), _flag(task), _summary(task))
         for name, task in TASKS.items()])
+
+
+def _all_agents() -> Table:
+    from rans.pretrained import pretrained_card, pretrained_names
+
+    cards = [pretrained_card(name) for name in pretrained_names()]
+    return _table("Agents (pretrained:NAME)", ("name", "task", "spacecraft", "solved"), [
+        (card["name"], card["task"], card["spacecraft"], "\n".join(
+            f"{values['solved'][0]:g} % {part}" for part, values in card["evaluation"]["own"].items()))
+        for card in cards])
+
+
+def _agent_details(name: str) -> Iterable[str | Table]:
+    from rans.pretrained import pretrained_card, pretrained_folder
+
+    card = pretrained_card(name)
+    training = card["training"]
+    yield f"{name}: {card['task']} with {card['spacecraft']}, in {pretrained_folder(name)}"
+    yield (f"Trained with seed {training['seed']} for {training['steps']:,} steps in "
+           f"{training['seconds']:.1f} s on {training['device']}; judged on {card['episodes']:,} episodes of "
+           f"seed {card['evaluation_seed']}.")
+    for protocol, parts in card["evaluation"].items():
+        for part, values in parts.items():
+            yield _table(f"Protocol {protocol} {part}".rstrip(), ("metric", "value", "95 % interval"), [
+                (metric, f"{_or_never(value)} {unit}".rstrip(), f"{_or_never(low)} to {_or_never(high)}")
+                for metric, (value, low, high, unit) in values.items()])
+
+
+def _or_never(value: float | None) -> str:
+    return "never" if value is None else f"{value:.3g}"
 
 
 def _spacecraft_details(craft: Spacecraft) -> Iterable[str | Table]:
@@ -168,7 +201,7 @@ def _task_details(name: str) -> Iterable[str | Table]:
 
     task = TASKS[name]()
     yield f"{name}: {_summary(TASKS[name])}"
-    yield f"Gymnasium: {', '.join(GYMNASIUM_IDS[name])}; task flag {task.flag}"
+    yield f"Gymnasium: {', '.join(GYMNASIUM_IDS[name])}; task flag: {_flag(task)}"
     meanings = _field_meanings(TASKS[name])
     yield _table("Settings", ("name", "default", "meaning"), [
         (f.name, _setting(getattr(task, f.name)), meanings.get(f.name, ""))
@@ -177,22 +210,29 @@ def _task_details(name: str) -> Iterable[str | Table]:
     yield _table("Observation in space", _COLUMNS, _numbered(observation_columns(task, 3)))
 
 
+def _flag(task: object) -> str:
+    return str(getattr(task, "flag", "drawn"))
+
+
 def _numbered(columns: Iterable[tuple[str, ...]]) -> list[tuple[str, ...]]:
     return [(str(index), *column) for index, column in enumerate(columns)]
 
 
 def _field_meanings(described: type) -> dict[str, str]:
     """The texts under a dataclass's fields, which Python itself does not keep."""
-    body = ast.parse(inspect.getsource(described)).body[0].body  # type: ignore[attr-defined]
     meanings = {}
-    for field, text in itertools.pairwise(body):
-        match field, text:
-            case ast.AnnAssign(ast.Name(name)), ast.Expr(ast.Constant(str(meaning))):
-                meanings[name] = " ".join(meaning.split())
+    for part in filter(dataclasses.is_dataclass, reversed(described.__mro__)):
+        body = ast.parse(inspect.getsource(part)).body[0].body  # type: ignore[attr-defined]
+        for field, text in itertools.pairwise(body):
+            match field, text:
+                case ast.AnnAssign(ast.Name(name)), ast.Expr(ast.Constant(str(meaning))):
+                    meanings[name] = " ".join(meaning.split())
     return meanings
 
 
 def _setting(value: object) -> str:
+    if dataclasses.is_dataclass(value):
+        return "its defaults"
     if isinstance(value, tuple):
         return ", ".join(_setting(x) for x in value)
     return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -14,6 +14,7 @@ from rans.errors import ConfigError
 from rans.fast.policy import evaluate
 from rans.fast.run_folder import RunFolder
 from rans.files import first_line
+from rans.flight import Controller
 from rans.spacecraft import Spacecraft
 from rans.tasks import Task, observation_width
 from rans.timing import Timing
@@ -41,9 +42,9 @@ class Agent:
 
 
 class LoadedRun(NamedTuple):
-    """An agent and what it was trained for."""
+    """A controller and what it was made for: the agent of a run, or another contestant."""
 
-    agent: Agent
+    controller: Controller
     craft: Spacecraft
     task: Task
     """With the training's settings; judge it on ``task.for_evaluation()``."""

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
-from rans.evaluation.metrics import DISPLAY, RESAMPLES, final_errors, settling_times
+from rans.evaluation.measure import RESAMPLES
+from rans.evaluation.metrics import DISPLAY, final_errors, settling_times, solved
 from rans.flight import Flight
-from rans.tasks import reached
 
 MEDIAN_BOUNDS = {"position": 1e-3, "attitude": math.radians(0.1), "velocity": 1e-3,
                  "spin": math.radians(0.1)}
@@ -94,7 +94,7 @@ def compare_engines(fast: Flight, drake: Flight, seed: int = 0) -> EngineCompari
     episodes = fast.commands.shape[1]
     picks = np.random.default_rng(seed).integers(0, episodes, (RESAMPLES, episodes))
     pairs = [_shares("solved", "within all tolerances at every step of the last fifth",
-                     _solved(fast), _solved(drake))]
+                     solved(fast), solved(drake))]
     for name, error in final_errors(fast).items():
         factor, unit = DISPLAY[name]
         bound = factor * MEDIAN_BOUNDS[name]
@@ -119,12 +119,6 @@ def wilson(share: float, count: int) -> tuple[float, float]:
     centre = share + z2 / (2 * count)
     half = _NORMAL_95 * math.sqrt(share * (1 - share) / count + z2 / (4 * count**2))
     return max(0.0, (centre - half) / (1 + z2 / count)), min(1.0, (centre + half) / (1 + z2 / count))
-
-
-def _solved(flight: Flight) -> np.ndarray:
-    """(N,) whether each episode is within all tolerances throughout the last fifth."""
-    inside = reached(flight.task, flight.states, flight.goals)
-    return inside[-max(1, (len(inside) - 1) // 5):].all(axis=0)
 
 
 def _shares(name: str, meaning: str, fast: np.ndarray, drake: np.ndarray) -> Pair:

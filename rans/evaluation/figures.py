@@ -20,6 +20,7 @@ from matplotlib.ticker import FuncFormatter
 
 from rans.evaluation import panels
 from rans.evaluation.panels import BLUE, GREEN, GREY, ORANGE, PURPLE, RED, SKY, STYLE, label
+from rans.files import write_text
 from rans.flight import Flight
 
 styled = matplotlib.rc_context(STYLE)
@@ -118,15 +119,20 @@ def comparison_figure(contestants: Mapping[str, Mapping[str, Sequence[float]]]) 
     return figure
 
 
-def save_flight_figures(flight: Flight, folder: Path) -> tuple[Path, ...]:
+def save_flight_figures(flight: Flight, folder: Path, suffix: str = "") -> tuple[Path, ...]:
     """Write the figures of a flight where `rans.evaluation.report.report_from_run` finds them.
 
     Returns:
-        ``evaluation.svg`` of all episodes and ``episode.svg`` of the first, in this folder.
+        ``evaluation.svg`` of all episodes and ``episode.svg`` of the first, in this folder, the suffix
+        before the dot.
+
+    Raises:
+        ConfigError: the disk refused.
     """
-    figures = {"evaluation.svg": evaluation_figure(flight), "episode.svg": episode_figure(flight)}
+    figures = {f"evaluation{suffix}.svg": evaluation_figure(flight),
+               f"episode{suffix}.svg": episode_figure(flight)}
     for name, figure in figures.items():
-        (folder / name).write_text(svg(figure), "utf-8")
+        write_text(folder / name, svg(figure))
     return tuple(folder / name for name in figures)
 
 

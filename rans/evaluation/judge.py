@@ -1,17 +1,18 @@
-"""An agent flown in Drake, on all processors."""
+"""Any contestant flown in Drake, on all processors."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from rans.errors import RansError
-from rans.evaluation.agent import LoadedRun, load_agent
+from rans.evaluation.agent import LoadedRun
+from rans.evaluation.contestants import contestant
+from rans.evaluation.protocols import ProtocolName
 from rans.fields import map_leaves
 from rans.flight import Flight, scenarios
 from rans.processes import submitted
@@ -21,46 +22,49 @@ _SHARE = 64
 """Episodes a process flies at once: from here on more of them take no less time each."""
 
 _runs: list[LoadedRun] = []
-"""The run, in each worker process."""
+"""The contestant, in each worker process."""
 
 
-def fly_agent_in_drake(run: Path, seed: int, episodes: int, workers: int | None = None,
-                       progress: Callable[[int], object] = lambda _: None) -> Flight:
-    """Fly the agent of a run folder from its task's evaluation starts, moved by Drake.
+def fly_contestant_in_drake(spec: str, seed: int, episodes: int, workers: int | None = None,
+                            progress: Callable[[int], object] = lambda _: None,
+                            protocol: ProtocolName = "own") -> Flight:
+    """Fly a contestant from its task's evaluation starts, moved by Drake.
 
     Args:
-        run: the run folder.
+        spec: see `contestant`.
         seed: of starts and goals; they are those of `rans.flight.scenarios`.
         episodes: how many, from episode 0 of the seed on.
         workers: processes (see `rans.processes.submitted`); by default one per processor.
         progress: called with the number of episodes that were flown since the last call.
+        protocol: see `contestant`.
 
     Raises:
-        ConfigError: see `load_agent`; or Drake refuses the spacecraft's mass properties.
+        ConfigError: see `contestant`; or Drake refuses the spacecraft's mass properties.
         RansError: a worker process died.
     """
     jobs = [(seed, first, min(_SHARE, episodes - first)) for first in range(0, episodes, _SHARE)]
-    with submitted(_fly, jobs, min(len(jobs), workers) if workers else None, _load, (run,)) as futures:
+    with submitted(_fly, jobs, min(len(jobs), workers) if workers else None, _load,
+                   (spec, protocol)) as futures:
         try:
             for done in as_completed(futures):
                 progress(done.result().commands.shape[1])
         except BrokenProcessPool as error:
-            raise RansError("a process that flew the agent in Drake died; the usual cause is too little "
+            raise RansError("a process that flew in Drake died; the usual cause is too little "
                             "memory.") from error
         return _joined([future.result() for future in futures])
 
 
-def _load(run: Path) -> None:
+def _load(spec: str, protocol: ProtocolName) -> None:
     import torch
 
     torch.set_num_threads(1)  # one process per processor
-    _runs[:] = [load_agent(run)]
+    _runs[:] = [contestant(spec, protocol)]
 
 
 def _fly(seed: int, first: int, count: int) -> Flight:
-    agent, craft, task, timing = _runs[0]
+    controller, craft, task, timing = _runs[0]
     task = task.for_evaluation()
-    return fly_in_drake(craft, task, agent, scenarios(task, craft, seed, count, first), timing)
+    return fly_in_drake(craft, task, controller, scenarios(task, craft, seed, count, first), timing)
 
 
 def _joined(flights: list[Flight]) -> Flight:

@@ -108,7 +108,8 @@ def trajectories(axes: Axes, flight: Flight) -> None:
     x, y = _from_goal(flight)[:2]
     _lines(axes, x, y)
     axes.scatter(x[0], y[0], s=2, linewidths=0, color=GREY, rasterized=True, label="starts")
-    axes.scatter([0.0], [0.0], s=60, marker="+", color=RED, zorder=5, label="goal")
+    if "position" in flight.errors():
+        axes.scatter([0.0], [0.0], s=60, marker="+", color=RED, zorder=5, label="goal")
     reach = 1.08 * max(0.1, np.abs([x, y]).max())
     axes.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal")
     axes.legend(loc="upper right")
@@ -136,10 +137,11 @@ def path(figure: SubFigure, flight: Flight, episode: int) -> None:
     axes.plot([], [], color=ORANGE, label="body's x axis, once a second")
     axes.plot(*way, color=BLUE, zorder=2)
     axes.plot(*([x[0]] for x in way), "o", color=GREY, label="start")
-    axes.plot(*([0.0] for _ in way), "+", color=RED, markersize=10, label="goal")
+    if "position" in flight.errors():
+        axes.plot(*([0.0] for _ in way), "+", color=RED, markersize=10, label="goal")
     axes.set_aspect("equal", adjustable="datalim")
     axes.legend(loc="best")
-    label(axes, f"(a) path of episode {episode}, goal at the origin", "x, m", "y, m")
+    label(axes, f"(a) path of episode {episode}", "x from the goal, m", "y from the goal, m")
 
 
 def _nose(flight: Flight, episode: int) -> list[np.ndarray]:

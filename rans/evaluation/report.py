@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from rans.errors import ConfigError
 from rans.evaluation.figures import comparison_figure, data_uri, learning_curve, svg
-from rans.evaluation.metrics import COLUMNS, Metrics
+from rans.evaluation.measure import COLUMNS, Metrics
 from rans.files import read_json, read_json_lines, write_text
 
 SOLVED_SHARE = 99.0
@@ -131,16 +132,17 @@ def report_from_run(run: Path) -> Report:
 
     Args:
         run: may hold ``config.json``, ``validation.json`` (checks), ``metrics.jsonl`` (training),
-            ``evaluation.json`` (one or several `Metrics`), ``evaluation.svg``, ``episode.svg`` and
-            ``compare.json`` (lists of rows).
+            ``evaluation.json`` (one or several `Metrics`), ``evaluation.svg``, ``episode.svg``, the same
+            of protocols and tasks, as ``evaluation-paper.json``, and ``compare.json`` (lists of rows).
 
     Raises:
         ConfigError: there is no such folder or it holds no results, or a file is damaged.
     """
+    evaluations = sorted(run.glob("evaluation*.json"), key=lambda file: file.stem)
     builders: dict[str, Callable[[Any], Section]] = {
         "validation.json": validation_section,
         "metrics.jsonl": training_section,
-        "evaluation.json": lambda found: evaluation_section([*_find_metrics(found)], _pictures(run)),
+        **{file.name: partial(_evaluation, file) for file in evaluations},
         "compare.json": comparison_section,
     }
     sections = [s for name, build in builders.items() if (s := _read(run / name, build))]
@@ -192,27 +194,23 @@ def training_section(rows: Sequence[Mapping[str, Any]]) -> Section:
 
 def evaluation_section(measured: Sequence[Metrics], pictures: Sequence[Picture] = ()) -> Section:
     """Metrics with their intervals, one table per flight, and figures."""
-    tables = [Table(COLUMNS, [row.texts() for row in m.rows], m.title()) for m in measured]
-    findings = [_solved(m) for m in measured]
+    tables = [Table(COLUMNS, [texts for _, texts in m.lines()], m.title()) for m in measured]
     text = ("All episodes fly to their full length and count. Steps are the states after each command. "
             "Intervals are 95 % percentile bootstraps over episodes.")
     summary = [line for m in measured for line in _key_metrics(m)]
-    return Section("Evaluation", text, tables, pictures, findings, summary)
+    return Section("Evaluation", text, tables, pictures, [_solved(m) for m in measured], summary)
 
 
 def _key_metrics(measured: Metrics) -> Iterator[tuple[str, str]]:
     yield "episodes", f"{measured.episodes:,} ({measured.engine} engine)"
-    for row in measured.rows:
-        if row.name in _KEY_METRICS:
-            name, value, interval, _ = row.texts()
-            yield name, f"{value} ({interval})"
+    yield from ((name, f"{value} ({interval})") for _, (name, value, interval, _) in measured.lines()
+                if name in _KEY_METRICS)
 
 
 def _solved(measured: Metrics) -> Finding:
     share = measured["solved"].value
-    text = (f"{measured.controller} ({measured.engine} engine) solves {share:.1f} % of "
-            f"{measured.episodes} episodes; {SOLVED_SHARE:g} % are wanted.")
-    return Finding(text, share >= SOLVED_SHARE)
+    return Finding(f"{measured.title()}: {share:.1f} % solved; {SOLVED_SHARE:g} % are wanted.",
+                   share >= SOLVED_SHARE)
 
 
 def comparison_section(comparison: Mapping[str, Any]) -> Section:
@@ -221,7 +219,7 @@ def comparison_section(comparison: Mapping[str, Any]) -> Section:
     Args:
         comparison: ``title`` and ``text`` if known; every entry that is a list of rows (mappings of
             plain values) becomes a table, and rows that name a ``contestant`` with ``settling_time``
-            and ``on_time`` are also drawn. See `rans.evaluation.compare.Comparison.to_json`.
+            and ``on_time`` are also drawn. See `rans.evaluation.comparison.tables.to_json`.
     """
     tables, pictures = [], []
     for name, rows in comparison.items():
@@ -265,10 +263,12 @@ def _contestants(rows: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, list[
     return contestants
 
 
-def _pictures(run: Path) -> list[Picture]:
-    captions = {"evaluation.svg": "All episodes.", "episode.svg": "One episode."}
-    return [Picture(data_uri((run / name).read_text("utf-8")), caption)
-            for name, caption in captions.items() if (run / name).is_file()]
+def _evaluation(file: Path, found: Any) -> Section:
+    pictures = [Picture(data_uri(picture.read_text("utf-8")), caption)
+                for name, caption in (("evaluation", "All episodes."), ("episode", "One episode."))
+                if (picture := file.with_name(f"{file.stem.replace('evaluation', name)}.svg")).is_file()]
+    section = evaluation_section([*_find_metrics(found)], pictures)
+    return replace(section, title=file.stem.replace("-", " ").capitalize())
 
 
 def _find_metrics(found: Any) -> Iterator[Metrics]:
@@ -296,5 +296,5 @@ def _leaves(value: Any, name: str = "") -> list[tuple[str, Any]]:
     """The plain values of nested mappings, by dotted name; lists become texts."""
     if not isinstance(value, Mapping):
         return [(name, ", ".join(map(show, value)) if isinstance(value, list) else value)]
-    names = {key: f"{name}.{key}" if name else key for key in value}
-    return [leaf for key, inner in value.items() for leaf in _leaves(inner, names[key])]
+    return [leaf for key, inner in value.items()
+            for leaf in _leaves(inner, f"{name}.{key}" if name else key)]

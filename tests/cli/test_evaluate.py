@@ -2,12 +2,16 @@ from __future__ import annotations
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from rans.cli import main
-from tests.fast.training import tiny_trainer
+from rans.evaluation.report import report_from_run
+from rans.tasks.multi_task import MultiTask
+from tests.fast.training import CONFIG, tiny_trainer
 
 
 @pytest.fixture(scope="module")
@@ -38,15 +42,43 @@ def test_both_engines(capsys: pytest.CaptureFixture[str], run_folder: Path) -> N
         text = capsys.readouterr().out.replace("\n", "")
         assert str(run_folder / "evaluation.json") in text
     written = json.loads((run_folder / "evaluation.json").read_text())
-    assert written.keys() == {"fast", "drake"}
+    assert written.keys() == {"fast", "drake", "conditions", "about"}
     assert (run_folder / "evaluation.svg").read_text().startswith("<?xml")
 
 
+def test_a_protocol_has_its_own_files(run_folder: Path) -> None:
+    assert main(["evaluate", str(run_folder), "--episodes", "3", "--protocol", "original",
+                 "--trajectories"]) == 0
+    written = json.loads((run_folder / "evaluation-original.json").read_text())
+    assert (written["fast"]["spacecraft"], written["fast"]["steps"]) == ("floating-platform-shared", 250)
+    with np.load(run_folder / "episodes-original.npz") as episodes:
+        assert episodes["states"].shape == (251, 3, 6)
+        assert episodes["PT5"].shape == (3,)
+    assert not (run_folder / "evaluation.json").exists()
+    report = report_from_run(run_folder)
+    assert "Evaluation original" in [section.title for section in report.sections]
+
+
+def test_a_multi_task_agent_is_judged_task_by_task(tmp_path: Path) -> None:
+    tasks = MultiTask(tasks=("go-to-pose", "track-twist"))
+    trainer = tiny_trainer(tmp_path / "all", replace(CONFIG, task="multi-task", settings=tasks))
+    trainer.save()
+    assert main(["evaluate", str(tmp_path / "all"), "--episodes", "2"]) == 0
+    names = {name: {row["name"] for row in json.loads(
+        (tmp_path / "all" / f"evaluation-{name}.json").read_text())["fast"]["rows"]} for name in tasks.tasks}
+    assert "position error" in names["go-to-pose"] - names["track-twist"]
+    assert "velocity error" in names["track-twist"] - names["go-to-pose"]
+
+
 def test_the_seed_decides(run_folder: Path) -> None:
-    results = []
-    for seed in ("1", "1", "2"):
+    """And results of the other engine stay only beside those of the same episodes."""
+    file, results = run_folder / "evaluation.json", []
+    for seed, kept in (("1", False), ("1", True), ("2", False)):
         assert main(["evaluate", str(run_folder), "--episodes", "6", "--seed", seed]) == 0
-        results.append(json.loads((run_folder / "evaluation.json").read_text())["fast"])
+        written = json.loads(file.read_text())
+        assert ("drake" in written) is kept
+        results.append(written["fast"])
+        file.write_text(json.dumps(written | {"drake": "what it found"}))
     assert results[0] == results[1] != results[2]
 
 

@@ -29,7 +29,7 @@ def test_writes_table_numbers_and_figure(run: Path, tmp_path: Path,
                                          capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "corner.csv"
     file.write_text("x,y\n0,0\n1,0\n1,1\n")
-    assert Follow(run, str(file), speed=0.5, flights=3).run() == 0
+    assert Follow(str(run), str(file), speed=0.5, flights=3).run() == 0
     printed = capsys.readouterr().out
     assert "cross-track RMS" in printed
     assert str(run / "follow-corner.json") in printed.replace("\n", "")
@@ -43,7 +43,7 @@ def test_writes_table_numbers_and_figure(run: Path, tmp_path: Path,
 def test_the_same_seed_gives_the_same_flights(run: Path) -> None:
     results = []
     for seed in (1, 1, 2):
-        assert Follow(run, "circle", speed=0.7, flights=2, seed=seed).run() == 0
+        assert Follow(str(run), "circle", speed=0.7, flights=2, seed=seed).run() == 0
         results.append(json.loads((run / "follow-circle.json").read_text())["quantities"])
     assert results[0] == results[1] != results[2]
 
@@ -53,7 +53,7 @@ def test_an_agent_of_another_task_is_refused(tmp_path: Path) -> None:
     trainer.save()
     assert isinstance(load_agent(trainer.run.path).task, GoToPose)
     with pytest.raises(ConfigError, match=r"only an agent trained for track-velocity .* but poser was"):
-        Follow(trainer.run.path).run()
+        Follow(str(trainer.run.path)).run()
 
 
 @pytest.mark.parametrize(("wrong", "said"), [
@@ -67,4 +67,4 @@ def test_an_agent_of_another_task_is_refused(tmp_path: Path) -> None:
 ])
 def test_a_wrong_option_is_a_sentence(wrong: dict[str, object], said: str, run: Path) -> None:
     with pytest.raises(ConfigError, match=said):
-        replace(Follow(run), **wrong).run()  # type: ignore[arg-type]
+        replace(Follow(str(run)), **wrong).run()  # type: ignore[arg-type]

@@ -14,7 +14,7 @@ import pytest
 from rans.cli import main
 from rans.evaluation.agent import load_agent
 from rans.evaluation.engines import compare_engines, wilson
-from rans.evaluation.judge import fly_agent_in_drake
+from rans.evaluation.judge import fly_contestant_in_drake
 from rans.fields import leaves, map_leaves
 from rans.flight import scenarios
 from rans.reference.flight import fly_in_drake
@@ -84,7 +84,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_processes_fly_what_one_would(run: Path) -> None:
     """70 episodes are two shares; the network's sums depend on the batch in the last bits only."""
     counted: list[int] = []
-    together = fly_agent_in_drake(run, 5, 70, workers=2, progress=counted.append)
+    together = fly_contestant_in_drake(str(run), 5, 70, workers=2, progress=counted.append)
     agent, craft, task, timing = load_agent(run)
     task = task.for_evaluation()
     alone = fly_in_drake(craft, task, agent, scenarios(task, craft, 5, 70), timing)

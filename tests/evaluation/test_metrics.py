@@ -3,6 +3,7 @@ from __future__ import annotations
 import io
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,7 +13,9 @@ from hypothesis.extra import numpy as hnp
 from rich.console import Console
 from scipy import stats
 
-from rans.evaluation.metrics import Metrics, final_errors, impulses, measure, on_times, settling_times
+from rans.evaluation.measure import Metrics, measure
+from rans.evaluation.metrics import final_errors, impulses, on_times, settling_times
+from rans.fields import Vec2
 from rans.flight import Flight, fly, scenarios
 from rans.spacecraft import Spacecraft
 from rans.spacecraft_file import load_spacecraft
@@ -27,13 +30,16 @@ distances = hnp.arrays(float, st.tuples(st.integers(2, 12), st.integers(1, 4)),
 
 @pytest.mark.parametrize(("name", "value"), [
     ("solved", 50.0),           # only the first episode
-    ("solved, mean", 100.0),    # the second: (3 cm + 6 cm) / 2 < 5 cm
+    ("solved in the mean", 100.0),    # the second: (3 cm + 6 cm) / 2 < 5 cm
     ("settled", 50.0),
     ("settling time", math.inf),  # median of 2.5 s and never
     ("failed", 0.0),
     ("PT5", 85.0),              # 8 and 9 steps of 10: the start does not count
     ("PT2", 25.0),              # 5 and 0 steps
     ("PT1", 15.0),              # 3 and 0 steps
+    ("PT10", 90.0),             # 8 and 10 steps
+    ("held 5 cm 3 deg", 50.0),
+    ("held 1 cm 1 deg", 50.0),  # the first ends at 0.4 cm and 0.5 degrees
     ("reach 2 cm", 50.0),
     ("reach 1 cm", 50.0),
     ("position error", 2.45),   # 0.4 cm and 4.5 cm
@@ -41,6 +47,13 @@ distances = hnp.arrays(float, st.tuples(st.integers(2, 12), st.integers(1, 4)),
     ("OT2", 70.0),              # 4 and 10 steps
     ("OT1", 65.0),              # 3 and 10 steps
     ("attitude error", 0.25),   # 0.5 and 0 degrees
+    ("stay 15 cm", 50.0),       # the second never gets closer than 2 cm
+    ("reach 5 deg", 100.0),
+    ("reach 2.5 deg", 100.0),
+    ("stay 37 deg", 100.0),
+    ("openings", 0.5),          # one thruster, once
+    ("duty at rest", 0.0),
+    ("spin at rest", 0.1),
     ("speed", 0.25),            # |(0.3, -0.4)| and 0
     ("spin", 0.1),              # |-0.2| and 0
     ("duty", 2.5),              # 4 of 80 and 0 of 80
@@ -50,6 +63,23 @@ distances = hnp.arrays(float, st.tuples(st.integers(2, 12), st.integers(1, 4)),
 def test_hand_worked(name: str, value: float) -> None:
     # 1e-9: sums of a dozen numbers of order 1 to 100, some of them through trigonometry.
     assert measure(two_episodes())[name].value == pytest.approx(value, abs=1e-9)
+
+
+def test_stay_is_lost_beyond_seven_and_a_half_times_the_threshold() -> None:
+    """Thresholds of 2 cm and 15 cm: stays; leaves; was far only before; never comes close."""
+    distance = np.transpose([[1.0, 0.01, 0.14], [1.0, 0.01, 0.16], [1.0, 0.5, 0.01], [0.1, 0.1, 0.1]])
+    assert measure(flight_of(distance, 0.0))["stay 15 cm"].value == 50.0
+
+
+def test_tracking_errors_count_after_five_seconds() -> None:
+    """Twelve steps of half a second: only the instants 5.5 and 6 s count, in SI units."""
+    flight = flight_of(np.ones((13, 1)), 0.0, spin=-0.2, task=TrackNothing())
+    speed = np.array([9.0] * 11 + [0.25, 0.75])[:, None]
+    moving = replace(flight, states=replace(flight.states, v=Vec2(speed, 0.0 * speed)))
+    measured = measure(moving)
+    assert measured["velocity error after 5 s"].value == pytest.approx(0.5)
+    assert measured["spin error after 5 s"].value == pytest.approx(0.2)
+    assert not any("after" in row.name for row in measure(two_episodes()).rows)
 
 
 def test_settling_times_by_hand() -> None:
@@ -77,7 +107,7 @@ def test_order_of_shares(distance: np.ndarray) -> None:
     assert value["reach 1 cm"] <= value["reach 2 cm"]
     # Within at every step of the end implies settled, and a mean within.
     assert value["solved"] <= value["settled"]
-    assert value["solved"] <= value["solved, mean"]
+    assert value["solved"] <= value["solved in the mean"]
     for row in measured.rows:
         assert row.low <= row.high
 
@@ -169,7 +199,7 @@ def test_table_reads_without_a_terminal() -> None:
     assert "by hand: 2 episodes of 5 s with floating-platform" in text
     assert "settling time" in text
     assert "never" in text
-    assert "85 %" in text
+    assert "85 / 25 / 15 %" in text  # PT5, PT2 and PT1 share a line
 
 
 def test_spatial_flight() -> None:

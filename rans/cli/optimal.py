@@ -1,0 +1,138 @@
+"""``rans optimal``: the best a spacecraft can do, from the starts that agents are judged on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import tyro
+
+from rans.errors import ConfigError
+from rans.scenario import EVALUATION_SEED
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from rans.evaluation.bounds import Bounded
+    from rans.evaluation.optima import Optimum
+    from rans.optimal.objectives import Objective
+    from rans.scenario import Scenario
+    from rans.spacecraft import Spacecraft
+    from rans.tasks import Task
+
+_COSTS = Literal["fuel", "time", "energy", "tracking", "reward"]
+
+
+@dataclass(frozen=True)
+class Optimal:
+    """Find optimal trajectories with relaxed thrust, and fly them in Drake.
+
+    Thrust may be anything between shut and open: the trajectories are marks to measure by, no controllers
+    and no certificates. Writes optimal.json and optimal.npz. Exit code 1 if any start was left without a
+    trajectory that Drake flies.
+    """
+
+    task: Annotated[str, tyro.conf.Positional]
+    """What to do; `rans list` knows the tasks."""
+    spacecraft: str = "floating-platform"
+    """Name of a spacecraft that comes with RANS, or your own TOML file."""
+    objective: _COSTS = "fuel"
+    """Least thrust-time, time or squared thrust, least squared distance, or the task's greatest reward."""
+    ending: Literal["exact", "set"] = "exact"
+    """Arrive exactly, or within the task's tolerances; for fuel, time and energy."""
+    horizon: float | None = None
+    """Length of the trajectory, s; by default 20, for reward 25. For time it follows."""
+    control_period: float = 0.2
+    """Time a command is held, s; for time it follows, and is that of the on/off certificate."""
+    intervals: int = 50
+    """Control periods of a least time."""
+    episodes: int = 16
+    """Number of starts."""
+    seed: int = EVALUATION_SEED
+    """Of starts and goals."""
+    guesses: int = 1
+    """Motions to start the optimiser from; the best outcome counts."""
+    certify: bool = False
+    """Also find what nothing can beat: certified for on/off thrust where that is possible."""
+    certify_seconds: float = 20.0
+    """For every question of the certificate; less gives wider gaps."""
+    workers: int | None = None
+    """Processes; by default one per processor."""
+    output: Path | None = None
+    """Folder to write into; by default runs/optimal-TASK-SPACECRAFT-OBJECTIVE."""
+
+    def run(self) -> int:
+        """Print a table of the starts."""
+        from rich.console import Console
+
+        from rans.evaluation.optima import optima, table, write
+        from rans.flight import scenarios
+        from rans.spacecraft_file import load_spacecraft
+        from rans.tasks import task_class
+
+        self._check()
+        task, craft = task_class(self.task)().for_evaluation(), load_spacecraft(self.spacecraft)
+        objective, starts = self._objective(), scenarios(task, craft, self.seed, self.episodes)
+        answers = self._with_progress("optimal trajectories", lambda tick: optima(
+            craft, task, objective, starts, self.guesses, self.workers, tick))
+        title = f"{objective.name}: {self.task} with {craft.name}, thrust between 0 and 1"
+        Console().print(table(title, objective, answers))
+        about: dict[str, Any] = {"task": self.task, "spacecraft": craft.name, "objective": objective.name,
+                                 "measure": objective.measure, "ending": objective.ending, "seed": self.seed}
+        if self.certify:
+            about["bounds"] = [b.to_json() for b in self._bounds(craft, task, objective, starts, answers)]
+        folder = self.output or Path("runs") / f"optimal-{self.task}-{craft.name}-{self.objective}"
+        write(folder, about, answers)
+        lost = sum(not answer.good for answer in answers)
+        print(f"{len(answers) - lost} of {len(answers)} solved and flown in Drake. Written to "
+              f"{folder / 'optimal.json'} and optimal.npz.")
+        return 1 if lost else 0
+
+    def _check(self) -> None:
+        for name in ("episodes", "guesses", "workers"):
+            value = getattr(self, name)
+            if value is not None and value < 1:
+                raise ConfigError(f"--{name} must be >= 1, got {value}.")
+        if self.certify and self.objective not in ("fuel", "time"):
+            raise ConfigError(f"--certify bounds fuel and time only, not {self.objective}.")
+
+    def _objective(self) -> Objective:
+        from rans.optimal import objectives
+
+        if self.objective == "time":
+            return objectives.MinimumTime(self.intervals, self.ending)
+        horizon = self.horizon or (25.0 if self.objective == "reward" else 20.0)
+        free = {"tracking": objectives.QuadraticTracking, "reward": objectives.MaximumReward}
+        if self.objective in free:
+            return free[self.objective](horizon, self.control_period)
+        kind = objectives.MinimumFuel if self.objective == "fuel" else objectives.MinimumEnergy
+        return kind(horizon, self.control_period, self.ending)
+
+    def _bounds(self, craft: Spacecraft, task: Task, objective: Objective, starts: Scenario,
+                answers: list[Optimum]) -> list[Bounded]:
+        """Print them too."""
+        import math
+
+        from rich.console import Console
+
+        from rans.evaluation.bounds import Bounding, bounds, table
+
+        assert isinstance(objective, Bounding)  # see `_check`
+        found, sentence = self._with_progress("bounds", lambda tick: bounds(
+            craft, task, objective, starts, self.control_period, self.certify_seconds, self.workers, tick))
+        costs = [answer.trajectory.cost if answer.good else math.nan for answer in answers]
+        Console().print(table(sentence, objective.measure, found, costs))
+        return found
+
+    def _with_progress(self, what: str, work: Callable[[Callable[[], object]], Any]) -> Any:
+        from rich.console import Console
+        from rich.progress import Progress
+
+        terminal = Console(stderr=True)
+        with Progress(console=terminal, transient=True, disable=not terminal.is_terminal) as progress:
+            bar = progress.add_task(what, total=self.episodes)
+            return work(lambda: progress.advance(bar))
+
+
+COMMAND = Optimal

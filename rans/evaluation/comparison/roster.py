@@ -1,0 +1,109 @@
+"""Who takes part: contestants by name, the simple controllers beside them, and what each of them cost."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Literal
+
+from rans.errors import ConfigError
+from rans.evaluation.agent import LoadedRun
+from rans.evaluation.comparison.protocol import Contestant, Protocol
+from rans.evaluation.contestants import contestant
+from rans.evaluation.user_policies import is_user_policy, user_policy
+from rans.fast.run_folder import RunFolder
+from rans.optimal.lqr import LQR
+from rans.optimal.regulator import Weights
+from rans.pretrained import pretrained_folder
+from rans.scenario import EVALUATION_SEED
+from rans.tasks.multi_task import MultiTask
+
+SWEEP = (0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0)
+"""Factors on the LQR's default weights: from twice as stiff to four
+times as lazy."""
+
+_OBSERVATION = "observation"
+_MODEL = "state, exact model"
+_UNTUNED = "none: default settings"
+
+
+def protocol_of(spec: str, episodes: int, seed: int = EVALUATION_SEED,
+                engine: Literal["fast", "drake"] = "fast") -> Protocol:
+    """The conditions of the first contestant, under which all others fly too.
+
+    Raises:
+        ConfigError: there is no such contestant, it knows no task, or a number is too small.
+    """
+    if episodes < 1:
+        raise ConfigError(f"--episodes must be at least 1, got {episodes}.")
+    if is_user_policy(spec):
+        raise ConfigError(f"{spec} knows no task: name somebody who does before it, for example "
+                          "lqr:go-to-pose-2d.")
+    _, craft, task, timing = contestant(spec)
+    if isinstance(task, MultiTask):
+        raise ConfigError(f"{spec} knows several tasks: pick one, as in {spec}#{next(iter(task.parts()))}.")
+    return Protocol(craft, task.for_evaluation(), timing, seed, episodes, engine)
+
+
+def enlist(spec: str, protocol: Protocol) -> Contestant:
+    """The contestant of this name, if it is for the same task and spacecraft.
+
+    Raises:
+        ConfigError: there is none, or it is for another task, spacecraft or control rate.
+    """
+    if is_user_policy(spec):
+        policy = user_policy(spec, protocol.craft)
+        return Contestant(spec, policy, _OBSERVATION, "not known")
+    run = contestant(spec)
+    _check_same(spec, run, protocol)
+    simple = spec.partition(":")[0] in ("lqr", "mpc")
+    return Contestant(run.controller.name, run.controller, _MODEL if simple else _OBSERVATION, _tuning(spec))
+
+
+def _check_same(spec: str, run: LoadedRun, protocol: Protocol) -> None:
+    if type(run.task) is not type(protocol.task):
+        raise ConfigError(f"{spec} is for the task {type(run.task).__name__}, but the first contestant for "
+                          f"{type(protocol.task).__name__}; compare them separately.")
+    if run.craft != protocol.craft:
+        raise ConfigError(f"{spec} is for the spacecraft {run.craft.name}, but the first contestant for "
+                          f"{protocol.craft.name}, or for other values of it; compare them separately.")
+    periods = run.timing.control_period, protocol.timing.control_period
+    if periods[0] != periods[1]:
+        raise ConfigError(f"{spec} acts every {periods[0]:g} s, but the first contestant every "
+                          f"{periods[1]:g} s; compare them separately.")
+
+
+def _tuning(spec: str) -> str:
+    """What was spent on a contestant, as far as its files tell."""
+    spec, _, _ = spec.partition("#")
+    kind, _, name = spec.partition(":")
+    if kind in ("lqr", "mpc"):
+        return _UNTUNED
+    rows = RunFolder(pretrained_folder(name) if kind == "pretrained" else Path(spec)).metrics()
+    if not rows:
+        return "training: see its card"
+    return f"training: {rows[-1]['steps'] / 1e6:.3g} M steps, {rows[-1]['seconds']:.3g} s"
+
+
+def simple_controller(name: str, protocol: Protocol) -> Contestant:
+    """The "lqr" or the "mpc" with its default settings.
+
+    Raises:
+        ConfigError: it cannot fly this spacecraft.
+    """
+    conditions = protocol.craft, protocol.task, protocol.timing
+    if name == "lqr":
+        return Contestant("LQR", LQR(*conditions), _MODEL, _UNTUNED)
+    from rans.optimal.mpc import MPC
+
+    return Contestant("MPC", MPC(*conditions), _MODEL, _UNTUNED)
+
+
+def swept_lqr(protocol: Protocol) -> list[Contestant]:
+    """The LQR with its weights scaled by every factor of `SWEEP`."""
+    found = []
+    for factor in SWEEP:
+        weights = Weights(**{name: factor * value for name, value in asdict(Weights()).items()})
+        lqr = LQR(protocol.craft, protocol.task, protocol.timing, weights)
+        found.append(Contestant(f"LQR x {factor:g}", lqr, _MODEL, f"one of {len(SWEEP)} weights"))
+    return found

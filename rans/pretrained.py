@@ -1,0 +1,38 @@
+"""The agents that come with the package: run folders without what only training needs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from rans.errors import ConfigError
+from rans.files import read_json
+
+FOLDER = Path(__file__).parent / "data" / "pretrained"
+"""One folder an agent: policy.zip, config.json, spacecraft.toml and card.json."""
+
+
+def pretrained_names() -> list[str]:
+    """Names of the agents that come with the package, sorted."""
+    return sorted(file.parent.name for file in FOLDER.glob("*/policy.zip"))
+
+
+def pretrained_folder(name: str) -> Path:
+    """Where the agent of this name is.
+
+    Raises:
+        ConfigError: there is none.
+    """
+    if name not in pretrained_names():
+        raise ConfigError(f"no agent named {name!r} comes with RANS; known are "
+                          f"{', '.join(pretrained_names()) or 'none'}.")
+    return FOLDER / name
+
+
+def pretrained_card(name: str) -> dict[str, Any]:
+    """What the agent of this name is worth and how it came to be; see `rans.evaluation.export`.
+
+    Raises:
+        ConfigError: there is no such agent.
+    """
+    return read_json(pretrained_folder(name) / "card.json")

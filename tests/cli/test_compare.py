@@ -1,0 +1,54 @@
+"""``rans compare`` at the command line."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from rans.cli import main
+
+IDLE = "python:tests.evaluation.policies:idle"
+
+
+def test_writes_page_and_numbers(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    command = ["compare", "lqr:go-to-pose-2d", IDLE, "--with", "lqr", "--episodes", "3",
+               "--output", str(tmp_path)]
+    assert main(command) == 0
+    read = json.loads((tmp_path / "compare.json").read_text())
+    assert [row["settled"] for row in read["summary"]] == [3, 0]
+    page = (tmp_path / "compare.html").read_text()
+    assert "<h1>Comparison: 3 starts of seed 2023, floating-platform" in page
+    assert "settling time, s" in capsys.readouterr().out
+
+
+def test_a_failure_is_told_and_the_rest_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    command = ["compare", "lqr:go-to-pose-2d", "onnx:/no/such.onnx", "--with", "lqr", "--episodes", "2",
+               "--output", str(tmp_path)]
+    assert main(command) == 1
+    assert "/no/such.onnx" in capsys.readouterr().out
+    assert len(json.loads((tmp_path / "compare.json").read_text())["failures"]) == 1
+
+
+def test_interrupted_it_still_writes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+                                     capsys: pytest.CaptureFixture[str]) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("rans.evaluation.comparison.relaxed.solve", interrupted)
+    assert main(["compare", "lqr:go-to-pose-2d", "--with", "optimal", "--episodes", "2",
+                 "--output", str(tmp_path)]) == 130
+    assert json.loads((tmp_path / "compare.json").read_text())["summary"][0]["settled"] == 2
+    assert "interrupted; what was finished is kept" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("arguments", "sentence"), [
+    (["runs/nobody"], "runs/nobody"),
+    ([IDLE], "knows no task"),
+    (["lqr:go-to-pose-2d", "--episodes", "0"], "--episodes must be at least 1, got 0"),
+])
+def test_mistakes_end_in_a_sentence(arguments: list[str], sentence: str,
+                                    capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["compare", *arguments]) == 2
+    assert sentence in capsys.readouterr().err

@@ -1,0 +1,58 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rans.cli import main
+
+
+def run(*arguments: str) -> int:
+    return main(["optimal", *arguments, "--workers", "1"])
+
+
+def test_writes_what_it_found(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    assert run("go-to-position", "--episodes", "2", "--objective", "time", "--intervals", "12",
+               "--output", str(tmp_path)) == 0
+    text = capsys.readouterr().out
+    assert "2 of 2 solved and flown in Drake" in text
+    written = json.loads((tmp_path / "optimal.json").read_text())
+    assert [row["sentence"] for row in written["starts"]] == ["solved", "solved"]
+    assert np.load(tmp_path / "optimal.npz")["commands"].shape == (2, 12, 8)
+
+
+@pytest.mark.parametrize(("objective", "measure"), [
+    ("fuel", "fuel N s"), ("energy", "energy N^2 s"), ("tracking", "cost s"), ("reward", "minus return")])
+def test_objectives(tmp_path: Path, objective: str, measure: str) -> None:
+    assert run("track-velocity", "--episodes", "1", "--objective", objective, "--horizon", "4",
+               "--control-period", "0.5", "--output", str(tmp_path)) == 0
+    assert json.loads((tmp_path / "optimal.json").read_text())["measure"] == measure
+
+
+def test_lost_starts_are_told_and_the_rest_is_made(capsys: pytest.CaptureFixture[str],
+                                                   tmp_path: Path) -> None:
+    """1.8 s is too short from 3 m; bounds are printed all the same."""
+    assert run("go-to-pose", "--episodes", "2", "--horizon", "1.8", "--certify", "--spacecraft", "free-flyer",
+               "--output", str(tmp_path)) == 1
+    text = " ".join(capsys.readouterr().out.split())
+    assert "Start 0, 1: nothing found that arrives" in text
+    assert "No on/off certificate" in text
+    assert "0 of 2 solved" in text
+    assert len(json.loads((tmp_path / "optimal.json").read_text())["starts"]) == 2
+
+
+@pytest.mark.parametrize(("arguments", "message"), [
+    (("go-to-nowhere",), "there is no task named 'go-to-nowhere'"),
+    (("multi-task",), "judged on each of its tasks"),
+    (("go-to-pose", "--episodes", "0"), "--episodes must be >= 1, got 0"),
+    (("go-to-pose", "--horizon", "-3"), "horizon must be a finite number > 0 s, got -3"),
+    (("go-to-pose", "--objective", "reward", "--certify"), "--certify bounds fuel and time only"),
+])
+def test_mistakes_are_one_sentence(capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...],
+                                   message: str) -> None:
+    assert run(*arguments) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1

@@ -1,0 +1,33 @@
+"""What users might bring: functions of the observation, good and bad."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def idle(observation: np.ndarray) -> np.ndarray:
+    """Never opens a thruster."""
+    return np.zeros((len(observation), 8))
+
+
+def full(observation: np.ndarray) -> np.ndarray:
+    """Opens all thrusters, which cancel."""
+    return np.ones((len(observation), 8), dtype=np.int64)
+
+
+def unsure(observation: np.ndarray) -> np.ndarray:
+    """Answers probabilities."""
+    return np.full((len(observation), 8), 0.5)
+
+
+def narrow(observation: np.ndarray) -> np.ndarray:
+    """Knows seven thrusters."""
+    return np.zeros((len(observation), 7))
+
+
+def broken(observation: np.ndarray) -> np.ndarray:
+    """Raises."""
+    raise KeyError("no such layer")
+
+
+PI = 3.14159
