@@ -14,12 +14,12 @@ HEAVY = {"torch", "pydrake", "casadi", "stable_baselines3", "gymnasium", "matplo
 
 LAYERS: list[set[str]] = [
     {"rans.errors", "rans.fields"},
-    {"rans.files", "rans.processes", "rans.spacecraft", "rans.timing"},
-    {"rans.spacecraft_file", "rans.dynamics"},
+    {"rans.files", "rans.magnus", "rans.processes", "rans.spacecraft", "rans.timing"},
+    {"rans.pretrained", "rans.spacecraft_file", "rans.dynamics"},
     {"rans.scenario"},
     {"rans.tasks"},
     {"rans.flight"},
-    {"rans.drawing", "rans.spaces"},
+    {"rans.drawing", "rans.spaces", "rans.window"},
     {"rans.environment"},
     {"rans.fast", "rans.reference", "rans.optimal"},
     {"rans.evaluation"},

@@ -20,7 +20,7 @@ def closed_loop_checks(craft: Spacecraft, seed: int, count: int) -> Sequence[Che
 
     timing, task = Timing(), GoToPose().for_evaluation()
     try:
-        controller = LQR(craft, timing)
+        controller = LQR(craft, task, timing)
     except ConfigError as error:
         return [Skipped("closed loop", str(error))]
     starts = scenarios(task, craft, seed, count)

@@ -1,7 +1,8 @@
 """How close the best on/off controls found come to what no on/off controller can beat.
 
-Run ``python -m validation.optimality --starts 8`` for a table: per start the certified bound, the best
-control found, both replayed and exact, and what it took.
+Run ``python -m validation.optimality --starts 128 --quantity time`` for a table: per start the certified
+bound, the best control found, both replayed and exact, and what it took. A process takes 0.4 GB, a start
+2 s of processor time, after 5 s of compiling; ``--quantity fuel --horizon 20`` up to a minute a start.
 """
 
 from __future__ import annotations
@@ -41,7 +42,8 @@ class Optimality:
     horizon: float = 10.0
     """Time of arrival for fuel, longest time tried for time, s."""
     seconds: float = 20.0
-    """For every level of fuel, or number of control periods, that is neither excluded nor reached."""
+    """Processor time for every level of fuel, or number of control periods, that is neither excluded nor
+    reached."""
     workers: int | None = None
     """Processes; by default one per processor."""
 

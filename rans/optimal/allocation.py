@@ -55,9 +55,9 @@ class Allocation:
         command = self._unbounded(wrench / self._size)
         return command / np.maximum(self._load(command), 1.0)[:, None]
 
-    def within_reach(self, wrench: np.ndarray) -> np.ndarray:
-        """The wrench, or as great a share of it as the thrusters can give, (N, 3 or 6)."""
-        return self.commands(wrench) @ self._columns.T * self._size
+    def load(self, wrench: np.ndarray) -> np.ndarray:
+        """(N,) how many times as much the wrench, (N, 3 or 6), is as the thrusters can give."""
+        return self._load(self._unbounded(wrench / self._size))
 
     def authority(self) -> tuple[float, float]:
         """Force (N) and torque (N m) that can be given along every axis of B, in both senses."""

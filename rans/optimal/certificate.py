@@ -29,7 +29,7 @@ class Effort:
     """When to stop looking; less of it gives wider gaps, never wrong bounds."""
 
     seconds: float = 20.0
-    """For each level of fuel or number of periods."""
+    """Processor time for each level of fuel or number of periods."""
     nozzle_seconds: float = 1.0
     """For each attempt to find nozzles for an attitude."""
     levels: int = 4
@@ -197,9 +197,9 @@ def _tolerance(relaxation: Relaxation) -> float:
 def _decide(relaxation: Relaxation, root: Ascent, level: float, effort: Effort) -> _Outcome:
     """Exclude a level by branch and bound, or find commands that reach it."""
     outcome, seen, order = _Outcome(), set(), itertools.count()
-    deadline = time.monotonic() + effort.seconds
+    deadline = time.process_time() + effort.seconds
     heap, closed = [_node(relaxation, root, relaxation.reachable(), level, next(order))], True
-    while heap and time.monotonic() < deadline:
+    while heap and time.process_time() < deadline:
         node = heapq.heappop(heap)
         outcome.nodes += 1
         patience = max(_tolerance(relaxation), 0.1 * (level - node.bound))

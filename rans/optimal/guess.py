@@ -1,15 +1,21 @@
-"""Where the optimiser starts: a smooth motion from the start to the goal that ends at rest there."""
+"""Where the optimiser starts: a smooth motion from the start to where the task wants the spacecraft."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
+from functools import cache
+from typing import Any
 
 import numpy as np
 
 from rans.dynamics import State
-from rans.fields import Field, Heading, Quat, leaves, wrap
+from rans.fields import Field, Heading, Quat, leaves, map_leaves, wrap
 from rans.optimal.allocation import Allocation
 from rans.spacecraft import Spacecraft
+
+_BOW = 0.3
+"""Sideways, of the way to go: standard deviation over the further guesses."""
 
 
 def rotation_vector(rotation: Heading | Quat) -> np.ndarray:
@@ -30,32 +36,67 @@ def rotation_vector(rotation: Heading | Quat) -> np.ndarray:
     return vector * np.where(w < 0, -ratio, ratio)
 
 
-def rest_to_rest(start: State, goal: State, duration: float, intervals: int,
-                 long_way: bool = False) -> np.ndarray:
-    """Straight to the goal while turning about one fixed axis, both at the pace 3 s^2 - 2 s^3.
+def guess(aims: Collection[str], start: State, goal: State, duration: float, intervals: int,
+          number: int = 0) -> np.ndarray:
+    """A motion that meets what is asked for; what is not asked for it leaves alone.
 
     Args:
-        start: of floats; its velocity and spin are not matched.
+        aims: of "position", "attitude", "velocity", "spin", see `rans.optimal.arrival.aims`.
+        start: of floats.
         goal: of floats.
         duration: s.
         intervals: N equal parts of the duration.
-        long_way: turn the other way round, by 2 pi minus the angle.
+        number: odd ones turn the other way round, by 2 pi minus the angle (in space: to the other of
+            the two quaternions of the goal's attitude); from 2 on the path is bowed at random.
 
     Returns:
         (leaves of the state, N): the states at the ends of the intervals.
     """
     s = np.arange(1, intervals + 1) / intervals
-    pace, rate = s * s * (3.0 - 2.0 * s), 6.0 * s * (1.0 - s) / duration
-    way = np.array((goal.p - start.p).columns())  # type: ignore[operator]
-    turn = rotation_vector(start.attitude.to(goal.attitude))  # type: ignore[arg-type]
-    if long_way:
-        turn = _other_way(turn)
-    return np.vstack([
-        np.array(start.p.columns())[:, None] + np.outer(way, pace),
-        _turned(start.attitude, turn, pace),
-        np.outer(way, rate),
-        np.outer(turn, rate),  # the axis is the same in W relative to the start and in B throughout
-    ])
+    p, v = _translation(aims, start, goal, duration, s)
+    if number >= 2:
+        random = np.random.default_rng(number)
+        size = _BOW * np.linalg.norm(p[:, -1] - np.array(start.p.columns()))
+        bow = random.normal(size=(len(p), 1)) * size
+        p, v = p + 16.0 * bow * (s * (1 - s)) ** 2, v + bow * 32.0 * s * (1 - s) * (1 - 2 * s) / duration
+    attitude, w = _rotation(aims, start, goal, duration, s, long_way=number % 2 == 1)
+    return np.vstack([p, attitude, v, w])
+
+
+def _translation(aims: Collection[str], start: State, goal: State, duration: float,
+                 s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Cubic in time (Hermite), or constant acceleration where no place is asked for: p and v."""
+    p0, p1, v0, v1 = (np.array(x.columns())[:, None] for x in (start.p, goal.p, start.v, goal.v))
+    if "velocity" not in aims:
+        v1 = v0
+    if "position" not in aims:
+        p1 = p0 + 0.5 * duration * (v0 + v1)
+    way, before, after = p1 - p0, duration * v0, duration * v1
+    square, cube = 3.0 * way - 2.0 * before - after, before + after - 2.0 * way
+    return (p0 + s * (before + s * (square + s * cube)),
+            (before + s * (2.0 * square + s * 3.0 * cube)) / duration)
+
+
+def _rotation(aims: Collection[str], start: State, goal: State, duration: float, s: np.ndarray,
+              long_way: bool) -> tuple[np.ndarray, np.ndarray]:
+    """About one axis at the pace 3 s^2 - 2 s^3, or with constant angular acceleration: attitude and w.
+
+    Where an attitude is asked for, the rates of start and goal are not matched.
+    """
+    if "attitude" in aims:
+        turn = rotation_vector(start.attitude.to(goal.attitude))  # type: ignore[arg-type]
+        turn = _other_way(turn) if long_way else turn
+        pace, rate = s * s * (3.0 - 2.0 * s), 6.0 * s * (1.0 - s) / duration
+        # the axis is the same in W relative to the start and in B throughout
+        return _turned(start.attitude, turn, pace), np.outer(turn, rate)
+    first, last = (np.array(x.spin()) for x in (start, goal if "spin" in aims else start))
+    middle = s - 0.5 / len(s)
+    attitude, columns = start.attitude, []
+    for share in middle:  # each interval with its mean rate
+        step = (first + share * (last - first)) * duration / len(s)
+        columns.append(_turned(attitude, step, np.ones(1))[:, 0])
+        attitude = type(attitude)(*columns[-1])
+    return np.array(columns).T, first[:, None] + np.outer(last - first, s)
 
 
 def _other_way(turn: np.ndarray) -> np.ndarray:
@@ -65,7 +106,7 @@ def _other_way(turn: np.ndarray) -> np.ndarray:
     return axis * (angle - math.tau)
 
 
-def _turned(attitude: Heading | Quat, turn: np.ndarray, pace: Field) -> np.ndarray:
+def _turned(attitude: Any, turn: np.ndarray, pace: Field) -> np.ndarray:
     """The attitude after each share of a turn: (1, N) heading or (4, N) quaternion."""
     if isinstance(attitude, Heading):
         return np.array([attitude.angle + turn[0] * pace])
@@ -75,14 +116,52 @@ def _turned(attitude: Heading | Quat, turn: np.ndarray, pace: Field) -> np.ndarr
     return np.array(leaves(attitude.times(Quat(np.cos(0.5 * angle * pace), x, y, z))))
 
 
-def transfer_time(craft: Spacecraft, start: State, goal: State) -> float:
-    """About how long the craft needs from rest to rest, s.
+def needed_wrenches(craft: Spacecraft, path: Any, period: float) -> np.ndarray:
+    """What moves a spacecraft along a path, but for gyroscopic torques.
 
-    Constant acceleration and braking take 2 sqrt(way / acceleration); the slower of the translation
-    and the turn counts, with a fifth to spare for doing both at once.
+    Args:
+        craft: what flies.
+        path: a `State` of arrays (T + 1,), a control period apart.
+        period: s.
+
+    Returns:
+        (T, 3 or 6), force then torque on B, N and N m.
     """
+    before = map_leaves(lambda x: x[:-1], path)
+    identity = Heading(0.0) if craft.dimension == 2 else Quat(1.0, 0.0, 0.0, 0.0)
+    push = (map_leaves(lambda x: x[1:], path.v) - before.v).scale(craft.mass / period)
+    force = before.attitude.to(identity).rotate(push)
+    inertia = np.array([[craft.inertia[2][2]]] if craft.dimension == 2 else craft.inertia)
+    torque = inertia @ np.diff(np.array(path.spin()), axis=1) / period
+    return np.vstack([leaves(force), torque]).T
+
+
+def transfer_time(craft: Spacecraft, aims: Collection[str], start: State, goal: State) -> float:
+    """About how long the craft needs to what is asked for, s.
+
+    Constant acceleration and braking take 2 sqrt(way / acceleration), a change of speed its size over the
+    acceleration; the slower of translation and rotation counts, with a fifth to spare for doing both.
+
+    Raises:
+        ConfigError: the thrusters cannot push and turn the spacecraft in every direction.
+    """
+    push, turn_up = _accelerations(craft)
+    way = np.array((goal.p - start.p).columns())  # type: ignore[operator]
+    turn = rotation_vector(start.attitude.to(goal.attitude))  # type: ignore[arg-type]
+    speed = np.array((goal.v - start.v).columns())  # type: ignore[operator]
+    spin = np.array(goal.spin()) - np.array(start.spin())
+    translation = _time(aims, ("position", way), ("velocity", speed), push)
+    return 1.2 * max(translation, _time(aims, ("attitude", turn), ("spin", spin), turn_up), 1e-3)
+
+
+@cache
+def _accelerations(craft: Spacecraft) -> tuple[float, float]:
+    """Along and about every axis of B at least, m/s^2 and rad/s^2."""
     force, torque = Allocation(craft).authority()
-    way = float((goal.p - start.p).norm())  # type: ignore[operator]
-    turn = float(np.linalg.norm(rotation_vector(start.attitude.to(goal.attitude))))  # type: ignore[arg-type]
-    inertia = float(np.linalg.eigvalsh(np.array(craft.inertia))[-1])
-    return 1.2 * 2.0 * math.sqrt(max(way * craft.mass / force, turn * inertia / torque, 1e-6))
+    return force / craft.mass, torque / float(np.linalg.eigvalsh(np.array(craft.inertia))[-1])
+
+
+def _time(aims: Collection[str], way: tuple[str, np.ndarray], rate: tuple[str, np.ndarray],
+          acceleration: float) -> float:
+    far, fast = (float(np.linalg.norm(x)) if name in aims else 0.0 for name, x in (way, rate))
+    return 2.0 * math.sqrt(far / acceleration) + fast / acceleration

@@ -9,6 +9,7 @@ from concurrent.futures.process import BrokenProcessPool
 
 from rans.dynamics import State
 from rans.fields import leaves, map_leaves
+from rans.optimal.arrival import aims
 from rans.optimal.objectives import Objective
 from rans.optimal.transcription import Trajectory, Transcription, unsolved
 from rans.processes import submitted
@@ -23,8 +24,8 @@ _transcriptions: list[Transcription] = []
 
 
 def solve_all(craft: Spacecraft, task: Task, objectives: Sequence[Objective], starts: Scenario,
-              workers: int | None = None,
-              progress: Callable[[], object] = lambda: None) -> list[list[Trajectory]]:
+              workers: int | None = None, progress: Callable[[], object] = lambda: None,
+              guesses: int = 1) -> list[list[Trajectory]]:
     """Solve every objective from every start.
 
     See `rans.processes.submitted` for what worker processes ask of a script, and for interrupts.
@@ -36,12 +37,17 @@ def solve_all(craft: Spacecraft, task: Task, objectives: Sequence[Objective], st
         starts: fields of arrays (N,), as `rans.flight.scenarios` gives them.
         workers: processes, by default one per processor; 1 solves in this process.
         progress: called once per solved problem.
+        guesses: from which every problem is solved, see `Transcription.solve`.
 
     Returns:
         Per objective N trajectories in the order of the starts. One whose worker process died has the
         status "Worker_Died" and NaN for numbers.
+
+    Raises:
+        ConfigError: see `Transcription`.
     """
-    jobs = [(index, scenario) for index in range(len(objectives)) for scenario in _each(starts)]
+    aims(task)  # says here, not in every worker, if this task has no goal of its own
+    jobs = [(index, scenario, guesses) for index in range(len(objectives)) for scenario in each(starts)]
     workers = workers or os.cpu_count() or 1
     if workers == 1:
         _build(craft, task, objectives)
@@ -53,13 +59,13 @@ def solve_all(craft: Spacecraft, task: Task, objectives: Sequence[Objective], st
 
 
 def _in_processes(craft: Spacecraft, task: Task, objectives: Sequence[Objective],
-                  jobs: Sequence[tuple[int, Scenario]], workers: int,
+                  jobs: Sequence[tuple[int, Scenario, int]], workers: int,
                   progress: Callable[[], object]) -> list[Trajectory]:
     with submitted(_solve, jobs, workers, _build, (craft, task, objectives)) as futures:
         for _ in as_completed(futures):
             progress()
         return [_answer(future, objectives[index], craft, scenario.start)
-                for future, (index, scenario) in zip(futures, jobs, strict=True)]
+                for future, (index, scenario, _) in zip(futures, jobs, strict=True)]
 
 
 def _answer(future: Future[Trajectory], objective: Objective, craft: Spacecraft,
@@ -74,8 +80,8 @@ def _build(craft: Spacecraft, task: Task, objectives: Sequence[Objective]) -> No
     _transcriptions[:] = [Transcription(craft, task, objective) for objective in objectives]
 
 
-def _solve(index: int, scenario: Scenario) -> Trajectory:
-    return _transcriptions[index].solve(scenario.start, scenario.goal)
+def _solve(index: int, scenario: Scenario, guesses: int) -> Trajectory:
+    return _transcriptions[index].solve(scenario.start, scenario.goal, guesses)
 
 
 def _called(progress: Callable[[], object], answer: Trajectory) -> Trajectory:
@@ -83,7 +89,7 @@ def _called(progress: Callable[[], object], answer: Trajectory) -> Trajectory:
     return answer
 
 
-def _each(starts: Scenario) -> Iterator[Scenario]:
+def each(starts: Scenario) -> Iterator[Scenario]:
     """The scenarios of a batch, of floats."""
     for k in range(len(leaves(starts.start)[0])):
         yield map_leaves(lambda field, k=k: float(field[k]), starts)

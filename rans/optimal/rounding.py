@@ -5,7 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from rans.optimal.allocation import Allocation
+from rans.optimal.regulator import inertia
 from rans.spacecraft import Spacecraft
+
+_FLIPS = 20
+"""Rounds of improvement at most; three are usual."""
+_SATURATED = 0.99
+"""Share of what the thrusters can give from which on a wrench counts as more than they can."""
 
 
 class SigmaDelta:
@@ -15,50 +21,80 @@ class SigmaDelta:
     carried on, so that over any time the impulse is the wanted one to within a few pulses. What is left
     over is weighed by the kinetic energy it is worth. Carrying it for every thruster by itself (sum-up
     rounding: Sager, J. Process Control 19, 2009) lets several thrusters turn the spacecraft in the same
-    period without need; the platform then rests three times less quietly.
+    period without need.
 
     Args:
-        craft: what flies; where its thrust is shared at most one thruster is opened, as opening more
-            gives no more.
+        craft: what flies.
+        carried: (3 or 6,) bool, along which components of the wrench the rest is carried on even while
+            all that is wanted is within reach; by default all.
     """
 
-    def __init__(self, craft: Spacecraft) -> None:
-        self._wrenches = np.array(craft.wrench_map)
-        inertia = np.array(craft.inertia if craft.dimension == 3 else [[craft.inertia[2][2]]])
-        self._metric = np.zeros((craft.degrees_of_freedom,) * 2)
-        self._metric[:craft.dimension, :craft.dimension] = np.eye(craft.dimension) / craft.mass
-        self._metric[craft.dimension:, craft.dimension:] = np.linalg.inv(inertia)
-        self._prices = np.einsum("ti,ij,tj->t", self._wrenches, self._metric, self._wrenches)
-        self._shared, self._allocation = craft.thrust_sharing == "split", Allocation(craft)
-        self._owed = np.zeros((0, craft.degrees_of_freedom))
+    def __init__(self, craft: Spacecraft, carried: np.ndarray | None = None) -> None:
+        self._wrenches, self._allocation = np.array(craft.wrench_map), Allocation(craft)
+        self._shared, size = craft.thrust_sharing == "split", craft.degrees_of_freedom
+        metric = np.zeros((size, size))
+        metric[:craft.dimension, :craft.dimension] = np.eye(craft.dimension) / craft.mass
+        metric[craft.dimension:, craft.dimension:] = np.linalg.inv(inertia(craft))
+        self._root = np.linalg.cholesky(metric)
+        self._flips = _none_one_or_two(len(self._wrenches))
+        self._carried = np.ones(size, bool) if carried is None else carried
+        self._owed = np.zeros((0, size))
 
     def reset(self, count: int) -> None:
         """Forget what is owed: ``count`` new episodes start."""
         self._owed = np.zeros((count, self._owed.shape[1]))
 
-    def round(self, wrench: np.ndarray) -> np.ndarray:
+    def round(self, wrench: np.ndarray, rest: np.ndarray | None = None) -> np.ndarray:
         """Open (1.0) or shut (0.0) for every episode.
 
         Starts with the thrusters of which the allocation asks for half or more, then opens or shuts one
-        after the other as long as that brings the impulse closer, best first.
+        or two at a time as long as that brings the impulse closer, best first. Two at a time find pairs
+        whose torques cancel: with one at a time the LQR tracks velocities with the free flyer from 39
+        instead of 50 of 50 starts, and takes the platform with shared thrust to 29 of 50 positions.
 
         Args:
-            wrench: (N, 3 or 6), force then torque on B, within the thrusters' reach.
+            wrench: (N, 3 or 6), force then torque on B; as great a share of it as the thrusters can give
+                is what is owed.
+            rest: (N,) bool, episodes that keep all thrusters shut and are owed nothing.
 
         Returns:
             (N, thrusters).
         """
-        owed, episodes = self._owed + wrench, np.arange(len(wrench))
-        pulse = np.zeros((len(wrench), len(self._wrenches)))
-        if not self._shared:
-            pulse = (self._allocation.commands(owed) >= 0.5).astype(float)
-        for _ in range(1 if self._shared else len(self._wrenches)):
-            left = owed - pulse @ self._wrenches
-            gain = (2.0 - 4.0 * pulse) * (left @ self._metric @ self._wrenches.T) - self._prices
-            best = gain.argmax(axis=1)
-            worth = gain[episodes, best] > 0
-            if not worth.any():
+        rest = np.zeros(len(wrench), bool) if rest is None else rest
+        load = self._allocation.load(wrench)
+        within_reach = wrench / np.maximum(load, 1.0)[:, None]
+        owed = np.where(rest[:, None], 0.0, self._owed + within_reach)
+        pulse = (self._allocation.commands(owed) >= 0.5) & ~rest[:, None]
+        open_to_change = np.flatnonzero(~rest)
+        for _ in range(_FLIPS):
+            if not len(open_to_change):
                 break
-            pulse[episodes[worth], best[worth]] = 1.0 - pulse[episodes[worth], best[worth]]
-        self._owed = owed - pulse @ self._wrenches
-        return pulse
+            better, changed = self._improved(pulse[open_to_change], owed[open_to_change])
+            pulse[open_to_change] = better
+            open_to_change = open_to_change[changed]
+        carried = self._carried | (load > _SATURATED)[:, None]
+        self._owed = np.where(carried, owed - self._given(pulse), 0.0)
+        return pulse.astype(float)
+
+    def _improved(self, pulse: np.ndarray, owed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The best of all pulses that differ in at most two thrusters, and whether it is another one."""
+        candidates = pulse[:, None] ^ self._flips
+        left = (owed[:, None] - self._given(candidates)) @ self._root
+        energy, episodes = (left * left).sum(axis=2), np.arange(len(pulse))
+        best = energy.argmin(axis=1)
+        # by more than rounding, or equal pulses would take turns
+        return candidates[episodes, best], energy[episodes, best] < energy[:, 0] - 1e-12 * (1 + energy[:, 0])
+
+    def _given(self, pulse: np.ndarray) -> np.ndarray:
+        """(..., 3 or 6) the wrench of open thrusters, as `rans.dynamics.thrust` shares it."""
+        opened = pulse.astype(float)
+        if self._shared:
+            opened /= np.maximum(opened.sum(axis=-1, keepdims=True), 1.0)
+        return opened @ self._wrenches
+
+
+def _none_one_or_two(count: int) -> np.ndarray:
+    """(choices, count) bool: every way to choose at most two, none first."""
+    one = np.eye(count, dtype=bool)
+    pairs = [one[i] | one[j] for i in range(count) for j in range(i, count)]
+    return np.array([np.zeros(count, bool), *pairs])

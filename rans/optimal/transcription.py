@@ -15,25 +15,35 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from rans.dynamics import MassProperties, State, advance, wrench
-from rans.fields import leaves, map_leaves, unflatten
-from rans.optimal.guess import rest_to_rest
-from rans.optimal.objectives import Objective
+from rans.dynamics import MassProperties, State, Wrench, advance
+from rans.errors import ConfigError
+from rans.fields import Vec2, Vec3, leaves, map_leaves, unflatten
+from rans.optimal.allocation import Allocation
+from rans.optimal.arrival import Arrival, aims
+from rans.optimal.guess import guess, needed_wrenches, transfer_time
+from rans.optimal.objectives import Objective, Path
 from rans.scenario import scenario
-from rans.spacecraft import Spacecraft
+from rans.spacecraft import Spacecraft, controls_every_direction
 from rans.tasks.base import Task
 
 _OPTIONS = {"expand": True, "print_time": False, "error_on_fail": False, "show_eval_warnings": False,
-            "ipopt.print_level": 0, "ipopt.sb": "yes", "ipopt.max_iter": 500}
+            "ipopt.print_level": 0, "ipopt.sb": "yes", "ipopt.max_iter": 500,
+            "ipopt.min_refinement_steps": 0, "ipopt.mumps_permuting_scaling": 0,
+            "ipopt.mumps_scaling": 0}
 """IPOPT on scalar graphs: the most robust of the solvers tried on these problems. A solvable one takes
-20 to 60 iterations, so 500 are only spent in vain."""
+20 to 60 iterations, so 500 are only spent in vain. Their numbers are all about one, so their
+linear systems need no scaling and seldom a refinement, which saves a seventh of the time."""
 
-_FIRST_COMMAND = 0.3
-"""Guess of every command: of 0.02, 0.05, 0.1, 0.3 and 0.5 the one that takes fewest iterations."""
+_NODES = 4
+"""Of the quadrature in the plane: 1e-11 of the thrust's effect is lost in a period (see
+`rans.dynamics.NODES`), which is less than the solver leaves open."""
 
-_BRANCH = 0.5
-"""How far a redundant arrival condition may be off its target, see `_Arrival`: cosines of the wanted
-and the opposite attitude differ by 2."""
+_AJAR = 0.03
+"""By how much every thruster is opened beyond what the guessed motion takes, as interior point methods
+start away from bounds: of 0.03, 0.1 and 0.3 the fastest."""
+
+_HALF_SHUT = 0.3
+"""Guess of every command where thrusters cannot give a wanted wrench."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +56,7 @@ class Trajectory:
     """The solver's word for how it ended, "Solve_Succeeded" when all went well."""
     solved: bool
     cost: float
-    """N s or s, as the objective says."""
+    """In the objective's unit."""
     states: Any
     """`State` whose fields are float64 arrays (T + 1,); headings are not wrapped."""
     commands: np.ndarray
@@ -57,6 +67,8 @@ class Trajectory:
     """Of all attempts together."""
     seconds: float
     """Wall time of all attempts together."""
+    attempts: int = 1
+    """Guesses that were started from."""
 
 
 def unsolved(objective: Objective, craft: Spacecraft, start: State, status: str) -> Trajectory:
@@ -67,148 +79,172 @@ def unsolved(objective: Objective, craft: Spacecraft, start: State, status: str)
     count = objective.intervals
     states = map_leaves(lambda _: nothing(count + 1), start)
     return Trajectory(objective.name, status, False, math.nan, states,
-                      nothing(count, len(craft.thrusters)), math.nan, 0, 0.0)
+                      nothing(count, len(craft.thrusters)), math.nan, 0, 0.0, 0)
 
 
 class Transcription:
     """One kind of problem for one spacecraft and task, ready to be solved from any start.
 
-    The trajectory starts in the given state and arrives at rest with the task's residual at its
-    target. Where thrust is shared ("split") the commands' sum is kept within 1, where sharing is
-    linear: any wrench the supply can give has such commands.
+    The trajectory starts in the given state and ends as the objective says, see `Arrival`. Where thrust
+    is shared ("split") the commands' sum is kept within 1, where sharing is linear: any wrench the supply
+    can give has such commands.
+
+    Each period's wrench is a variable of its own, tied to the commands by a linear constraint: the motion
+    is then differentiated in 3 or 6 directions instead of one per thruster, which in space takes the
+    Hessian a third of the operations.
 
     Args:
         craft: what flies.
-        task: its residual and residual target say where to arrive.
+        task: where to arrive, or what to be rewarded for.
         objective: what to minimise.
-        substeps: integration steps a control period, see `rans.dynamics.advance`. In the plane one
-            is exact; in space one is off by less than a millimetre over a smooth optimal trajectory,
-            which a replay in Drake shows, and takes a third of the time of two.
+        substeps: integration steps a control period, see `rans.dynamics.advance`. In the plane one is
+            exact, in space of order six, which a replay in Drake shows to be enough.
+
+    Raises:
+        ConfigError: the task is a multi-task.
     """
 
     def __init__(self, craft: Spacecraft, task: Task, objective: Objective, substeps: int = 1) -> None:
-        self._craft, self._objective = craft, objective
+        self._craft, self._task, self._objective = craft, task, objective
         example = scenario(task, craft.dimension, seed=0, episode=0)
-        self._like, self._arrival = example.start, _Arrival(task, example.goal)
+        self._like, self._aims = example.start, aims(task)
+        self._arrival = Arrival(task, example.goal, objective.ending)
+        self._wrenches = np.array(craft.wrench_map).T
         self._step = _step(craft, example.start, substeps)
-        self._solver = self._build()
+        self._allocation = Allocation(craft) if controls_every_direction(craft) else None
+        self._rows = (len(craft.thrusters), len(self._wrenches), len(leaves(self._like)))
+        self._build(len(leaves(example.goal)))
 
-    def _build(self) -> ca.Function:
-        """Variables: (command, state after it) of every interval, then the control period.
+    def _build(self, goal_width: int) -> None:
+        """Variables: (commands, wrench, state after) of every interval, then the control period.
 
-        Constraints: intervals join, arrival, and with shared thrust the sums of commands.
+        Constraints: intervals join, wrenches are the commands', arrival, and with shared thrust the sums
+        of commands.
         """
-        count, width = self._objective.intervals, len(leaves(self._like))
-        nozzles = len(self._craft.thrusters)
-        variables = ca.MX.sym("variables", count * (nozzles + width) + 1)  # type: ignore[arg-type]
-        start, goal = ca.MX.sym("start", width), ca.MX.sym("goal", width)  # type: ignore[arg-type]
-        table, period = ca.reshape(variables[:-1], nozzles + width, count), variables[-1]
+        count, (nozzles, forces, width) = self._objective.intervals, self._rows
+        variables = ca.MX.sym("variables", count * sum(self._rows) + 1)  # type: ignore[arg-type]
+        start, goal = ca.MX.sym("start", width), ca.MX.sym("goal", goal_width)  # type: ignore[arg-type]
+        table, period = ca.reshape(variables[:-1], sum(self._rows), count), variables[-1]
         if self._objective.control_period is not None:  # a constant is differentiated faster
             period = self._objective.control_period
-        commands, after = table[:nozzles, :], table[nozzles:, :]
-        gaps = after - self._step.map(count)(ca.horzcat(start, after[:, :-1]), commands, period)
-        constraints = [ca.vec(gaps), self._arrival.conditions(after[:, -1], goal)]
+        commands, applied, after = ca.vertsplit(table, [0, nozzles, nozzles + forces, sum(self._rows)])
+        gaps = after - self._step.map(count)(ca.horzcat(start, after[:, :-1]), applied, period)
+        constraints = [ca.vec(gaps), ca.vec(ca.DM(self._wrenches) @ commands - applied),
+                       self._arrival.conditions(after[:, -1], goal)]
         if self._craft.thrust_sharing == "split":
             constraints.append(ca.sum1(commands).T)
+        path = Path(self._craft, self._task, after, commands, period, goal)
         problem = {"x": variables, "p": ca.vertcat(start, goal), "g": ca.vertcat(*constraints),
-                   "f": self._objective.cost(self._craft, commands, period)}
-        return ca.nlpsol("trajectory", "ipopt", problem, _OPTIONS)
+                   "f": self._objective.cost(path, smooth=True)}
+        self._solver = ca.nlpsol("trajectory", "ipopt", problem, _OPTIONS)
+        self._cost = ca.Function("cost", [variables, goal], [self._objective.cost(path, smooth=False)])
 
-    def solve(self, start: State, goal: State) -> Trajectory:
-        """The better of two local optima: guessed with the shortest turn, and the other way round.
+    def solve(self, start: State, goal: State, guesses: int = 1) -> Trajectory:
+        """The best local optimum from some guesses.
+
+        Where none of them leads to one, further guesses are tried, up to one more.
 
         Args:
             start: of floats.
-            goal: of floats, at rest.
+            goal: of floats.
+            guesses: to start from, see `rans.optimal.guess.guess`.
 
         Returns:
             The trajectory; its status says whether the solver succeeded. Nothing is raised for a
             problem without a solution.
+
+        Raises:
+            ConfigError: there are no guesses, or for least time the thrusters cannot push and turn the
+                spacecraft in every direction.
         """
-        attempts = [self._attempt(start, goal, long_way) for long_way in (False, True)]
+        if guesses < 1:
+            raise ConfigError(f"the optimiser needs at least one guess, got {guesses}.")
+        if not np.isfinite([*leaves(start), *leaves(goal)]).all():
+            return unsolved(self._objective, self._craft, start, "Invalid_Number_Detected")
+        attempts = [self._attempt(start, goal, number) for number in range(guesses)]
+        if not any(attempt.solved for attempt in attempts):
+            attempts.append(self._attempt(start, goal, guesses))
         best = min(attempts, key=lambda attempt: (not attempt.solved, attempt.cost))
         return replace(best, iterations=sum(a.iterations for a in attempts),
-                       seconds=sum(a.seconds for a in attempts))
+                       seconds=sum(a.seconds for a in attempts), attempts=len(attempts))
 
-    def _attempt(self, start: State, goal: State, long_way: bool) -> Trajectory:
+    def _attempt(self, start: State, goal: State, number: int) -> Trajectory:
         begun = time.perf_counter()
         solution = self._solver(p=[*leaves(start), *leaves(goal)],
-                                **self._bounds_and_guess(start, goal, long_way))
+                                **self._bounds_and_guess(start, goal, number))
         statistics = self._solver.stats()
-        states, commands, period = self._unpack(np.array(solution["x"]).ravel(), start)
+        variables = np.array(solution["x"]).ravel()
+        states, commands, period = self._unpack(variables, start)
         return Trajectory(self._objective.name, statistics["return_status"], statistics["success"],
-                          float(solution["f"]), states, commands, period,
+                          float(self._cost(variables, leaves(goal))), states, commands, period,
                           statistics["iter_count"], time.perf_counter() - begun)
 
-    def _bounds_and_guess(self, start: State, goal: State, long_way: bool) -> dict[str, np.ndarray]:
-        count, nozzles = self._objective.intervals, len(self._craft.thrusters)
-        shortest, period, longest = self._objective.periods(self._craft, start, goal)
-        states = rest_to_rest(start, goal, count * period, count, long_way)
+    def _bounds_and_guess(self, start: State, goal: State, number: int) -> dict[str, np.ndarray]:
+        count, (_, forces, width) = self._objective.intervals, self._rows
+        shortest, period, longest = self._periods(start, goal)
+        states = self._guess(start, goal, count, period, number)
+        command = self._commands(start, states, period)
 
-        def pack(command: float, state: np.ndarray, period: float) -> np.ndarray:
-            return np.append(np.vstack([np.full((nozzles, count), command), state]).T, period)
+        def pack(command: np.ndarray, applied: np.ndarray, state: np.ndarray, period: float) -> np.ndarray:
+            return np.append(np.vstack([command, applied, state]).T, period)
 
-        free = np.full_like(states, np.inf)
-        joined = np.zeros(states.size)
+        free, unbound = np.full((width, count), np.inf), np.full((forces, count), np.inf)
+        joined = np.zeros(count * (width + forces))
         sums = np.ones(count if self._craft.thrust_sharing == "split" else 0)
         return {
-            "x0": pack(_FIRST_COMMAND, states, period),
-            "lbx": pack(0.0, -free, shortest), "ubx": pack(1.0, free, longest),
+            "x0": pack(command, self._wrenches @ command, states, period),
+            "lbx": pack(0.0 * command, -unbound, -free, shortest),
+            "ubx": pack(0.0 * command + 1.0, unbound, free, longest),
             "lbg": np.concatenate([joined, self._arrival.low, 0.0 * sums]),
             "ubg": np.concatenate([joined, self._arrival.high, sums]),
         }
 
+    def _periods(self, start: State, goal: State) -> tuple[float, float, float]:
+        """Least, guessed and greatest control period, s."""
+        given = self._objective.control_period
+        if given is not None:
+            return given, given, given
+        period = transfer_time(self._craft, self._aims, start, goal) / self._objective.intervals
+        return 0.1 * period, period, 10.0 * period  # without bounds the optimiser can wander to zero
+
+    def _guess(self, start: State, goal: State, count: int, period: float, number: int) -> np.ndarray:
+        """Arrives at the end; where no end is prescribed, soon, and then moves on as the goal does."""
+        moving = count
+        if self._objective.ending == "free":
+            quick = transfer_time(self._craft, self._aims, start, goal)
+            moving = min(count, math.ceil(quick / period))
+        there = guess(self._aims, start, goal, moving * period, moving, number)
+        if moving == count:
+            return there
+        arrived = unflatten(start, there[:, -1])
+        rest = guess((), arrived, arrived, (count - moving) * period, count - moving)
+        return np.hstack([there, rest])
+
+    def _commands(self, start: State, states: np.ndarray, period: float) -> np.ndarray:
+        """(thrusters, T) about what a guessed motion takes."""
+        if self._allocation is None:
+            return np.full((self._rows[0], states.shape[1]), _HALF_SHUT)
+        path = unflatten(start, np.column_stack([leaves(start), states]))
+        wrenches = needed_wrenches(self._craft, path, period)
+        return np.clip(self._allocation.commands(wrenches).T + _AJAR, _AJAR, 1.0 - _AJAR)
+
     def _unpack(self, variables: np.ndarray, start: State) -> tuple[State, np.ndarray, float]:
-        nozzles = len(self._craft.thrusters)
+        nozzles, forces, _ = self._rows
         table = variables[:-1].reshape(self._objective.intervals, -1)
-        rows = np.vstack([leaves(start), table[:, nozzles:]])
+        rows = np.vstack([leaves(start), table[:, nozzles + forces:]])
         # the interior point method leaves bounds by up to 1e-8
         return unflatten(self._like, rows.T), np.clip(table[:, :nozzles], 0.0, 1.0), float(variables[-1])
 
 
 def _step(craft: Spacecraft, like: State, substeps: int) -> ca.Function:
-    """The engines' motion over one control period: (state, command, period) to the state after."""
-    linear = replace(craft, thrust_sharing="none")
-    state = map_leaves(lambda _: ca.SX.sym("s"), like)  # type: ignore[call-arg]
-    command = [ca.SX.sym("u") for _ in craft.thrusters]  # type: ignore[call-arg]
-    period = ca.SX.sym("h")  # type: ignore[call-arg]
-    body, applied = MassProperties.of(craft), wrench(linear, command)
-    after = advance(state, applied, body, period, substeps)  # type: ignore[type-var]
-    columns = [ca.vertcat(*x) for x in (leaves(state), command, leaves(after))]
+    """The engines' motion over one control period: (state, wrench on B, period) to the state after."""
+    def symbols(count: int) -> Sequence[Any]:
+        return [ca.SX.sym("s") for _ in range(count)]  # type: ignore[call-arg]
+
+    state: Any = map_leaves(lambda _: symbols(1)[0], like)
+    parts, period = symbols(craft.degrees_of_freedom), symbols(1)[0]
+    planar = craft.dimension == 2
+    applied = Wrench(Vec2(*parts[:2]), parts[2]) if planar else Wrench(Vec3(*parts[:3]), Vec3(*parts[3:]))
+    after = advance(state, applied, MassProperties.of(craft), period, substeps, _NODES)
+    columns = [ca.vertcat(*x) for x in (leaves(state), parts, leaves(after))]
     return ca.Function("step", [columns[0], columns[1], period], [columns[2]])
-
-
-class _Arrival:
-    """Conditions on the last state: the task's residual at its target, velocity and spin the goal's.
-
-    A rotation's entries are more numbers than it has degrees of freedom, and equalities whose
-    gradients depend on each other at the solution break the optimiser's assumptions (linear
-    independence constraint qualification). So a largest independent set of conditions, judged at the
-    goal, holds as equalities. They alone would also accept some opposite attitudes (sin = 0 at half a
-    turn); the others, which follow from them near the goal, rule those out as wide bands.
-    """
-
-    def __init__(self, task: Task, goal: State) -> None:
-        state, aim = (map_leaves(lambda _: ca.SX.sym("s"), goal) for _ in range(2))  # type: ignore[call-arg]
-        target = task.residual_target(2 if len(leaves(goal)) == 6 else 3)
-        gaps = [r - t for r, t in zip(task.residual(state, aim), target, strict=True)]
-        gaps += [a - b for a, b in zip(_motion(state), _motion(aim), strict=True)]
-        x, g, conditions = ca.vertcat(*leaves(state)), ca.vertcat(*leaves(aim)), ca.vertcat(*gaps)
-        self.conditions = ca.Function("arrival", [x, g], [conditions])
-        gradient = ca.Function("gradient", [x, g], [ca.jacobian(conditions, x)])
-        chosen = _independent_rows(np.array(gradient(leaves(goal), leaves(goal))))
-        self.high = np.array([0.0 if row in chosen else _BRANCH for row in range(len(gaps))])
-        self.low = -self.high
-
-
-def _motion(state: Any) -> tuple[Any, ...]:
-    return (*state.v.columns(), *state.spin())
-
-
-def _independent_rows(matrix: np.ndarray) -> Sequence[int]:
-    """The first rows that span what all rows span."""
-    chosen: list[int] = []
-    for row in range(len(matrix)):
-        if np.linalg.matrix_rank(matrix[[*chosen, row]], tol=1e-9) > len(chosen):
-            chosen.append(row)
-    return chosen

@@ -14,6 +14,8 @@ from rans.dynamics import PlanarState
 from rans.errors import ConfigError
 from rans.fields import Heading, Vec2, map_leaves
 from rans.flight import fly, scenarios
+from rans.optimal import hull
+from rans.optimal.arrival import aims
 from rans.optimal.ascent import ascend, scale, towards_goal
 from rans.optimal.certificate import Effort, least_fuel, least_time
 from rans.optimal.dual import Relaxation
@@ -132,7 +134,7 @@ def test_no_flight_beats_any_costate(seed: int, duty: float, costate: list[float
 def test_no_lqr_flight_beats_its_certificate() -> None:
     timing, lattice = Timing(episode_steps=30), Lattice(PLATFORM, PERIOD)
     starts = scenarios(GoToPose().for_evaluation(), PLATFORM, 7, 4)
-    flight = fly(PLATFORM, GoToPose(), LQR(PLATFORM, timing), starts, timing)
+    flight = fly(PLATFORM, GoToPose(), LQR(PLATFORM, GoToPose(), timing), starts, timing)
     for k in range(4):
         start, goal = (map_leaves(lambda x, i=i, k=k: float(x[i, k]), flight.states) for i in (0, -1))
         paid = fuel(PLATFORM, flight.commands[:, k], PERIOD)
@@ -174,6 +176,28 @@ def first_four(seed: int) -> tuple[PlanarState, PlanarState]:
     assert isinstance(batch.start, PlanarState)
     assert isinstance(batch.goal, PlanarState)
     return batch.start, batch.goal
+
+
+@settings(max_examples=8)
+@given(seed=st.integers(0, 2**20))
+def test_starts_that_move_and_spin(seed: int) -> None:
+    """Any position, velocity and spin: of two spins that differ by q one is within q / 2 of rest."""
+    x, y, angle, u, v, w = np.random.default_rng(seed).uniform(-1.0, 1.0, 6)
+    start = PlanarState(Vec2(0.2 * x, 0.2 * y), Heading(3.0 * angle), Vec2(0.1 * u, 0.1 * v), 0.6 * w)
+    goal = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
+    lattice = Lattice(PLATFORM, PERIOD)
+    goals = GoalSet(0.08, 0.08, 0.3, spin=0.5 * lattice.spin)
+    answer = least_time(lattice, start, goal, 25, goals, Effort(2.0, levels=6))
+    assert answer.commands is not None
+    rows = rows_from_states(start)[None]
+    for command in answer.commands:
+        rows = Plant(PLATFORM).advance(rows, command[None], PERIOD)
+    # what integrators leave after 5 s on the goal set's edge
+    edge = GoalSet(0.08 + 1e-9, 0.08 + 1e-9, 0.3 + 1e-8, goals.spin + 1e-8)
+    end = map_leaves(lambda x: float(x[0]), states_from_rows(rows, start))
+    assert edge.contains(end, goal)
+    loose = hull.least_time(PLATFORM, aims(GoToPose()), start, goal, goals)
+    assert loose <= answer.lower <= answer.upper
 
 
 def test_already_there_costs_nothing() -> None:

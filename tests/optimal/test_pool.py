@@ -7,14 +7,13 @@ import signal
 import subprocess
 import sys
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from rans.dynamics import State
 from rans.flight import scenarios
-from rans.optimal.objectives import MinimumFuel, MinimumTime
+from rans.optimal.objectives import MinimumFuel, MinimumTime, Path
 from rans.optimal.pool import solve_all
-from rans.spacecraft import Spacecraft
 from rans.spacecraft_file import load_spacecraft
 from rans.tasks import GoToPose
 
@@ -25,7 +24,7 @@ PLATFORM, TASK = load_spacecraft("floating-platform"), GoToPose(spawn_distance=(
 class Fatal(MinimumTime):
     """Kills the process that tries to solve it."""
 
-    def periods(self, craft: Spacecraft, start: State, goal: State) -> tuple[float, float, float]:
+    def cost(self, path: Path, smooth: bool) -> Any:
         os._exit(9)
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -12,56 +11,35 @@ import pytest
 from scipy.optimize import linprog
 from scipy.spatial.transform import Rotation
 
-from rans.dynamics import PlanarState, SpatialState
+from rans.dynamics import PlanarState
 from rans.errors import ConfigError
-from rans.fields import Heading, Quat, Vec2, Vec3, map_leaves
-from rans.optimal.objectives import MinimumFuel, MinimumTime, Objective
-from rans.optimal.transcription import Trajectory, Transcription
-from rans.reference.flight import replay
+from rans.fields import Heading, Vec2, map_leaves
+from rans.optimal.objectives import (
+    MinimumFuel,
+    MinimumTime,
+    Objective,
+    QuadraticTracking,
+)
+from rans.optimal.transcription import Transcription
 from rans.scenario import scenario
-from rans.spacecraft import Spacecraft
-from rans.spacecraft_file import load_spacecraft
-from rans.tasks import GoToPose
-from rans.timing import Timing
+from rans.spacecraft import Spacecraft, Thruster
+from rans.tasks import (
+    MultiTask,
+)
 from tests.crafts import nasty_planar
-
-TASK = GoToPose(spawn_distance=(3.0, 4.0))
-PLATFORM, FLYER = load_spacecraft("floating-platform"), load_spacecraft("free-flyer")
-SHARED = replace(PLATFORM, thrust_sharing="split")
-
-FORWARD = 4 * math.sqrt(0.5)
-"""N: four 1 N nozzles at 45 degrees to a body axis of the platform; no direction has more."""
-SOLVER = 1e-6
-"""Relative accuracy of a cost: the optimiser stops at 1e-8 of scaled optimality and feasibility."""
-
-
-def planar(x: float = 0.0, y: float = 0.0, heading: float = 0.0) -> PlanarState:
-    return PlanarState(Vec2(x, y), Heading(heading), Vec2(0.0, 0.0), 0.0)
-
-
-def spatial(x: float = 0.0, attitude: Rotation | None = None) -> SpatialState:
-    qx, qy, qz, qw = (float(c) for c in (attitude or Rotation.identity()).as_quat())
-    rest = Vec3(0.0, 0.0, 0.0)
-    return SpatialState(Vec3(x, 0.0, 0.0), Quat(qw, qx, qy, qz), rest, rest)
-
-
-@cache
-def transcription(craft: Spacecraft, objective: Objective) -> Transcription:
-    return Transcription(craft, TASK, objective)
-
-
-def solved(craft: Spacecraft, objective: Objective, start: Any, goal: Any) -> Trajectory:
-    trajectory = transcription(craft, objective).solve(start, goal)
-    assert trajectory.solved, trajectory.status
-    return trajectory
-
-
-def replay_error(craft: Spacecraft, trajectory: Trajectory) -> float:
-    """Largest distance in m between the optimised path and the one Drake flies."""
-    start = map_leaves(lambda x: float(x[0]), trajectory.states)
-    timing = Timing(control_period=trajectory.control_period)
-    flown = replay(craft, start, trajectory.commands, timing)
-    return float((flown.p - trajectory.states.p).norm().max())
+from tests.optimal.problems import (
+    FLYER,
+    FORWARD,
+    PLATFORM,
+    SHARED,
+    SOLVER,
+    TASK,
+    planar,
+    replay_error,
+    solved,
+    spatial,
+    transcription,
+)
 
 
 def test_least_time_along_a_body_axis_is_bang_bang() -> None:
@@ -169,17 +147,51 @@ def test_too_short_a_horizon_is_a_status(craft: Spacecraft) -> None:
     trajectory = transcription(craft, MinimumFuel(2.0)).solve(planar(x=-3.0), planar())
     assert not trajectory.solved
     assert trajectory.status == "Infeasible_Problem_Detected"
+    assert trajectory.attempts == 2  # one guess was asked for, one more tried
 
 
-def test_a_broken_start_is_a_status() -> None:
-    trajectory = transcription(PLATFORM, MinimumFuel(2.0)).solve(planar(x=math.nan), planar())
+def test_more_guesses_are_never_worse_and_turn_both_ways() -> None:
+    problem = transcription(PLATFORM, MinimumFuel(20.0, 0.5))
+    turned = []
+    for episode in range(4):
+        case = scenario(TASK, 2, 11, episode)
+        one, both = (problem.solve(case.start, case.goal, guesses) for guesses in (1, 2))
+        assert both.cost <= one.cost
+        assert (one.attempts, both.attempts) == (1, 2)
+        turned.append(abs(float(both.states.attitude.angle[-1] - one.states.attitude.angle[-1])))
+    assert all(min(abs(t), abs(t - math.tau)) < 1e-6 for t in turned)
+
+
+def test_starts_that_move_and_spin() -> None:
+    start = PlanarState(Vec2(-2.0, 0.5), Heading(1.0), Vec2(0.2, -0.1), 0.8)
+    trajectory = solved(PLATFORM, MinimumTime(30), start, planar())
+    assert replay_error(PLATFORM, trajectory) < 1e-5
+    assert float(trajectory.states.w[0]) == 0.8
+
+
+@pytest.mark.parametrize("objective", [MinimumFuel(2.0), MinimumTime(20)], ids=lambda o: o.name)
+def test_a_broken_start_is_a_status(objective: Objective) -> None:
+    trajectory = transcription(PLATFORM, objective).solve(planar(x=math.nan), planar())
     assert not trajectory.solved
+    assert trajectory.status == "Invalid_Number_Detected"
+
+
+def test_a_craft_that_cannot_turn_still_flies_straight() -> None:
+    """Two opposite nozzles through the centre: nothing to guess commands with, but a way to go."""
+    with pytest.warns(UserWarning, match="cannot push and turn"):
+        pair = replace(PLATFORM, thrusters=tuple(
+            Thruster((0.0, 0.0, 0.0), (way, 0.0, 0.0), 2.0) for way in (1.0, -1.0)))
+    trajectory = solved(pair, MinimumFuel(10.0), planar(x=-3.0), planar())
+    assert trajectory.cost == pytest.approx(_linear_program(3.0, pair.mass, 2.0, 50, 0.2), rel=SOLVER)
 
 
 @pytest.mark.parametrize(("wrong", "message"), [
     (lambda: MinimumFuel(horizon=-1.0), "horizon must be a finite number > 0 s, got -1.0"),
     (lambda: MinimumFuel(control_period=math.nan), "control_period must be a finite number > 0 s"),
     (lambda: MinimumTime(0), "intervals must be >= 1, got 0"),
+    (lambda: QuadraticTracking(command_weight=-1.0), "command_weight must be finite and not negative"),
+    (lambda: transcription(PLATFORM, MinimumTime(20)).solve(planar(1.0), planar(), 0), "at least one guess"),
+    (lambda: Transcription(PLATFORM, MultiTask(), MinimumFuel()), "judged on each of its tasks"),
 ])
 def test_impossible_settings_are_refused(wrong: Any, message: str) -> None:
     with pytest.raises(ConfigError, match=message):

@@ -1,0 +1,45 @@
+"""The agents that come with RANS: small, complete, and what their cards say."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from rans.errors import ConfigError
+from rans.evaluation.contestants import contestant, judged_separately
+from rans.evaluation.metrics import solved
+from rans.flight import fly, scenarios
+from rans.pretrained import pretrained_card, pretrained_folder, pretrained_names
+
+every_agent = pytest.mark.parametrize("name", pretrained_names())
+EPISODES = 64
+
+
+@every_agent
+def test_an_agent_is_small_and_complete(name: str) -> None:
+    files = {file.name: file.stat().st_size for file in pretrained_folder(name).iterdir()}
+    assert files.keys() == {"policy.zip", "config.json", "spacecraft.toml", "card.json"}
+    assert sum(files.values()) < 500_000
+    card, found = pretrained_card(name), contestant(f"pretrained:{name}")
+    assert (card["name"], card["spacecraft"]) == (name, found.craft.name)
+    assert name.partition("-shared")[0] == f"{card['task']}-{found.craft.dimension}d"
+
+
+@every_agent
+def test_an_agent_is_worth_what_its_card_says(name: str) -> None:
+    spec, card = f"pretrained:{name}", pretrained_card(name)
+    for one in judged_separately(spec):
+        controller, craft, task, timing = contestant(one)
+        task = task.for_evaluation()
+        starts = scenarios(task, craft, card["evaluation_seed"], EPISODES)
+        flight = fly(craft, task, controller, starts, timing)
+        said = card["evaluation"]["own"][one.removeprefix(spec).removeprefix("#")]["solved"][0] / 100.0
+        # Four standard deviations of a share of 64, and one episode for shares of 0 and 1.
+        spread = 4.0 * math.sqrt(said * (1.0 - said) / EPISODES) + 1.0 / EPISODES
+        assert solved(flight).mean() == pytest.approx(said, abs=spread)
+
+
+def test_an_unknown_agent_is_one_sentence() -> None:
+    with pytest.raises(ConfigError, match=r"no agent named 'nobody' comes with RANS; known are "):
+        pretrained_folder("nobody")

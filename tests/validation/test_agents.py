@@ -1,0 +1,118 @@
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rans.errors import ConfigError
+from rans.evaluation.contestants import contestant
+from rans.scenario import EVALUATION_SEED
+from rans.tasks import GoToPosition, TrackVelocity, task_class
+from rans.timing import Timing
+from tests.fast.training import CONFIG, tiny_trainer
+from validation.agent_rows import ROWS
+from validation.agents import Agents, Line, conditions_of, with_table
+from validation.time_optimal import time_optimal
+
+PAGE = "before\n<!-- table: python -m validation.agents -->\nold\n<!-- end of table -->\nafter\n"
+
+
+def line(at_least: bool, *runs: tuple[float, ...]) -> Line:
+    return Line("row", "what", "%", "-", (90.0, 80.0), at_least,
+                {f"seed{k}": values for k, values in enumerate(runs)}, "rans evaluate x")
+
+
+def test_the_worst_training_counts_figure_by_figure() -> None:
+    good, bad = line(True, (95.0, 81.0), (91.0, 99.0)), line(True, (95.0, 79.0), (91.0, 99.0))
+    assert (good.worst, good.passed) == ((91.0, 81.0), True)
+    assert (bad.worst, bad.passed) == ((91.0, 79.0), False)
+    assert line(False, (10.0, 79.0), (89.0, 20.0)).passed
+    assert not line(False, (10.0, 79.0), (91.0, 20.0)).passed
+    assert not line(True, (math.nan, 99.0)).passed
+    assert "(of 2)" in good.cells()[4]
+
+
+def test_the_table_goes_between_its_marks() -> None:
+    page = with_table(PAGE, [line(True, (95.0, 81.0))] * 3)
+    assert page.startswith("before\n")
+    assert page.endswith("\nafter\n")
+    assert "old" not in page
+    assert page.count("\n| row | what |") == 3
+    assert with_table(page, [line(True, (95.0, 81.0))] * 3) == page
+    with pytest.raises(ConfigError, match="must have the lines"):
+        with_table("no marks", [])
+
+
+def test_the_page_has_the_marks() -> None:
+    page = Path(__file__).parents[2] / "docs" / "agents.md"
+    with_table(page.read_text("utf-8"), [])
+
+
+def test_every_row_names_a_task_and_its_dimension() -> None:
+    for row in ROWS:
+        task, _, dimension = row.agent.removesuffix("-shared").rpartition("-")
+        assert task_class(task)
+        assert dimension in ("2d", "3d")
+        assert row.title.startswith({"2d": "3DoF", "3d": "6DoF"}[dimension])
+
+
+def test_a_folder_of_runs_becomes_a_table(tmp_path: Path) -> None:
+    """Agents that know nothing, of two tasks, and a path: the rows of other tasks are left out."""
+    for name, task, settings in (("go-to-position-3d-seed0", "go-to-position", GoToPosition()),
+                                 ("track-velocity-2d-seed0", "track-velocity", TrackVelocity()),
+                                 ("track-velocity-2d-seed1", "track-velocity", TrackVelocity())):
+        craft = "free-flyer" if "3d" in name else "floating-platform"
+        config = replace(CONFIG, task=task, settings=settings, spacecraft=craft, seed=int(name[-1]),
+                         timing=Timing(episode_steps=30))
+        trainer = tiny_trainer(tmp_path / "runs" / name, config)
+        trainer.save()
+    (tmp_path / "agents.md").write_text(PAGE)
+    lines = Agents(tmp_path / "runs", episodes=8, starts=1, docs=tmp_path).run()
+    assert [line.row.partition(",")[0] for line in lines] == [
+        *["6DoF go to position"] * 3, *["3DoF track velocity"] * 2,
+        *(f"3DoF follow the {path} at 0.25 m/s" for path in ("circle", "spiral", "square"))]
+    assert set(lines[3].runs) == {"track-velocity-2d-seed0", "track-velocity-2d-seed1"}
+    assert not any(line.passed for line in lines)
+    read = json.loads((tmp_path / "validation" / "agents.json").read_text("utf-8"))
+    assert len(read["lines"]) == len(lines)
+    assert "| 6DoF go to position, 1 to 5 m, 25 s |" in (tmp_path / "agents.md").read_text("utf-8")
+
+
+def test_the_row_says_where_episodes_start(tmp_path: Path) -> None:
+    trainer = tiny_trainer(tmp_path / "run", replace(CONFIG, task="go-to-position", settings=GoToPosition(),
+                                                     spacecraft="free-flyer"))
+    trainer.save()
+    row = next(row for row in ROWS if row.agent == "go-to-position-3d")
+    _, (_, task, _) = conditions_of(row, tmp_path / "run")
+    assert task.spawn_distance == (1.0, 5.0)  # type: ignore[attr-defined]
+
+
+def test_a_run_of_another_task_is_one_sentence(tmp_path: Path) -> None:
+    trainer = tiny_trainer(tmp_path / "track-velocity-3d-seed0", CONFIG)
+    trainer.save()
+    with pytest.raises(ConfigError, match="nothing is known of velocity error after 5 s: the run is of ano"):
+        Agents(tmp_path, episodes=2, starts=1).run()
+
+
+def test_nothing_to_judge_is_one_sentence(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="holds no run named go-to-pose-2d-shared"):
+        Agents(tmp_path).run()
+    with pytest.raises(ConfigError, match="--starts must be from 1 to the 4 episodes, got 5"):
+        Agents(tmp_path, episodes=4, starts=5).run()
+
+
+def test_time_optimal_trajectories_are_at_their_goal_early() -> None:
+    """Straight to the goal at full thrust, 2 sqrt(2) N one way and then the other, takes sqrt(4 d m / F)."""
+    _, craft, task, timing = contestant("lqr:go-to-pose-2d", "paper")
+    found = time_optimal(craft, task.for_evaluation(), timing, EVALUATION_SEED, 2, workers=1)
+    fastest = math.sqrt(4 * 3.0 * craft.mass / (2 * math.sqrt(2)))
+    bound = 100.0 * (1 - fastest / 50.0) + 1.0  # 5 cm before the end it is within 5 cm already: 1 %
+    assert found["PT5"].shape == (2,)
+    assert (found["PT5"] < bound).all()
+    assert (found["PT1"] > 85.0).all()  # the prototype's agent is at 78.8 % of a supply eight times weaker
+    assert (np.diff([found["PT1"], found["PT2"], found["PT5"]], axis=0) >= 0).all()
+    assert (found["position error"] < 0.01).all()  # cm: it rests where the optimiser put it

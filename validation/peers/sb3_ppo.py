@@ -1,0 +1,82 @@
+"""Plain Stable-Baselines3 PPO on our environment, with the task, network and settings of our own trainer."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import torch
+from stable_baselines3 import PPO
+from stable_baselines3.common.vec_env import VecEnvWrapper
+from stopwatch import options, say, steps_per_second
+
+from rans.fast.config import PPOSettings
+from rans.fast.engine import Engine
+from rans.fast.policy import network
+from rans.fast.presets import preset
+from rans.fast.sb3 import SB3VecEnv
+from rans.fast.selection import Selection
+from rans.fast.trainer import SOLVED_IN_A_ROW
+from rans.spacecraft_file import load_spacecraft
+from rans.tasks import GoToPose
+from rans.timing import Timing
+
+_LIMIT = 300.0
+"""Training not solved after so many seconds is given up."""
+_REPORT_INTERVAL, _SOLVED_SHARE = 16, 0.995
+"""As `rans.fast.config.TrainConfig` has them: iterations between reports, and what they must find."""
+_CRAFT, _TASK = load_spacecraft("floating-platform"), GoToPose()
+
+
+class _Scaled(VecEnvWrapper):
+    """Rewards times a factor, which our trainer applies itself."""
+
+    def __init__(self, env: SB3VecEnv, factor: float) -> None:
+        super().__init__(env)
+        self._factor = factor
+
+    def reset(self) -> Any:
+        return self.venv.reset()
+
+    def step_wait(self) -> Any:
+        observation, reward, done, infos = self.venv.step_wait()
+        return observation, reward * self._factor, done, infos
+
+
+def main() -> None:
+    """Measure and print."""
+    given = options()
+    torch.set_num_threads(1)  # as our trainer does
+    settings = preset("go-to-pose", _CRAFT.dimension, given.device)
+    rollout = settings.n_envs * settings.n_steps
+    model = _model(settings, given.device)
+    rate = steps_per_second(lambda: model.learn(rollout, reset_num_timesteps=False), rollout, given.seconds)
+    success = {} if given.quick else _train(settings, given.device)
+    layers = "x".join(map(str, settings.layers))
+    say("stable-baselines3", f"go-to-pose, {_CRAFT.name}, network {layers}", "learn() on rans.SB3VecEnv",
+        settings.n_envs, given.device, trained_steps_per_s=rate, **success)
+
+
+def _model(settings: PPOSettings, device: str) -> PPO:
+    env = _Scaled(SB3VecEnv(Engine(_CRAFT, _TASK, settings.n_envs, device=device)), settings.reward_scale)
+    names = ("n_steps", "batch_size", "n_epochs", "learning_rate", "gamma", "gae_lambda", "clip_range",
+             "ent_coef", "vf_coef", "max_grad_norm")
+    return PPO("MlpPolicy", env, policy_kwargs=network(settings.layers, settings.activation), seed=0,
+               device=device, **{name: getattr(settings, name) for name in names})
+
+
+def _train(settings: PPOSettings, device: str) -> dict[str, float | bool]:
+    """Seconds of training until two reports in a row find the task solved, judged as our trainer judges."""
+    model, seconds, in_a_row = _model(settings, device), 0.0, 0
+    selection = Selection(model.policy, _CRAFT, _TASK, Timing(), device)
+    while in_a_row < SOLVED_IN_A_ROW and seconds < _LIMIT:
+        begun = time.perf_counter()
+        model.learn(_REPORT_INTERVAL * settings.n_envs * settings.n_steps, reset_num_timesteps=False)
+        seconds += time.perf_counter() - begun
+        in_a_row = in_a_row + 1 if selection.judge()[0] >= _SOLVED_SHARE else 0
+    return {"solved": in_a_row >= SOLVED_IN_A_ROW, "seconds_to_success": seconds,
+            "steps_to_success": model.num_timesteps}
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,74 @@
+"""Environment steps per second and memory of the engine, beside what the machine's memory can move."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from rans.fast.engine import Engine
+from rans.fast.graph import graphed
+from rans.spacecraft import Spacecraft
+from rans.tasks import Task
+from validation.speed.measurement import Clock, Measurement
+from validation.speed.roofline import step_work
+
+MEMORY_TARGET = 250.0
+"""Bytes an environment, of 3DoF simulation."""
+_OPEN_SHARE = 0.3
+"""Of the thrusters, at random but the same in every step: who chooses is not the engine's business."""
+
+
+def copy_bandwidth(clock: Clock) -> Measurement:
+    """Bytes read plus bytes written per second by a copy far larger than any cache."""
+    count = (2**30 if clock.on_gpu else 2**27) // 4
+    source = torch.ones(count, device=clock.device)
+    target = torch.empty_like(source)
+    seconds, warm_up = clock.time(lambda: target.copy_(source))
+    return Measurement("memory", "memory copy", 8 * count / seconds / 1e9, "GB/s", warm_up)
+
+
+def engine_rate(craft: Spacecraft, task: Task, num_envs: int, clock: Clock, bandwidth: float,
+                compiled: bool | None = True) -> Measurement:
+    """Environment steps per second: dynamics, reward terms, ends, both observations, reset.
+
+    Args:
+        craft: what flies.
+        task: where to.
+        num_envs: spacecraft stepped together.
+        clock: times it on its device.
+        bandwidth: of `copy_bandwidth`, GB/s: at most so many steps' bytes can be moved in a second.
+        compiled: see `Engine`.
+    """
+    engine = Engine(craft, task, num_envs, device=clock.device, compiled=compiled)
+    action = _action(engine)
+    step = graphed(lambda: engine.step(action).reward, torch.device(clock.device))
+    seconds, warm_up = clock.time(step)
+    moved = step_work(engine).bytes_moved
+    note = f"{moved} bytes a step must move" + ("" if engine.compiled else "; not compiled")
+    return Measurement("engine", f"{craft.name}, {num_envs:,} environments", num_envs / seconds / 1e6,
+                       "M steps/s", warm_up, note, 1e3 * bandwidth / moved, "the copy bandwidth's bound")
+
+
+def memory_per_environment(craft: Spacecraft, task: Task, num_envs: int, clock: Clock) -> Measurement:
+    """Bytes that one environment takes: what the engine holds, an action, and the results of one step.
+
+    On a GPU it is what torch has allocated; on a CPU, whose allocator does not say, the sum of the arrays.
+    """
+    before = torch.cuda.memory_allocated() if clock.on_gpu else 0
+    engine = Engine(craft, task, num_envs, device=clock.device)
+    action = _action(engine)
+    results = engine.step(action)
+    if clock.on_gpu:
+        held, how = torch.cuda.memory_allocated() - before, "allocated by torch"
+    else:
+        buffers = engine.save_state()["buffers"]
+        held, how = sum(tensor.nbytes for tensor in (*buffers, action, *results)), "sum of all arrays"
+    target = MEMORY_TARGET if craft.dimension == 2 else None
+    return Measurement("memory", f"{craft.name}, one environment", held / num_envs, "bytes",
+                       note=f"{how} of {num_envs:,} environments", bound=target,
+                       bound_name="" if target is None else f"the {target:.0f} bytes aimed at")
+
+
+def _action(engine: Engine) -> Tensor:
+    shape = engine.num_envs, len(engine.craft.thrusters)
+    return (torch.rand(shape, device=engine.device) < _OPEN_SHARE).to(torch.uint8)

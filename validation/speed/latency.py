@@ -1,0 +1,128 @@
+"""How long an agent on board takes to answer one observation, with and without torch.
+
+Everything runs on one CPU thread. The weights are those before training: whatever they are, arithmetic takes
+as long.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+import warnings
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import torch
+from stable_baselines3.common.policies import ActorCriticPolicy
+from torch import nn
+
+from rans.evaluation.agent import Agent
+from rans.fast.config import PPOSettings
+from rans.fast.engine import Engine
+from rans.fast.policy import NormalisedMlp
+from rans.fast.selection import likeliest_action
+from rans.fast.trainer import make_ppo
+from rans.spacecraft import Spacecraft
+from rans.tasks import Task
+from validation.speed.measurement import Measurement, one_thread
+
+Policy = Callable[[np.ndarray], np.ndarray]
+"""Commands (N, thrusters) for observations (N, width), float32."""
+
+_ACTIVATIONS: dict[type[nn.Module], Callable[[np.ndarray], np.ndarray]] = {
+    nn.Tanh: np.tanh,
+    nn.ReLU: lambda x: np.maximum(x, 0.0),
+    nn.ELU: lambda x: np.where(x > 0.0, x, np.expm1(np.minimum(x, 0.0))),
+}
+
+
+def latencies(craft: Spacecraft, task: Task, settings: PPOSettings, calls: int) -> Iterator[Measurement]:
+    """Median and 99th percentile over so many single observations, in microseconds, by way to run it.
+
+    Args:
+        craft: whose thrusters are commanded.
+        task: what is observed.
+        settings: give the network.
+        calls: so many observations.
+    """
+    engine = Engine(craft, task, 1)
+    policy = make_ppo(engine, replace(settings, n_envs=1, n_steps=2, batch_size=2), seed=0).policy
+    observation, agent = engine.observe().numpy().copy(), Agent(policy, "")
+    ways = {"torch, eager": lambda x: agent.act(None, None, x), "NumPy": numpy_policy(policy)}
+    for way, act in ways.items():
+        yield from _measured(f"{way}, {craft.name}", act, observation, calls)
+    try:
+        exported = onnx_policy(policy)
+    except ImportError as error:
+        yield Measurement("policy", f"ONNX, {craft.name}", None, "us", note=f"needs a package: {error}")
+    else:
+        yield from _measured(f"ONNX, {craft.name}", exported, observation, calls)
+
+
+def numpy_policy(policy: ActorCriticPolicy) -> Policy:
+    """The deterministic agent in NumPy, equal to `rans.evaluation.agent.Agent` but for rounding."""
+    extractor = policy.features_extractor
+    assert isinstance(extractor, NormalisedMlp)  # as `rans.fast.policy.network` makes them
+    mean, scale = (x.numpy() for x in (extractor.mean, torch.rsqrt(extractor.variance + 1e-6)))
+    linear = [(x.weight.detach().numpy().T, x.bias.detach().numpy())
+              for x in extractor.trunk if isinstance(x, nn.Linear)]
+    activation = _ACTIVATIONS[type(extractor.trunk[1])]
+    head: Any = policy.action_net
+    rows, offsets = head.weight.detach().numpy(), head.bias.detach().numpy()
+    weight, bias = (rows[1::2] - rows[0::2]).T, offsets[1::2] - offsets[0::2]
+
+    def act(observation: np.ndarray) -> np.ndarray:
+        x = np.stack(extractor.body_frame.turned(tuple(observation.T)), axis=1)
+        x = np.clip((x - mean) * scale, -extractor.clip, extractor.clip)
+        for matrix, offset in linear:
+            x = activation(x @ matrix + offset)
+        return (x @ weight + bias > 0.0).astype(np.float32)
+
+    return act
+
+
+def onnx_policy(policy: ActorCriticPolicy) -> Policy:
+    """The deterministic agent in ONNX Runtime, for single observations.
+
+    Raises:
+        ImportError: onnxruntime is missing, or what torch needs to write an ONNX network.
+    """
+    import onnxruntime  # pyright: ignore[reportMissingImports]
+
+    width = policy.observation_space.shape[0]  # type: ignore[index]
+    logging.getLogger("torch.onnx").setLevel(logging.ERROR)
+    with warnings.catch_warnings(action="ignore"):  # of the exporter, about itself
+        program = torch.onnx.export(_Deterministic(policy).eval(), (torch.zeros(1, width),), dynamo=True,
+                                    verbose=False)
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = 1
+    network = program.model_proto.SerializeToString()  # type: ignore[union-attr]
+    session = onnxruntime.InferenceSession(network, options, providers=["CPUExecutionProvider"])
+    name = session.get_inputs()[0].name
+    return lambda observation: session.run(None, {name: observation})[0]
+
+
+class _Deterministic(nn.Module):
+    def __init__(self, policy: ActorCriticPolicy) -> None:
+        super().__init__()
+        self._policy = policy
+
+    def forward(self, observation: torch.Tensor) -> torch.Tensor:
+        return likeliest_action(self._policy, observation)
+
+
+def _measured(name: str, policy: Policy, observation: np.ndarray, calls: int) -> Iterator[Measurement]:
+    with one_thread():
+        warm_up = sum(_seconds(policy, observation) for _ in range(calls // 10))
+        seconds = [_seconds(policy, observation) for _ in range(calls)]
+    for which, share in (("median", 50), ("99th percentile", 99)):
+        value = 1e6 * float(np.percentile(seconds, share))
+        yield Measurement("policy", f"{name}, {which}", value, "us", warm_up, f"of {calls} calls")
+
+
+def _seconds(policy: Policy, observation: np.ndarray) -> float:
+    begun = time.perf_counter()
+    policy(observation)
+    return time.perf_counter() - begun

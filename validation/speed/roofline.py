@@ -1,0 +1,127 @@
+"""What one step of one environment must read, write and compute, counted from the engine itself.
+
+The engine's step is run on symbols (`rans.fast.kernel.program.trace`), which write down what is done to them:
+every operation once, constants folded. What only the few episodes that end in a step need (their start, their
+goal, the final observation) is not counted: with 125 steps an episode it is about one byte a step.
+
+``python -m validation.speed.roofline`` prints the tables of docs/speed.md.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections import Counter
+from dataclasses import dataclass
+from itertools import groupby
+
+from rans.fast.engine import Engine
+from rans.fast.kernel.program import Program, Store, trace
+from rans.fast.kernel.trace import Symbol, ordered
+from rans.fields import leaves
+from rans.spacecraft_file import load_spacecraft
+from rans.tasks import GoToPose
+
+_BYTES = {"int": 4, "signed char": 1}
+"""Of the types that do not depend on the engine's dtype."""
+_NO_OPERATIONS = ("input", "constant")
+_SPECIAL = ("sin", "cos", "exp", "sqrt", "atan2", "/")
+"""Operations that take a processor several times as long as the others."""
+
+
+@dataclass(frozen=True)
+class Traffic:
+    """Bytes of one environment's step, for one part of what the engine holds or gives."""
+
+    name: str
+    read: int
+    written: int
+
+
+@dataclass(frozen=True)
+class StepWork:
+    """What one environment's step asks of the machine."""
+
+    traffic: tuple[Traffic, ...]
+    operations: Counter[str]
+    """How often each operation is done."""
+
+    @property
+    def bytes_moved(self) -> int:
+        """Read and written."""
+        return sum(part.read + part.written for part in self.traffic)
+
+    @property
+    def special(self) -> int:
+        """Operations that take several times as long as the others."""
+        return sum(self.operations[name] for name in _SPECIAL)
+
+
+def step_work(engine: Engine) -> StepWork:
+    """What a step of this engine moves and computes, for actions of one byte a thruster.
+
+    Raises:
+        TypeError: the task's functions do more than arithmetic on fields.
+    """
+    program = trace(engine._simulation, engine._episodes)
+    symbols = list(ordered([program.ended, *(store.value for store in program.always)]))
+    operations = Counter(s.operation for s in symbols if s.operation not in _NO_OPERATIONS)
+    return StepWork(tuple(_traffic(engine, program, set(symbols))), operations)
+
+
+def _traffic(engine: Engine, program: Program, used: set[Symbol]) -> list[Traffic]:
+    """By part, in the order of memory."""
+    real, names = engine.dtype.itemsize, _memory_names(engine)
+    sizes = [_BYTES.get(given.type, real) for given in program.memory]
+    kept = {store.row for store in program.always if store.array == "memory"}
+    memory = [Traffic(name, size * (given.symbol in used), size * (row in kept))
+              for row, (name, size, given) in enumerate(zip(names, sizes, program.memory, strict=True))]
+    commands = Traffic("action", sum(str(symbol.value).startswith("command") for symbol in used), 0)
+    results = [Traffic(_result_name(program, store), 0, 1 if store.array == "flags" else real)
+               for store in program.always if store.array != "memory"]
+    rows = [*memory, commands, *results]
+    parts = [_sum(name, list(group)) for name, group in groupby(rows, lambda row: row.name)]
+    return [part for part in parts if part.read + part.written > 0]
+
+
+def _sum(name: str, rows: list[Traffic]) -> Traffic:
+    return Traffic(name, sum(row.read for row in rows), sum(row.written for row in rows))
+
+
+def _memory_names(engine: Engine) -> list[str]:
+    """Of each array of the engine's memory, in its order."""
+    goals = sum(not isinstance(goal, float) for goal in leaves(engine.goal))
+    names = ["state"] * len(leaves(engine.state)) + ["goal"] * goals + ["step counter", "episode number"]
+    return names + ["last command"] * (len(engine.save_state()["buffers"]) - len(names))
+
+
+def _result_name(program: Program, store: Store) -> str:
+    if store.array == "flags":
+        return "flags"
+    if store.row < program.shape.width:
+        return "observation"
+    return "reward terms" if store.row < program.shape.width + program.shape.terms else "reward"
+
+
+def table(work: dict[str, StepWork]) -> str:
+    """Bytes by part and operations of several engines, in Markdown."""
+    names = list(dict.fromkeys(part.name for one in work.values() for part in one.traffic))
+    parts = [{part.name: part for part in one.traffic} for one in work.values()]
+    nothing = Traffic("", 0, 0)
+    rows = [[name, *(f"{p.get(name, nothing).read} + {p.get(name, nothing).written}" for p in parts)]
+            for name in names]
+    rows += [["all", *(f"**{one.bytes_moved}**" for one in work.values())],
+             ["operations", *(str(sum(one.operations.values())) for one in work.values())],
+             ["of them " + ", ".join(_SPECIAL), *(str(one.special) for one in work.values())]]
+    head = [["bytes read + written", *work], ["---"] * (len(work) + 1)]
+    return "\n".join(f"| {' | '.join(row)} |" for row in [*head, *rows])
+
+
+def main() -> None:
+    """Print the table of both dimensions."""
+    crafts = map(load_spacecraft, ("floating-platform", "free-flyer"))
+    work = {f"go-to-pose, {craft.name}": step_work(Engine(craft, GoToPose(), 1)) for craft in crafts}
+    sys.stdout.write(table(work) + "\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,39 @@
+"""How long an optimal trajectory takes to find."""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Iterator
+
+from rans.errors import ConfigError
+from rans.flight import scenarios
+from rans.scenario import EVALUATION_SEED
+from rans.spacecraft import Spacecraft
+from rans.tasks import Task
+from validation.speed.measurement import Measurement
+
+_KIND = "optimal control"
+
+
+def solver_rate(craft: Spacecraft, task: Task, starts: int) -> Iterator[Measurement]:
+    """Milliseconds a solve and solves per second of relaxed least time, in this process, on one core."""
+    name = f"least time, {craft.name}"
+    try:
+        from rans.optimal.objectives import MinimumTime
+        from rans.optimal.pool import each
+        from rans.optimal.transcription import Transcription
+
+        begun = time.perf_counter()
+        problem = Transcription(craft, task, MinimumTime())
+        warm_up = time.perf_counter() - begun
+    except (ImportError, ConfigError) as error:
+        yield Measurement(_KIND, name, None, "ms a solve", note=str(error))
+        return
+    found = [problem.solve(one.start, one.goal)
+             for one in each(scenarios(task, craft, EVALUATION_SEED, starts))]
+    solved, iterations = sum(t.solved for t in found), statistics.median(t.iterations for t in found)
+    note = f"{solved} of {starts} solved, {iterations:g} iterations, {MinimumTime().intervals} intervals"
+    seconds = [trajectory.seconds for trajectory in found]
+    yield Measurement(_KIND, f"{name}, median", 1e3 * statistics.median(seconds), "ms a solve", warm_up, note)
+    yield Measurement(_KIND, name, starts / sum(seconds), "solves/s", warm_up, note)

@@ -1,0 +1,64 @@
+"""Everything that is measured, in the order in which it is worth reading."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from rans.fast.presets import preset
+from rans.spacecraft import Spacecraft
+from rans.tasks import Task
+from validation.speed.engine import copy_bandwidth, engine_rate, memory_per_environment
+from validation.speed.latency import latencies
+from validation.speed.measurement import Clock, Measurement
+from validation.speed.solving import solver_rate
+from validation.speed.training import LARGE, trainer_rate
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How much time to spend."""
+
+    clock: Clock
+    compiled: bool | None
+    """See `rans.fast.engine.Engine`."""
+    starts: int
+    """Of optimal trajectories."""
+    calls: int
+    """Of an agent."""
+
+
+def effort(device: str, quick: bool) -> Effort:
+    """Enough for figures that repeat within a few per cent on an idle machine, or as little as possible."""
+    if quick:
+        return Effort(Clock(device, repeats=2, seconds=0.01), None, starts=1, calls=50)
+    return Effort(Clock(device), True, starts=8, calls=5000)
+
+
+def measurements(crafts: Sequence[Spacecraft], task_name: str, task: Task, sizes: Sequence[int],
+                 spend: Effort) -> Iterator[Measurement]:
+    """Memory, engine, training, optimal control, agents.
+
+    Args:
+        crafts: what flies.
+        task_name: gives the trainer's preset.
+        task: where to.
+        sizes: numbers of environments that the engine steps.
+        spend: time and device.
+    """
+    clock = spend.clock
+    bandwidth = copy_bandwidth(clock)
+    assert bandwidth.value is not None
+    yield bandwidth
+    for craft in crafts:
+        for num_envs in sizes:
+            yield engine_rate(craft, task, num_envs, clock, bandwidth.value, spend.compiled)
+        yield memory_per_environment(craft, task, max(sizes), clock)
+    for craft in crafts:
+        yield trainer_rate(craft, task, preset(task_name, craft.dimension, clock.device), clock)
+        if clock.on_gpu:
+            yield trainer_rate(craft, task, LARGE, clock)
+    for craft in crafts:
+        yield from solver_rate(craft, task, spend.starts)
+    for craft in crafts:
+        yield from latencies(craft, task, preset(task_name, craft.dimension, "cpu"), spend.calls)

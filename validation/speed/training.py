@@ -1,0 +1,59 @@
+"""Speed of the trainer: steps flown and learned from per second, and seconds until a task is solved."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from typing import NamedTuple
+
+from rans.fast.config import PPOSettings, TrainConfig
+from rans.fast.engine import Engine
+from rans.fast.run_folder import RunFolder
+from rans.fast.trainer import Trainer, make_ppo
+from rans.spacecraft import Spacecraft
+from rans.spacecraft_file import load_spacecraft
+from rans.tasks import GoToPose, Task
+from validation.speed.measurement import Clock, Measurement, one_thread
+
+LARGE = PPOSettings(n_envs=16_384, n_steps=16, batch_size=65_536, layers=(128, 128))
+"""What keeps a large GPU busy; the presets, which need fewer steps, do not."""
+
+
+class Success(NamedTuple):
+    """A training until its task was solved, or its steps spent."""
+
+    solved: bool
+    seconds: float
+    """Of training, without warm-up."""
+    warm_up: float
+    """Seconds."""
+    steps: int
+
+
+def trainer_rate(craft: Spacecraft, task: Task, settings: PPOSettings, clock: Clock) -> Measurement:
+    """Environment steps per second of PPO: flown, and learned from in every epoch."""
+    with one_thread():
+        engine = Engine(craft, task, settings.n_envs, device=clock.device)
+        model = make_ppo(engine, settings, seed=0)
+        model.start()
+
+        def iteration() -> None:
+            model.collect()
+            model.update()
+
+        seconds, warm_up = clock.time(iteration)
+    rollout, layers = settings.n_envs * settings.n_steps, "x".join(map(str, settings.layers))
+    name = f"PPO, {craft.name}, {settings.n_envs:,} x {settings.n_steps}"
+    return Measurement("training", name, rollout / seconds / 1e6, "M steps/s", warm_up,
+                       f"environments x steps; network {layers}, {settings.n_epochs} epochs")
+
+
+def train_until_solved(settings: PPOSettings, device: str) -> Success:
+    """One training of 3DoF go-to-pose as ``rans train`` does it, seed 0."""
+    with tempfile.TemporaryDirectory() as folder, one_thread():
+        config = TrainConfig("go-to-pose", GoToPose(), "floating-platform", settings, device=device)
+        run = RunFolder(Path(folder) / "run")
+        run.begin(config, "rans benchmark")
+        trainer = Trainer(config, load_spacecraft(config.spacecraft), run)
+        trainer.train(lambda _: None)
+    return Success(trainer.solved, trainer.seconds, trainer.warm_up, trainer.model.num_timesteps)
