@@ -8,9 +8,9 @@ endif
 ifdef QUICK  # minutes become seconds and the agent stays a beginner: tests the way, not the result
 TRAIN_OPTIONS := --total-timesteps 300000
 EVALUATE_OPTIONS := --episodes 128
-COMPARE_OPTIONS := --episodes 2
+COMPARE_OPTIONS := --episodes 2 --certified 1
 else
-COMPARE_OPTIONS := --episodes 16
+COMPARE_OPTIONS := --episodes 16 --certified 2
 endif
 
 # Commands are written as a user types them, with .venv active; but .venv is made by the Python outside it.
