@@ -7,34 +7,61 @@ import pytest
 import torch
 
 from rans.cli import main
+from validation.peers.runner import Peer
 
 
 @pytest.fixture(autouse=True)
 def _wide(monkeypatch: pytest.MonkeyPatch) -> None:
     """Tables are as wide as they need to be."""
-    monkeypatch.setenv("COLUMNS", "160")
+    monkeypatch.setenv("COLUMNS", "240")
 
 
-@pytest.mark.slow  # compiles the engine
-@pytest.mark.filterwarnings("ignore:.*torch.jit.script_method:DeprecationWarning")  # torch's own
-def test_figures(capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("validation.speed._REPEATS", 2)
-    monkeypatch.setattr("validation.speed._REPEAT_SECONDS", 0.01)
+QUICK = ["--device", "cpu", "--spacecraft", "floating-platform", "--quick"]
+
+
+def test_figures(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     file = tmp_path / "speed.json"
-    arguments = ["--device", "cpu", "--num-envs", "64", "--output", str(file)]
-    assert main(["benchmark", *arguments]) == 0
+    assert main(["benchmark", *QUICK, "--num-envs", "64", "--output", str(file)]) == 0
     text = capsys.readouterr().out
-    for part in ("memory copy", "floating-platform, 64 environments", "PPO, floating-platform", "M steps/s"):
+    assert text.index("ratio") < text.index("memory copy")  # what matters comes first
+    for part in ("floating-platform, 64 environments", "PPO, floating-platform", "ms a solve", "percentile"):
         assert part in text
     content = json.loads(file.read_text())
-    assert [row["unit"] for row in content["measurements"]] == ["GB/s", "M steps/s", "M steps/s"]
-    assert all(row["value"] > 0 < row["warm_up"] for row in content["measurements"])
+    measured = [row for row in content["measurements"] if not row["name"].startswith("ONNX")]
+    assert {row["kind"] for row in measured} == {"memory", "engine", "training", "optimal control", "policy"}
+    assert all(row["value"] > 0 for row in measured)
     assert content["environment"]["device"] == "CPU"
+    assert content["command"].startswith("rans")
+    assert content["peers"] == []
+    shares = {row["name"]: row["value"] for row in content["ratios"]}
+    # of 250 bytes: state 24, goal 4, counters 8, action 8, observations 80, reward and terms 24, flags 3
+    assert shares["floating-platform, one environment: share of the 250 bytes aimed at"] == 151 / 250
+    assert "floating-platform, 64 environments" in file.with_suffix(".svg").read_text()
+
+
+def test_peers_that_cannot_be_installed_are_rows_that_say_why(
+        capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """pip finds no such version; Stable-Baselines3 is there anyway."""
+    monkeypatch.setenv("PIP_NO_INDEX", "1")
+    sb3 = Peer("stable-baselines3", "stable_baselines3", "sb3_ppo.py", ())
+    absent = Peer("absent", "absent_module", "absent.py", ("absent-package==1.2.3",))
+    monkeypatch.setattr("validation.speed.ratios.PEERS", (absent, sb3))
+    file = tmp_path / "speed.json"
+    options = ["--peers", "--peer-folder", str(tmp_path / "peers"), "--output", str(file)]
+    assert main(["benchmark", *QUICK, "--num-envs", "64", *options]) == 0
+    assert "No matching distribution found for absent-package==1.2.3" in capsys.readouterr().out
+    content = json.loads(file.read_text())
+    missing, trained = content["peers"]
+    assert missing["figures"] == {}
+    assert missing["installed_by"].endswith("absent-package==1.2.3")
+    assert trained["figures"]["trained_steps_per_s"] > 0
+    assert trained["figures"]["num_envs"] == 128
+    assert "trained steps/s, over stable-baselines3" in content["ratios"][0]["name"]
 
 
 @pytest.mark.parametrize(("arguments", "message"), [
     (["--device", "tpu"], "device must be cpu or cuda, got 'tpu'"),
-    (["--device", "cpu", "--num-envs", "0"], "must be a whole number >= 1, got 0"),
+    ([*QUICK, "--num-envs", "0"], "must be a whole number >= 1, got 0"),
     (["--task", "hover"], "no task named 'hover'"),
     (["--spacecraft", "nowhere.toml"], "nowhere.toml"),
     pytest.param(["--device", "cuda"], "torch sees no CUDA device", marks=pytest.mark.skipif(

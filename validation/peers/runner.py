@@ -8,6 +8,7 @@ import os
 import shlex
 import subprocess
 import sys
+import tempfile
 import venv
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -85,7 +86,7 @@ def measure_peer(peer: Peer, device: str, folder: Path, quick: bool = False) -> 
     """
     here = importlib.util.find_spec(peer.module) is not None
     requirements = [r.replace("jax==", "jax[cuda12]==") if device == "cuda" else r for r in peer.requirements]
-    home = folder / f"{peer.package}-{device}"
+    home = folder.resolve() / f"{peer.package}-{device}"
     python = Path(sys.executable) if here else home / "bin" / "python"
     command = [str(python), str(_FOLDER / peer.script), "--device", device, *(["--quick"] if quick else [])]
     pip = [str(python), "-m", "pip", "install", "--quiet", "--disable-pip-version-check", *requirements]
@@ -118,8 +119,9 @@ def _environment(here: bool) -> dict[str, str]:
 def _output(command: Sequence[str], seconds: float, environment: dict[str, str]) -> str:
     """What a command prints."""
     try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=seconds, check=False,
-                              stdin=subprocess.DEVNULL, env=environment)
+        with tempfile.TemporaryDirectory() as folder:  # MuJoCo logs into the current one
+            done = subprocess.run(command, capture_output=True, text=True, timeout=seconds, check=False,
+                                  stdin=subprocess.DEVNULL, env=environment, cwd=folder)
     except subprocess.TimeoutExpired as error:
         raise _Failed(f"not done after {seconds:.0f} s") from error
     if done.returncode != 0:

@@ -27,7 +27,7 @@ def copy_bandwidth(clock: Clock) -> Measurement:
     return Measurement("memory", "memory copy", 8 * count / seconds / 1e9, "GB/s", warm_up)
 
 
-def engine_rate(craft: Spacecraft, task: Task, num_envs: int, clock: Clock, bandwidth: float,
+def engine_rate(craft: Spacecraft, task: Task, num_envs: int, clock: Clock, bandwidth: float | None = None,
                 compiled: bool | None = True) -> Measurement:
     """Environment steps per second: dynamics, reward terms, ends, both observations, reset.
 
@@ -36,7 +36,7 @@ def engine_rate(craft: Spacecraft, task: Task, num_envs: int, clock: Clock, band
         task: where to.
         num_envs: spacecraft stepped together.
         clock: times it on its device.
-        bandwidth: of `copy_bandwidth`, GB/s: at most so many steps' bytes can be moved in a second.
+        bandwidth: of `copy_bandwidth`, GB/s: no more steps' bytes can be moved in a second.
         compiled: see `Engine`.
     """
     engine = Engine(craft, task, num_envs, device=clock.device, compiled=compiled)
@@ -45,8 +45,9 @@ def engine_rate(craft: Spacecraft, task: Task, num_envs: int, clock: Clock, band
     seconds, warm_up = clock.time(step)
     moved = step_work(engine).bytes_moved
     note = f"{moved} bytes a step must move" + ("" if engine.compiled else "; not compiled")
+    bound = None if bandwidth is None else 1e3 * bandwidth / moved
     return Measurement("engine", f"{craft.name}, {num_envs:,} environments", num_envs / seconds / 1e6,
-                       "M steps/s", warm_up, note, 1e3 * bandwidth / moved, "the copy bandwidth's bound")
+                       "M steps/s", warm_up, note, bound, "what the copy bandwidth allows")
 
 
 def memory_per_environment(craft: Spacecraft, task: Task, num_envs: int, clock: Clock) -> Measurement:

@@ -1,15 +1,16 @@
-"""The figure of a benchmark: the engine under its roof, ratios, and how long an agent takes to answer."""
+"""The figure of a benchmark: the engine under its roof, how long an agent takes to answer, and ratios."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter
 
 from rans.evaluation.figures import styled
-from rans.evaluation.panels import BLUE, GREEN, INK, RED, label
+from rans.evaluation.panels import BLUE, GREEN, INK, ORANGE, RED, label
 from validation.speed.measurement import Measurement
 from validation.speed.ratios import Ratio
 
@@ -24,30 +25,42 @@ def speed_figure(title: str, measured: Sequence[Measurement], ratios: Sequence[R
         ratios: of ours over peers', if there are any.
     """
     engine = [m for m in measured if m.kind == "engine"]
-    agents = [m for m in measured if m.kind == "policy" and m.name.endswith("median") and m.value]
+    agents = [m for m in measured if m.kind == "policy" and m.value is not None]
     rows = [len(engine), len(agents), *([len(ratios)] if ratios else [])]
-    figure = Figure(figsize=(9.0, 1.6 + 0.34 * sum(rows) + 0.5 * len(rows)), layout="constrained")
+    figure = Figure(figsize=(9.0, 1.0 + 0.28 * sum(rows) + 0.7 * len(rows)), layout="constrained")
     figure.suptitle(title, fontsize=9, color=INK)
     panels = figure.subplots(len(rows), 1, height_ratios=rows, squeeze=False)[:, 0]
-    _bars(panels[0], [(m.name, m.value or 0.0, f"{m.value:,.3g}") for m in engine], BLUE)
-    for row, m in enumerate(engine):
-        panels[0].plot([m.bound or 0.0] * 2, [row - 0.4, row + 0.4], color=RED)
-    label(panels[0], "engine; red: what copying its bytes would allow", "M environment steps/s", "")
-    _bars(panels[1], [(m.name.removesuffix(", median"), m.value or 0.0, f"{m.value:,.3g}") for m in agents], GREEN)
-    label(panels[1], "agent on one CPU core", "microseconds to answer one observation, median", "")
+    _roofline(panels[0], engine)
+    _bars(panels[1], [m.name for m in agents], [m.value or 0.0 for m in agents], 0.0)
+    label(panels[1], "an agent on one CPU core", "microseconds to answer one observation", "")
     if ratios:
-        _bars(panels[2], [(r.name, r.value, f"{r.value:,.3g}") for r in ratios], BLUE)
-        panels[2].axvline(1.0, color=RED)
-        label(panels[2], "ours over peers on this machine; red: equal", "ratio", "")
+        _bars(panels[2], [r.name for r in ratios], [r.value for r in ratios], 1.0)
+        panels[2].set_xscale("log")
+        label(panels[2], "ours over peers on this machine", "ratio; 1: as fast", "")
+    for axes in panels:
+        axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:,g}"))
     return figure
 
 
-def _bars(axes: Axes, rows: Sequence[tuple[str, float, str]], colour: str) -> None:
-    """One bar a row, from the top, on a logarithmic axis: figures differ by orders of magnitude."""
-    values: Any = [value for _, value, _ in rows]
-    bars = axes.barh(range(len(rows)), values, color=colour, height=0.7)
-    axes.bar_label(bars, [text for _, _, text in rows], padding=3, fontsize=8)
-    axes.set(yticks=range(len(rows)), yticklabels=[name for name, _, _ in rows], xscale="log",
-             ylim=(len(rows) - 0.5, -0.5))
+def _roofline(axes: Axes, engine: Sequence[Measurement]) -> None:
+    """Steps/s and, as a red line, how many the copy bandwidth allows; both over orders of magnitude."""
+    values = [m.value or 0.0 for m in engine]
+    start = 10.0 ** math.floor(math.log10(min(values)))
+    _bars(axes, [m.name for m in engine], values, start)
+    for row, m in enumerate(engine):
+        axes.plot([m.bound or start] * 2, [row - 0.4, row + 0.4], color=RED)
+    axes.set_xscale("log")
+    axes.set_xlim(left=start)
+    label(axes, "the engine; red: what the copy bandwidth allows", "M environment steps/s", "")
+
+
+def _bars(axes: Axes, names: Sequence[str], values: Sequence[float], start: float) -> None:
+    """One bar a row, from the top, green to the right of the start and orange to the left of it."""
+    colours = [ORANGE if value < start else GREEN if start else BLUE for value in values]
+    axes.barh(range(len(names)), [value - start for value in values], left=start, color=colours, height=0.7)
+    for row, value in enumerate(values):
+        axes.annotate(f"{value:,.3g}", (max(value, start), row), (3, 0), textcoords="offset points",
+                      va="center", fontsize=8)
+    axes.set(yticks=range(len(names)), yticklabels=names, ylim=(len(names) - 0.5, -0.5))
     axes.margins(x=0.12)
     axes.grid(visible=False, axis="y")

@@ -65,8 +65,8 @@ def _ratios(peer: PeerResult, spend: Effort) -> Iterator[Ratio]:
         settings = preset("go-to-pose", 2, device)
         ours = trainer_rate(load_spacecraft(_CRAFTS[0]), GoToPose(), settings, spend.clock)
         yield over_trainer(peer, _per_second(ours), device)
-    if "seconds_to_success" in theirs:
-        yield until_solved(peer, train_until_solved(settings, device))
+        if "seconds_to_success" in theirs:
+            yield until_solved(peer, train_until_solved(settings, device))
 
 
 def over_trainer(peer: PeerResult, rate: float, device: str) -> Ratio:
@@ -81,16 +81,17 @@ def until_solved(peer: PeerResult, ours: Success) -> Ratio:
     """Seconds of training of a peer over ours, until the same judge finds the same task solved."""
     theirs = peer.figures
     unsolved = "" if theirs["solved"] else ", and was not solved by then: the ratio is a lower bound"
-    return Ratio(f"seconds until solved, of {peer.package} over ours", theirs["seconds_to_success"] / ours.seconds,
-                 f"{theirs['seconds_to_success']:.1f} s of {theirs['steps_to_success']:,} steps over "
-                 f"{ours.seconds:.1f} s of {ours.steps:,}{unsolved}")
+    seconds = theirs["seconds_to_success"]
+    return Ratio(f"seconds until solved, of {peer.package} over ours", seconds / ours.seconds,
+                 f"{seconds:.1f} s of {theirs['steps_to_success']:,} steps over {ours.seconds:.1f} s of "
+                 f"{ours.steps:,}{unsolved}")
 
 
 def _over_simulator(peer: PeerResult, spend: Effort) -> Iterator[Ratio]:
     """Environment steps/s of ours over a peer's, on that task of theirs which is nearest."""
     num_envs, theirs = peer.figures["num_envs"], peer.figures["steps_per_s"]
     for name in _CRAFTS:
-        ours = engine_rate(load_spacecraft(name), GoToPose(), num_envs, spend.clock, 1.0, spend.compiled)
+        ours = engine_rate(load_spacecraft(name), GoToPose(), num_envs, spend.clock, compiled=spend.compiled)
         rate = _per_second(ours)
         yield Ratio(f"environment steps/s, {name} over {peer.package}", rate / theirs,
                     f"{rate:,.4g} over {theirs:,.4g}, {num_envs:,} environments; theirs flies another task: "

@@ -1,0 +1,130 @@
+"""How many operations training takes: on a GPU each of them is a kernel, or part of one.
+
+Counts do not depend on the machine or its load, so they find what a timing would lose in its noise. Bounds
+are counts of torch 2.13 and a tenth, because other versions of torch divide some functions differently.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+import torch
+from torch.fx import GraphModule
+from torch.utils._python_dispatch import TorchDispatchMode
+
+from rans.fast.loss import ppo_loss
+from rans.fast.ppo import PPO
+from rans.fast.rollout import act, gae, minibatches
+from tests.fast.engines import FLYER, PLATFORM
+from tests.fast.training import sb3_twin, tiny_ppo
+
+SLACK = 1.1
+
+
+class _Counting(TorchDispatchMode):
+    """Notes every operation of torch that computes or copies; views move nothing."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.operations: Counter[str] = Counter()
+
+    def __torch_dispatch__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
+        if func.namespace == "aten" and not func.is_view:
+            self.operations[func.name()] += 1
+        return func(*args, **(kwargs or {}))
+
+
+def operations(function: Callable[[], object]) -> Counter[str]:
+    with _Counting() as counting:
+        function()
+    return counting.operations
+
+
+def trained(craft: Any = PLATFORM, **settings: Any) -> PPO:
+    """A trainer whose optimiser has its memory already: the first update allocates it."""
+    model = tiny_ppo(craft, **settings)
+    model.collect()
+    model.update()
+    return model
+
+
+def updates(craft: Any = PLATFORM, **settings: Any) -> int:
+    return operations(trained(craft, **settings).update).total()
+
+
+@pytest.mark.parametrize(("craft", "counted"), [(PLATFORM, 52), (FLYER, 79)], ids=["plane", "space"])
+def test_a_step_of_a_rollout(craft: Any, counted: int) -> None:
+    """Without the engine's own, which steps on NumPy here."""
+    model = trained(craft)
+    assert operations(model.collect).total() / model.n_steps <= SLACK * counted
+
+
+@pytest.mark.parametrize(("craft", "counted"), [(PLATFORM, 117), (FLYER, 144)], ids=["plane", "space"])
+def test_a_minibatch(craft: Any, counted: int) -> None:
+    """What one more epoch of two minibatches adds; and a third adds as much as the second."""
+    one, two, three = (updates(craft, n_epochs=epochs) for epochs in (1, 2, 3))
+    assert three - two == two - one
+    assert (two - one) / 2 <= SLACK * counted
+
+
+def test_what_comes_once_an_update() -> None:
+    """Advantages, observation statistics and the step size; a further step adds three operations of `gae`."""
+    once = 2 * updates(n_epochs=1) - updates(n_epochs=2)
+    assert once <= SLACK * 136
+    assert updates(n_steps=16, batch_size=128) - updates(n_steps=8, batch_size=64) == 3 * 8
+
+
+def test_environments_add_none() -> None:
+    few, many = (trained(n_envs=n, batch_size=n * 4) for n in (16, 64))
+    assert operations(few.collect) == operations(many.collect)
+    assert operations(few.update) == operations(many.update)
+
+
+@pytest.mark.parametrize("craft", [PLATFORM, FLYER], ids=["plane", "space"])
+def test_nothing_waits_for_the_device(craft: Any) -> None:
+    """A number taken from a tensor stops the host until the device is done, and cannot be in a CUDA graph."""
+    model = trained(craft)
+    found = operations(model.collect) + operations(model.update)
+    assert found["aten::_local_scalar_dense"] == 0
+    assert operations(lambda: torch.zeros(1).item())["aten::_local_scalar_dense"] == 1
+
+
+def test_stable_baselines3_needs_more_than_twice_as_many() -> None:
+    """On the same minibatches of the same network: it makes a distribution object for every thruster.
+
+    That is 2.9 times as many, or 3.8 where torch checks the distributions' arguments.
+    """
+    model = trained(batch_size=128)
+    twin = sb3_twin(model)
+    twin._setup_learn(10**6)
+    callback: Any = SimpleNamespace(on_rollout_start=lambda: None, update_locals=lambda _: None,
+                                    on_step=lambda: True, on_rollout_end=lambda: None)
+    twin.collect_rollouts(twin.env, callback, twin.rollout_buffer, twin.n_steps)  # type: ignore[arg-type]
+    an_epoch = updates(batch_size=128, n_epochs=3) - updates(batch_size=128, n_epochs=2)
+    assert operations(twin.train).total() / twin.n_epochs > 2 * an_epoch
+
+
+def test_compiled_functions_are_one_graph_each() -> None:
+    """What a GPU's compiler is given: no break, and no more nodes than they have."""
+    model, nodes = trained(), []
+
+    def backend(graph: GraphModule, _: Any) -> Any:
+        nodes.append(sum(node.op.startswith("call") for node in graph.graph.nodes))
+        return graph.forward
+
+    engine: Any = model.env.engine  # type: ignore[union-attr]
+    rollout = model._rollout
+    batch = rollout.batch(engine, model.policy, 0.98, 0.95, 0.1)
+    calls: list[tuple[Callable[..., object], tuple[Any, ...]]] = [
+        (ppo_loss, (model.policy, minibatches(batch, 2)[0], 0.2, 0.0, 0.5, True)),
+        (act, (model.policy, batch.observation[0])),
+        (gae, (rollout.reward, rollout.value, rollout.ended, rollout.value[0], 0.98, 0.95)),
+    ]
+    for function, arguments in calls:
+        torch.compile(function, fullgraph=True, dynamic=False, backend=backend)(*arguments)
+    assert len(nodes) == len(calls)
+    assert all(count <= SLACK * counted for count, counted in zip(nodes, (79, 55, 51), strict=True)), nodes
