@@ -58,7 +58,7 @@ def edited(old: str, new: str) -> str:
 
 def test_shipped_spacecraft_are_found() -> None:
     assert spacecraft_names() == ["floating-platform", "floating-platform-air-tank",
-                                  "floating-platform-shared", "free-flyer"]
+                                  "floating-platform-shared", "free-flyer", "free-flyer-shared"]
 
 
 def test_every_key_of_a_file_arrives() -> None:

@@ -74,8 +74,8 @@ ROWS = (
         Goal(("spin at rest",), "rad/s", (0.1,))), distance=(1.0, 5.0)),
     Row("3DoF track velocity, up to 0.75 m/s", "track-velocity-2d", _TRACKING),
     Row("6DoF track velocity, up to 0.75 m/s", "track-velocity-3d", _TRACKING),
-    Row("3DoF track twist, up to 0.5 m/s and 0.5 rad/s", "track-twist-2d", _TRACKING),
-    Row("6DoF track twist, up to 0.5 m/s and 0.5 rad/s", "track-twist-3d", _TRACKING),
+    Row("3DoF track twist, up to 0.5 m/s and 0.5 rad/s, shared thrust", "track-twist-2d-shared", _TRACKING),
+    Row("6DoF track twist, up to 0.5 m/s and 0.5 rad/s, shared thrust", "track-twist-3d-shared", _TRACKING),
     *(Row(f"3DoF follow the {path} at 0.25 m/s", "track-velocity-2d",
           (Goal((_RMS,), "cm", (bound,), original="plots only"),), path=path)
       for path, bound in (("circle", 5.0), ("spiral", 5.0), ("square", 8.0))),

@@ -6,19 +6,14 @@ Their thrust is relaxed, anything between shut and open, and they know the futur
 
 from __future__ import annotations
 
-import math
-from typing import Any
-
 import numpy as np
 
 from rans.errors import SolverFailed
 from rans.evaluation.metrics import samples
-from rans.fields import map_leaves
-from rans.flight import Flight, scenarios
+from rans.evaluation.optima import episode
+from rans.flight import scenarios
 from rans.optimal.objectives import MinimumTime
-from rans.optimal.pool import solve_all
-from rans.optimal.transcription import Trajectory
-from rans.reference.flight import replay
+from rans.optimal.pool import each, solve_all
 from rans.spacecraft import Spacecraft
 from rans.tasks import Task
 from rans.timing import Timing
@@ -45,21 +40,7 @@ def time_optimal(craft: Spacecraft, task: Task, timing: Timing, seed: int, count
     if lost:
         raise SolverFailed(f"no time-optimal trajectory was found from the starts {lost} of seed {seed}; the "
                            f"first ended with {trajectories[lost[0]].status}.")
-    found: list[dict[str, Any]] = []
-    for k, trajectory in enumerate(trajectories):
-        start, goal = (map_leaves(lambda x, k=k: x[k:k + 1], state) for state in (starts.start, starts.goal))
-        flight = _flown(craft, task, timing, start, goal, trajectory)
-        found.append({sample.name: sample.values for sample in samples(flight)})
+    found = [{sample.name: sample.values for sample in samples(episode(craft, task, timing, *pair))}
+             for pair in zip(each(starts), trajectories, strict=True)]
     return {name: np.concatenate([values[name] for values in found]) for name in found[0]}
 
-
-def _flown(craft: Spacecraft, task: Task, timing: Timing, start: Any, goal: Any,
-           trajectory: Trajectory) -> Flight:
-    """One trajectory in Drake for a whole episode, thrusters shut once it has arrived."""
-    period, planned = trajectory.control_period, len(trajectory.commands)
-    steps = max(planned, math.ceil(timing.episode_steps * timing.control_period / period - 1e-9))
-    commands = np.vstack([trajectory.commands, np.zeros((steps - planned, len(craft.thrusters)))])
-    own = Timing(control_period=period, episode_steps=steps)
-    states = replay(craft, map_leaves(lambda x: float(x[0]), start), commands, own)
-    return Flight(craft, task, own, map_leaves(lambda x: x[:, None], states), goal, commands[:, None],
-                  trajectory.objective, "drake")

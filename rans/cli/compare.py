@@ -54,8 +54,11 @@ class Compare:
 
         if not self.contestants:
             raise ConfigError("name at least one contestant, for example a run folder.")
+        if self.certified < 0:
+            raise ConfigError(f"--certified must be >= 0, got {self.certified}.")
         comparison = Comparison(protocol_of(self.contestants[0], self.episodes, self.seed, self.engine))
         folder = self.output or output_folder(self.contestants[0])
+        folder.mkdir(parents=True, exist_ok=True)  # says now, not after minutes, if that cannot be
         terminal = Console(stderr=True)
         try:
             with Progress(console=terminal, transient=True, disable=not terminal.is_terminal) as progress:
@@ -81,7 +84,7 @@ def _write(comparison: Comparison, folder: Path, console: Console) -> None:
     if board:
         console.print(table)
     for sentence in (*comparison.notes, *comparison.failures):
-        console.print(sentence, markup=False)
+        console.print(sentence, markup=False, soft_wrap=True)
     write_json(folder / "compare.json", to_json(comparison, TEXT))
     page(comparison).write(folder / "compare.html")
     console.print(f"Written to {folder / 'compare.html'} and compare.json.")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shlex
 import sys
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -73,27 +74,24 @@ class Evaluate:
 
     def _fly(self, run: LoadedRun) -> dict[str, Flight]:
         """The flights by engine."""
-        from rans.flight import fly, scenarios
-
-        task, flights = run.task.for_evaluation(), {}
-        if self.engine != "drake":
-            starts = scenarios(task, run.craft, self.seed, self.episodes)
-            flights["fast"] = fly(run.craft, task, run.controller, starts, run.timing)
-        if self.engine != "fast":
-            flights["drake"] = self._fly_in_drake()
-        return flights
-
-    def _fly_in_drake(self) -> Flight:
         from rich.console import Console
         from rich.progress import Progress
 
-        from rans.evaluation.judge import fly_contestant_in_drake
+        from rans.evaluation.judge import Engine, flown
+        from rans.evaluation.protocols import Conditions
 
+        engines: tuple[Engine, ...] = ("fast", "drake") if self.engine == "both" else (self.engine,)
+        conditions, flights = Conditions(run.craft, run.task.for_evaluation(), run.timing), {}
         console = Console(stderr=True)
         with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
-            bar = progress.add_task("flying in Drake", total=self.episodes)
-            return fly_contestant_in_drake(self.contestant, self.seed, self.episodes, protocol=self.protocol,
-                                           progress=lambda flown: progress.advance(bar, flown))
+            for engine in engines:
+                step = partial(progress.advance, progress.add_task(f"{engine} engine", total=self.episodes))
+                flights[engine], stopped = flown(run.controller, conditions, self.seed, self.episodes,
+                                                 engine, progress=step)
+                if stopped:
+                    console.print(f"rans: warning: {run.controller.name}'s solver stopped {stopped} times; "
+                                  "the plan before was flown on.", markup=False)
+        return flights
 
     def _write(self, results: dict[str, Any], flight: Flight) -> Path:
         """Write all files; results of the other engine under the same conditions are kept."""

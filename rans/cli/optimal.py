@@ -14,7 +14,7 @@ from rans.scenario import EVALUATION_SEED
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rans.evaluation.bounds import Bounded
+    from rans.evaluation.bounds import Bound
     from rans.evaluation.optima import Optimum
     from rans.optimal.objectives import Objective
     from rans.scenario import Scenario
@@ -33,7 +33,7 @@ class Optimal:
     trajectory that Drake flies.
     """
 
-    task: Annotated[str, tyro.conf.Positional]
+    task: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="TASK")]
     """What to do; `rans list` knows the tasks."""
     spacecraft: str = "floating-platform"
     """Name of a spacecraft that comes with RANS, or your own TOML file."""
@@ -94,6 +94,8 @@ class Optimal:
             value = getattr(self, name)
             if value is not None and value < 1:
                 raise ConfigError(f"--{name} must be >= 1, got {value}.")
+        if not self.certify_seconds > 0:
+            raise ConfigError(f"--certify-seconds must be > 0, got {self.certify_seconds:g}.")
         if self.certify and self.objective not in ("fuel", "time"):
             raise ConfigError(f"--certify bounds fuel and time only, not {self.objective}.")
 
@@ -102,7 +104,8 @@ class Optimal:
 
         if self.objective == "time":
             return objectives.MinimumTime(self.intervals, self.ending)
-        horizon = self.horizon or (25.0 if self.objective == "reward" else 20.0)
+        usual = 25.0 if self.objective == "reward" else 20.0
+        horizon = usual if self.horizon is None else self.horizon
         free = {"tracking": objectives.QuadraticTracking, "reward": objectives.MaximumReward}
         if self.objective in free:
             return free[self.objective](horizon, self.control_period)
@@ -110,17 +113,25 @@ class Optimal:
         return kind(horizon, self.control_period, self.ending)
 
     def _bounds(self, craft: Spacecraft, task: Task, objective: Objective, starts: Scenario,
-                answers: list[Optimum]) -> list[Bounded]:
+                answers: list[Optimum]) -> list[Bound]:
         """Print them too."""
         import math
 
         from rich.console import Console
 
-        from rans.evaluation.bounds import Bounding, bounds, table
+        from rans.evaluation.bounds import CERTIFIED, Question, bounds, goal_set, no_certificate, table
+        from rans.optimal.arrival import aims
+        from rans.optimal.certificate import Effort
+        from rans.optimal.pool import each
 
-        assert isinstance(objective, Bounding)  # see `_check`
-        found, sentence = self._with_progress("bounds", lambda tick: bounds(
-            craft, task, objective, starts, self.control_period, self.certify_seconds, self.workers, tick))
+        wanted, period = tuple(sorted(aims(task))), self.control_period
+        horizon = None if self.objective == "time" else objective.intervals * period
+        common = (craft, wanted, goal_set(task), period, horizon, Effort(self.certify_seconds))
+        questions = [Question(*common, scenario) for scenario in each(starts)]
+        found = [answer for _, answer in sorted(self._with_progress("bounds", lambda tick: [
+            *bounds(questions, range(self.episodes), self.workers, tick)]))]
+        reason = no_certificate(craft, wanted, period)
+        sentence = f"No on/off certificate: {reason}" if reason else CERTIFIED
         costs = [answer.trajectory.cost if answer.good else math.nan for answer in answers]
         Console().print(table(sentence, objective.measure, found, costs))
         return found

@@ -37,8 +37,8 @@ class Sweep:
     Ctrl-C stops early and keeps what there is.
     """
 
-    task: Positional[str]
-    """What to learn: see `rans list`."""
+    task: Positional[str | None] = None
+    """What to learn: a task (see `rans list`), or the name of an agent that comes with RANS."""
     seeds: int = 8
     """Number of seeds, from 0 on."""
     set: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="KEY=VALUE,VALUE")] = ()
@@ -83,10 +83,9 @@ class Sweep:
         """Every combination, the seeds of one beside each other."""
         if self.seeds < 1:
             raise ConfigError(f"--seeds must be >= 1, got {self.seeds}.")
-        task = self.task if self.config is None else None
         for changes in itertools.product(*map(_changes, self.set)):
             for seed in range(self.seeds):
-                yield Train(task, self.spacecraft, seed, self.device, self.total_timesteps, changes,
+                yield Train(self.task, self.spacecraft, seed, self.device, self.total_timesteps, changes,
                             config=self.config).resolved()
 
 

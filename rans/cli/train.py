@@ -22,6 +22,7 @@ from rans.processes import beside
 
 if TYPE_CHECKING:
     from rans.fast.config import TrainConfig
+    from rans.fast.run_folder import RunFolder
     from rans.fast.trainer import Trainer
 
 
@@ -112,8 +113,6 @@ class Train:
     def run(self) -> int:
         """Train with progress; 130 when it was stopped early."""
         from rans.cli.progress import TrainingProgress
-        from rans.evaluation.figures import learning_curve
-        from rans.files import replace_file
 
         trainer = self._trainer()
         if not trainer.world.is_first:
@@ -121,9 +120,7 @@ class Train:
         watched = _watched(trainer.run.path) if self.view else contextlib.nullcontext()
         with watched, TrainingProgress(trainer.config) as progress, StopGently() as stop:
             trainer.train(progress.show, lambda: stop.asked)
-        picture = trainer.run.path / "learning_curve.svg"
-        if rows := trainer.run.metrics():
-            replace_file(picture, lambda draft: learning_curve(rows).savefig(draft, format="svg"))
+        _draw(trainer.run)
         print(_summary(trainer, stop.asked, time.monotonic() - STARTED))
         return 130 if stop.asked else 0
 
@@ -135,16 +132,25 @@ def _assist(trainer: Trainer) -> int:
     return 130 if stop.asked else 0
 
 
+def _draw(run: RunFolder) -> None:
+    """The learning curve, with Matplotlib, for which training need not wait."""
+    from rans.evaluation.figures import learning_curve
+    from rans.files import replace_file
+
+    if rows := run.metrics():
+        replace_file(run.path / "learning_curve.svg",
+                     lambda draft: learning_curve(rows).savefig(draft, format="svg"))
+
+
 def _summary(trainer: Trainer, stopped: bool, seconds: float) -> str:
     """One paragraph: how it ended, what it took, where it is."""
     path = trainer.run.path
     ending = ("Stopped" if stopped else "Solved" if trainer.solved else
               "Done" if trainer.config.solved_share is None else "Out of steps, not solved")
-    steps = trainer.model.num_timesteps
-    rate = steps / max(trainer.seconds, 1e-9)
     warm_up = f" after {trainer.warm_up:.1f} s of warm-up" if trainer.warm_up else ""
-    text = (f"{ending} after {steps:,} steps: {trainer.seconds:.1f} s of training "
-            f"({rate:,.0f} steps/s){warm_up}, {seconds:.1f} s in all. The agent is {path}/policy.zip.")
+    text = (f"{ending} after {trainer.model.num_timesteps:,} steps: {trainer.seconds:.1f} s of training "
+            f"({trainer.rate:,.0f} steps/s){warm_up}, {seconds:.1f} s in all. "
+            f"The agent is {path}/policy.zip.")
     if stopped:
         text += f" Continue with: {shlex.join(['rans', 'train', '--resume', str(path)])}"
     return text

@@ -1,132 +1,167 @@
-"""What nothing can beat, per start: the certificate where one exists, else the hull bound."""
+"""What nothing can beat, per start: the certificate where one exists, else the hull bound.
+
+docs/certificate.md proves both.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from rich.table import Table
 
 from rans.errors import ConfigError, RansError
 from rans.fields import leaves
 from rans.optimal import hull
-from rans.optimal.arrival import aims
 from rans.optimal.certificate import Effort, least_fuel, least_time
 from rans.optimal.lattice import GoalSet, Lattice
-from rans.optimal.objectives import MinimumFuel, MinimumTime
-from rans.optimal.pool import each
 from rans.processes import submitted
 from rans.scenario import Scenario
 from rans.spacecraft import Spacecraft
 from rans.tasks.base import Task
 
-_CERTIFIED = ("The hull bound holds for any commands between 0 and 1; relaxed is a local optimum of those; "
-              "certified holds for every on/off controller at the control rate.")
+REST_SPEED = 0.05
+"""A position counts as arrived at only below this speed relative to the goal's, m/s: 1 cm in a period."""
+REST_SPIN = math.radians(5.0)
+"""An attitude counts as arrived at only below this rate relative to the goal's, rad/s. For the floating
+platform at 5 Hz it means no spin at all, as one pulse is worth 17 degrees/s."""
 
-_LONGEST = 12.0
-"""Time up to which the certified least time is looked for, s: twice that of the paper's starts."""
+CERTIFIED = ("The hull bound holds for any commands between 0 and 1; relaxed is a local optimum of those; "
+             "certified holds for every on/off controller at the control rate.")
+
+_LONGEST = 25.0
+"""Time up to which the certified least time is looked for, s: an episode's."""
 
 
-Bounding = MinimumFuel | MinimumTime
-"""Objectives that have bounds."""
+class Question(NamedTuple):
+    """What is bounded; plain values, so that equal questions have equal answers and equal texts."""
+
+    craft: Spacecraft
+    aims: tuple[str, ...]
+    """Sorted, see `rans.optimal.arrival.aims`."""
+    goals: GoalSet
+    period: float
+    """For which on/off commands are held, s."""
+    horizon: float | None
+    """Bounded is the least thrust-time (N s) with which a controller is in the goal set at this time, s;
+    None: the least time, s."""
+    effort: Effort
+    scenario: Scenario
+    """Of floats."""
 
 
 @dataclass(frozen=True)
-class Bounded:
-    """What nothing can beat from one start, in the objective's unit."""
+class Bound:
+    """What nothing can beat from one start, in N s or s."""
 
     start: int
+    horizon: float | None
+    """See `Question`."""
     hull: float
     """No commands between 0 and 1 do with less, on/off or not."""
     lower: float | None = None
     """No on/off controller at the control rate does with less; None where no certificate exists."""
-    upper: float | None = None
-    """What the best on/off control found needs; infinite where none was found."""
+    upper: float = math.inf
+    """What ``commands`` need, replayed into the goal set; infinite where none were found."""
+    commands: list[list[int]] | None = None
+    """(T, thrusters) zeros and ones."""
     seconds: float = 0.0
     """Wall time of the certificate."""
 
+    @property
+    def best(self) -> float:
+        """What no on/off controller beats, by whichever proof there is."""
+        return self.hull if self.lower is None else self.lower
+
     def to_json(self) -> dict[str, Any]:
-        """Plain values; what is missing is null."""
+        """Plain values; what is missing or infinite is null."""
         return {k: None if isinstance(x, float) and not math.isfinite(x) else x
                 for k, x in asdict(self).items()}
 
 
-def bounds(craft: Spacecraft, task: Task, objective: Bounding, starts: Scenario, period: float,
-           seconds: float, workers: int | None = None,
-           progress: Callable[[], object] = lambda: None) -> tuple[list[Bounded], str]:
-    """Bounds from every start, and a sentence that says what they hold for.
+def goal_set(task: Task) -> GoalSet:
+    """A task's tolerances, and rest where it has a place; what it leaves open is not looked at."""
+    tolerances = task.tolerances()
+    return GoalSet(tolerances.get("position", 0.0), tolerances.get("velocity", REST_SPEED),
+                   tolerances.get("attitude", 0.0), tolerances.get("spin", REST_SPIN))
+
+
+def no_certificate(craft: Spacecraft, wanted: Collection[str], period: float) -> str:
+    """Why on/off controllers have no bound of their own here; nothing if they do.
 
     Args:
         craft: what flies.
-        task: where to.
-        objective: what is bounded.
-        starts: fields of arrays (N,).
-        period: for which on/off commands are held, s.
-        seconds: for every question of the certificate, see `Effort`.
+        wanted: see `rans.optimal.arrival.aims`.
+        period: for which commands are held, s.
+    """
+    try:
+        if not {"position", "attitude"} <= set(wanted):
+            raise ConfigError("the on/off certificate is for tasks that ask for a pose, which fixes the "
+                              "whole state.")
+        Lattice(craft, period)
+    except ConfigError as reason:
+        return str(reason)
+    return ""
+
+
+def bounds(questions: Sequence[Question], starts: Sequence[int], workers: int | None = None,
+           progress: Callable[[], object] = lambda: None) -> Iterator[tuple[int, Bound]]:
+    """The answers as they are found, each with the number of its question.
+
+    Args:
+        questions: what is asked.
+        starts: number of the scenario of each.
         workers: processes, by default one per processor; 1 works in this process.
-        progress: called once per start.
+        progress: called once per answer.
 
     Raises:
         RansError: a process died.
     """
-    goal_set, each_start = GoalSet.of(task), list(each(starts))
-    try:
-        if aims(task) != {"position", "velocity", "attitude", "spin"}:
-            raise ConfigError("the certificate is for tasks that ask for a pose")
-        goal_set.net_spins(Lattice(craft, period), each_start[0].start, each_start[0].goal)  # type: ignore[arg-type]
-    except ConfigError as reason:
-        sentence = f"No on/off certificate: {reason}"
-        jobs = [(k, craft, task, objective, scenario) for k, scenario in enumerate(each_start)]
-        return [_called(progress, hull_bound(*job)) for job in jobs], sentence
-    jobs = [(k, craft, task, objective, scenario, period, seconds) for k, scenario in enumerate(each_start)]
-    if workers == 1:
-        return [_called(progress, certified(*job)) for job in jobs], _CERTIFIED
-    with submitted(certified, jobs, workers, leaves, (starts.start,)) as futures:
+    jobs = list(zip(starts, questions, strict=True))
+    if workers == 1 or not jobs:
+        for k, job in enumerate(jobs):
+            yield k, bound(*job)
+            progress()
+        return
+    with submitted(bound, jobs, workers, leaves, (jobs[0][1].scenario.start,)) as futures:
+        numbers = {future: k for k, future in enumerate(futures)}
         try:
-            for _ in as_completed(futures):
+            for future in as_completed(futures):
+                yield numbers[future], future.result()
                 progress()
-            return [future.result() for future in futures], _CERTIFIED
         except BrokenProcessPool as error:
-            raise RansError("a process that looked for a certificate died; the usual cause is too little "
+            raise RansError("a process that searched for bounds died; the usual cause is too little "
                             "memory.") from error
 
 
-def hull_bound(k: int, craft: Spacecraft, task: Task, objective: Bounding, scenario: Scenario) -> Bounded:
-    """The bound of `rans.optimal.hull` from one start."""
-    common = (craft, aims(task), scenario.start, scenario.goal)
-    if isinstance(objective, MinimumFuel):
-        horizon = objective.intervals * objective.control_period
-        return Bounded(k, hull.least_fuel(*common, horizon, GoalSet.of(task)))
-    return Bounded(k, hull.least_time(*common, GoalSet.of(task)))
-
-
-def certified(k: int, craft: Spacecraft, task: Task, objective: Bounding, scenario: Scenario, period: float,
-              seconds: float) -> Bounded:
-    """Both bounds from one start; a horizon in which nothing can arrive has infinite ones."""
-    lattice, start, goal = Lattice(craft, period), scenario.start, scenario.goal
-    common = (GoalSet.of(task), Effort(seconds))
-    loose = hull_bound(k, craft, task, objective, scenario).hull
+def bound(start: int, question: Question) -> Bound:
+    """One answer; of a horizon in which nothing can arrive the bounds are infinite."""
+    craft, wanted, goals, period, horizon, effort, scenario = question
+    begin, end = scenario.start, scenario.goal
+    loose = (hull.least_time(craft, wanted, begin, end, goals) if horizon is None
+             else hull.least_fuel(craft, wanted, begin, end, horizon, goals))
+    if no_certificate(craft, wanted, period):
+        return Bound(start, horizon, loose)
+    lattice = Lattice(craft, period)
     try:
-        if isinstance(objective, MinimumFuel):
-            steps = max(1, round(objective.horizon / period))
-            answer = least_fuel(lattice, start, goal, steps, *common)  # type: ignore[arg-type]
-        else:
-            answer = least_time(lattice, start, goal, round(_LONGEST / period), *common)  # type: ignore[arg-type]
-    except ConfigError:
-        return Bounded(k, loose, math.inf, math.inf)
-    return Bounded(k, loose, answer.lower, answer.upper, answer.seconds)
+        goals.net_spins(lattice, begin, end)  # type: ignore[arg-type]
+    except ConfigError:  # a start whose spin no number of pulses takes to the goal's
+        return Bound(start, horizon, loose)
+    ask, length = (least_time, _LONGEST) if horizon is None else (least_fuel, horizon)
+    try:
+        steps = max(1, round(length / period))
+        found = ask(lattice, begin, end, steps, goals, effort)  # type: ignore[arg-type]
+    except ConfigError:  # what is left to refuse: a horizon too short for the goal set
+        return Bound(start, horizon, loose, math.inf)
+    commands = None if found.commands is None else found.commands.astype(int).tolist()
+    return Bound(start, horizon, loose, found.lower, found.upper, commands, found.seconds)
 
 
-def _called(progress: Callable[[], object], answer: Bounded) -> Bounded:
-    progress()
-    return answer
-
-
-def table(sentence: str, measure: str, answers: Sequence[Bounded], found: Sequence[float]) -> Table:
+def table(sentence: str, measure: str, answers: Sequence[Bound], found: Sequence[float]) -> Table:
     """A row per start.
 
     Args:
@@ -141,9 +176,8 @@ def table(sentence: str, measure: str, answers: Sequence[Bounded], found: Sequen
         result.add_column(heading, justify="right")
     for answer, cost in zip(answers, found, strict=True):
         lower, upper = answer.lower, answer.upper
-        proven = lower is not None and upper is not None and 0 < lower < math.inf
-        gap = f"{100 * (upper / lower - 1):.1f} %" if proven else "-"  # type: ignore[operator]
-        certain = ["-" if x is None else f"{x:.3f}" for x in (lower, upper)]
+        gap = f"{100 * (upper / lower - 1):.1f} %" if lower and lower < math.inf else "-"
+        certain = ["-"] * 2 if lower is None else [f"{lower:.3f}", f"{upper:.3f}"]
         relaxed = "-" if math.isnan(cost) else f"{cost:.3f}"
         result.add_row(str(answer.start), f"{answer.hull:.3f}", relaxed, *certain, gap)
     return result

@@ -8,6 +8,7 @@ from pathlib import Path
 from rans.errors import ConfigError
 from rans.evaluation.agent import LoadedRun, load_agent
 from rans.evaluation.protocols import Conditions, ProtocolName, under_protocol
+from rans.evaluation.user_policies import is_user_policy, user_policy
 from rans.flight import Controller
 from rans.pretrained import pretrained_folder
 from rans.spacecraft_file import load_spacecraft
@@ -24,23 +25,31 @@ EVALUATIONS = Path("runs") / "evaluations"
 _SPACECRAFT = {"2d": "floating-platform", "3d": "free-flyer"}
 
 
-def contestant(spec: str, protocol: ProtocolName = "own") -> LoadedRun:
+def contestant(spec: str, protocol: ProtocolName = "own", lent: Conditions | None = None) -> LoadedRun:
     """A controller ready to fly, and under which conditions.
 
     Args:
         spec: a run folder; ``pretrained:NAME`` (see `rans.pretrained`); ``lqr:TASK-2d``, ``mpc:TASK-3d``
             and the like, which fly the floating platform or the free flyer, or another spacecraft as in
             ``lqr:go-to-pose-2d@floating-platform-shared``. ``#TASK`` at the end picks one of the tasks of
-            a multi-task agent.
+            a multi-task agent. Policies made elsewhere (see `rans.evaluation.user_policies`) know no task
+            of their own.
         protocol: see `rans.evaluation.protocols.under_protocol`.
+        lent: somebody's conditions, under which policies made elsewhere fly.
 
     Raises:
-        ConfigError: there is no such contestant, or the protocol is not for its spacecraft.
+        ConfigError: there is no such contestant, the protocol is not for its spacecraft, or a policy made
+            elsewhere was lent no conditions.
     """
+    if is_user_policy(spec):
+        if lent is None:
+            raise ConfigError(f"{spec} knows no task: name somebody who does before it, as in rans compare "
+                              f"RUN {spec}.")
+        return LoadedRun(user_policy(spec, lent.craft), *lent)
     kind, name, part = _parse(spec)
     if kind in ("lqr", "mpc"):
         conditions = under_protocol(protocol, _picked(_named_conditions(name, spec), part, spec))
-        return LoadedRun(_controller(kind, conditions), *conditions)
+        return LoadedRun(controller(kind, conditions), *conditions)
     run = load_agent(pretrained_folder(name) if kind == "pretrained" else Path(name))
     own = _picked(Conditions(run.craft, run.task, run.timing), part, spec)
     return LoadedRun(run.controller, *under_protocol(protocol, own))
@@ -73,7 +82,7 @@ def _parse(spec: str) -> tuple[str, str, str]:
     kind, _, name = spec.partition(":")
     if kind in ("pretrained", "lqr", "mpc") and name:
         return kind, name, part
-    if name and not Path(spec).exists():
+    if ":" in spec and not Path(spec).exists():
         raise ConfigError(f"there is no contestant {spec!r}; known are {FORMS}.")
     return "", spec, part
 
@@ -103,7 +112,12 @@ def _picked(conditions: Conditions, part: str, spec: str) -> Conditions:
     return conditions._replace(task=parts[part])
 
 
-def _controller(kind: str, conditions: Conditions) -> Controller:
+def controller(kind: str, conditions: Conditions) -> Controller:
+    """The "lqr" or the "mpc" with its default settings.
+
+    Raises:
+        ConfigError: it cannot fly this spacecraft.
+    """
     if kind == "mpc":
         from rans.optimal.mpc import MPC
 

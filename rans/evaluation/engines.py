@@ -132,7 +132,7 @@ def _shares(name: str, meaning: str, fast: np.ndarray, drake: np.ndarray) -> Pai
 def _medians(name: str, meaning: str, unit: str, fast: np.ndarray, drake: np.ndarray,
              picks: np.ndarray, bound: float | None) -> Pair:
     ours, theirs = float(np.median(fast)), float(np.median(drake))
-    difference = theirs - ours if math.isfinite(theirs) and math.isfinite(ours) else 0.0
+    difference = 0.0 if ours == theirs else theirs - ours  # also where both are infinite
     return Pair(name, meaning, unit, ours, _bootstrap(fast, picks, np.median), theirs,
                 _bootstrap(drake, picks, np.median), difference,
                 None if bound is None else (-bound, bound))

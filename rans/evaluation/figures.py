@@ -1,4 +1,4 @@
-"""Figures of flights, trainings and comparisons, for reports and papers.
+"""Figures of flights and trainings, for reports and papers.
 
 Every function returns a `matplotlib.figure.Figure` that nobody else holds: no window, no global state.
 Colours are those of Okabe and Ito ("Color Universal Design", 2008), which everybody can tell apart.
@@ -91,31 +91,6 @@ def learning_curve(rows: Sequence[Mapping[str, Any]]) -> Figure:
         returns.legend()
     for axes in (success, returns):
         axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x / 1e6:g} M" if x else "0"))
-    return figure
-
-
-@styled
-def comparison_figure(contestants: Mapping[str, Mapping[str, Sequence[float]]]) -> Figure:
-    """Speed against thrift: settling time and thruster on-time of every start.
-
-    Args:
-        contestants: by name, ``settling_time`` (s, infinite if never) and ``on_time`` (thruster-
-            seconds), one entry per start. Starts that never settle are counted in the legend.
-    """
-    figure = Figure(figsize=(6.4, 4.2), layout="constrained")
-    axes = figure.subplots()
-    looks = zip((BLUE, ORANGE, GREEN, PURPLE, RED, SKY), "osD^vP", strict=True)
-    for (name, values), (colour, marker) in zip(contestants.items(), looks, strict=False):
-        x, y = (np.asarray(values[key], dtype=float) for key in ("settling_time", "on_time"))
-        settled = np.isfinite(x)
-        count = "" if settled.all() else f" ({settled.sum()} of {len(x)} settle)"
-        axes.scatter(x[settled], y[settled], s=34, c=colour, marker=marker, alpha=0.8,
-                     edgecolors="white", linewidths=0.6, label=name + count)
-    axes.margins(0.08)
-    axes.set_xlim(left=0.0)
-    axes.set_ylim(bottom=0.0)
-    label(axes, "each start: time against thrust", "settling time, s", "thruster on-time, s")
-    axes.legend()
     return figure
 
 

@@ -15,14 +15,16 @@ from rich.table import Table
 from rans.evaluation.metrics import DISPLAY
 from rans.fields import leaves, map_leaves
 from rans.files import environment, replace_file, write_json
+from rans.flight import Flight
 from rans.optimal.objectives import Objective
 from rans.optimal.pool import each, solve_all
 from rans.optimal.transcription import Trajectory
-from rans.reference.flight import rows_from_states, states_from_rows
+from rans.reference.flight import replay, rows_from_states, states_from_rows
 from rans.reference.plant import Plant
 from rans.scenario import Scenario
 from rans.spacecraft import Spacecraft
 from rans.tasks.base import Task
+from rans.timing import Timing
 
 REPLAY_BOUND = 1e-3
 """Largest distance between an optimised and the flown path, m: a fiftieth of what tasks tolerate."""
@@ -118,6 +120,26 @@ def _flown(craft: Spacecraft, trajectories: Sequence[Trajectory]) -> Iterator[An
     commands = np.stack([t.commands for t in trajectories], axis=1)
     rows = Plant(craft, len(states)).rollout(starts, commands, trajectories[0].control_period)
     return (states_from_rows(rows[:, k], like) for k, like in enumerate(states))
+
+
+def episode(craft: Spacecraft, task: Task, timing: Timing, scenario: Scenario,
+            trajectory: Trajectory) -> Flight:
+    """A trajectory flown by Drake for a whole episode, thrusters shut once it has arrived.
+
+    Args:
+        craft: what flies.
+        task: what for.
+        timing: how long an episode is; the control period is the trajectory's own.
+        scenario: where it begins, of floats.
+        trajectory: that was solved.
+    """
+    period, planned = trajectory.control_period, len(trajectory.commands)
+    steps = max(planned, math.ceil(timing.episode_steps * timing.control_period / period - 1e-9))
+    commands = np.vstack([trajectory.commands, np.zeros((steps - planned, len(craft.thrusters)))])
+    own = Timing(control_period=period, episode_steps=steps)
+    states = map_leaves(lambda x: x[:, None], replay(craft, scenario.start, commands, own))
+    return Flight(craft, task, own, states, map_leaves(lambda x: np.array([x]), scenario.goal),
+                  commands[:, None], trajectory.objective, "drake")
 
 
 def table(title: str, objective: Objective, answers: Sequence[Optimum]) -> Table:

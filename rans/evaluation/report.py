@@ -14,7 +14,7 @@ import rich.table
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from rans.errors import ConfigError
-from rans.evaluation.figures import comparison_figure, data_uri, learning_curve, svg
+from rans.evaluation.figures import data_uri, learning_curve, svg
 from rans.evaluation.measure import COLUMNS, Metrics
 from rans.files import read_json, read_json_lines, write_text
 
@@ -69,6 +69,8 @@ class Section:
     """Go to the top of the page."""
     summary: Sequence[tuple[str, str]] = ()
     """What and how much, for the terminal."""
+    link: str = ""
+    """File beside the page that says more."""
 
 
 @dataclass(frozen=True)
@@ -133,7 +135,7 @@ def report_from_run(run: Path) -> Report:
     Args:
         run: may hold ``config.json``, ``validation.json`` (checks), ``metrics.jsonl`` (training),
             ``evaluation.json`` (one or several `Metrics`), ``evaluation.svg``, ``episode.svg``, the same
-            of protocols and tasks, as ``evaluation-paper.json``, and ``compare.json`` (lists of rows).
+            of protocols and tasks, as ``evaluation-paper.json``, and ``compare.json``.
 
     Raises:
         ConfigError: there is no such folder or it holds no results, or a file is damaged.
@@ -214,32 +216,18 @@ def _solved(measured: Metrics) -> Finding:
 
 
 def comparison_section(comparison: Mapping[str, Any]) -> Section:
-    """Contestants from the same starts.
+    """Contestants from the same starts, a line each; compare.html beside the report has the rest.
 
     Args:
-        comparison: ``title`` and ``text`` if known; every entry that is a list of rows (mappings of
-            plain values) becomes a table, and rows that name a ``contestant`` with ``settling_time``
-            and ``on_time`` are also drawn. See `rans.evaluation.comparison.tables.to_json`.
+        comparison: ``title``; ``summary``, rows of `rans.evaluation.comparison.tables.to_json`; and
+            ``failures``, sentences.
     """
-    tables, pictures = [], []
-    for name, rows in comparison.items():
-        if isinstance(rows, list) and rows and all(isinstance(row, dict) for row in rows):
-            columns = list(dict.fromkeys(key for row in rows for key in row))
-            cells = [[row.get(column) for column in columns] for row in rows]
-            tables.append(Table([c.replace("_", " ") for c in columns], cells, name.replace("_", " ")))
-            if contestants := _contestants(rows):
-                figure = svg(comparison_figure(contestants))
-                pictures.append(Picture(data_uri(figure), "Settling time against thruster on-time."))
-    text = ". ".join(comparison[key] for key in ("title", "text") if key in comparison)
     rows = comparison.get("summary", [])
     summary = [(row["contestant"], _outcome(row)) for row in rows]
-    return Section("Comparison", text, tables, pictures, [_compared(row) for row in rows], summary)
-
-
-def _compared(row: Mapping[str, Any]) -> Finding:
-    """A line about one contestant; a bound that was not found from every start is a failure."""
-    lost = row["kind"] == "bound" and row["flown"] < row["starts"]
-    return Finding(f"{row['contestant']} {_outcome(row)}.", False if lost else None)
+    findings = [*(Finding(text, False) for text in comparison["failures"]),
+                *(Finding(f"{name} {outcome}.") for name, outcome in summary)]
+    return Section("Comparison", f"{comparison['title']}.", [Table(("contestant", "outcome"), summary)], (),
+                   findings, summary, "compare.html")
 
 
 def _outcome(row: Mapping[str, Any]) -> str:
@@ -247,20 +235,8 @@ def _outcome(row: Mapping[str, Any]) -> str:
     for key, what in (("median_settling_time", "s (median)"), ("mean_impulse", "N s of thrust (mean)")):
         if row.get(key) is not None:
             text += f", {row[key]:.2f} {what}"
-    if row["kind"] == "bound" and row["flown"] < row["starts"]:
-        text += f"; the optimiser found none from {row['starts'] - row['flown']}"
-    return text
-
-
-def _contestants(rows: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, list[float]]]:
-    keys = ("settling_time", "on_time")
-    contestants: dict[str, dict[str, list[float]]] = {}
-    for row in rows:
-        if all(key in row for key in ("contestant", *keys)):
-            values = contestants.setdefault(row["contestant"], {key: [] for key in keys})
-            for key in keys:
-                values[key].append(math.inf if row[key] is None else float(row[key]))
-    return contestants
+    lost = row["starts"] - row["flown"]
+    return text + (f"; the optimiser found none from {lost}" if lost else "")
 
 
 def _evaluation(file: Path, found: Any) -> Section:

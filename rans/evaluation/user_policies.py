@@ -27,14 +27,18 @@ class UserPolicy:
     """A function of the observation, each of whose answers is checked before it flies.
 
     Args:
-        name: what to call it in tables and messages.
+        name: as `user_policy` knows it.
         policy: called with all episodes at once.
-        thrusters: how many it must command.
+        craft: whose thrusters it must command.
     """
 
-    def __init__(self, name: str, policy: Policy, thrusters: int) -> None:
+    def __init__(self, name: str, policy: Policy, craft: Spacecraft) -> None:
         self.name = name
-        self._policy, self._thrusters = policy, thrusters
+        self._policy, self._craft = policy, craft
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Another process loads it anew: not every policy can be pickled."""
+        return user_policy, (self.name, self._craft)
 
     def reset(self, count: int) -> None:
         """See `rans.flight.Controller`; a function has no memory."""
@@ -49,7 +53,7 @@ class UserPolicy:
             commands = np.asarray(self._policy(observation), dtype=np.float64)
         except Exception as error:  # somebody else's code raises anything
             raise ConfigError(f"{self.name} failed: {type(error).__name__}: {first_line(error)}.") from error
-        wanted = (len(observation), self._thrusters)
+        wanted = (len(observation), len(self._craft.thrusters))
         if commands.shape != wanted:
             raise ConfigError(f"{self.name} must answer {wanted[0]} observations with commands of shape "
                               f"{wanted}, got {commands.shape}.")
@@ -78,7 +82,7 @@ def user_policy(spec: str, craft: Spacecraft) -> UserPolicy:
     kind, _, name = spec.partition(":")
     if not is_user_policy(spec) or not name:
         raise ConfigError(f"there is no policy {spec!r}; known are {FORMS}.")
-    return UserPolicy(spec, _LOADERS[kind](name, craft), len(craft.thrusters))
+    return UserPolicy(spec, _LOADERS[kind](name, craft), craft)
 
 
 def _sb3(name: str, craft: Spacecraft) -> Policy:

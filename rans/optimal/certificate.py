@@ -52,7 +52,7 @@ class Certificate:
     upper: float
     """What ``commands`` need; infinite where none were found."""
     commands: np.ndarray | None
-    """(T, thrusters) zeros and ones, replayed into the goal set."""
+    """(T, thrusters) zeros and ones, replayed into the goal set; None too where none are needed."""
     dual: float
     """The bound before branching and rounding up; in s for time, a multiple of the control period."""
     nodes: int
@@ -63,7 +63,9 @@ class Certificate:
     @property
     def gap(self) -> float:
         """(upper - lower) / lower."""
-        return self.upper / self.lower - 1.0 if self.lower > 0 else math.inf
+        if self.lower > 0:
+            return self.upper / self.lower - 1.0
+        return 0.0 if self.upper == 0.0 else math.inf
 
 
 @dataclass
@@ -137,6 +139,8 @@ def least_time(lattice: Lattice, start: PlanarState, goal: PlanarState, most_ste
     """
     _check_steps(most_steps)
     began, nodes, lower, dual, open_levels = time.monotonic(), 0, None, None, 0
+    if goal_set.contains(start, goal):
+        return Certificate(0.0, 0.0, None, 0.0, 0, 0.0)
     for steps in range(1, most_steps + 1):
         relaxation = Relaxation(lattice, start, goal, goal_set, steps, None, fuel=0.0)
         root = _ascent_from_straight(relaxation, 0.0)

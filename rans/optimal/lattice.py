@@ -21,7 +21,6 @@ from rans.dynamics import PlanarState
 from rans.errors import ConfigError
 from rans.fields import wrap
 from rans.spacecraft import Spacecraft
-from rans.tasks.base import Task
 
 _LARGEST_MULTIPLE = 64
 """Torque of a thruster in quanta, at most: finer lattices have too many points to enumerate."""
@@ -159,12 +158,6 @@ class GoalSet:
             value = getattr(self, key)
             if not (math.isfinite(value) and value >= 0):
                 raise ConfigError(f"goal set: {key} must be finite and not negative, got {value!r}.")
-
-    @classmethod
-    def of(cls, task: Task) -> GoalSet:
-        """What a task counts as arrived; rates it names no tolerance for keep their default."""
-        names = {"attitude": "heading"}
-        return cls(**{names.get(name, name): value for name, value in task.tolerances().items()})
 
     def net_spins(self, lattice: Lattice, start: PlanarState, goal: PlanarState) -> set[int]:
         """Changes of spin, in quanta, that end within the tolerance of the goal's spin.

@@ -85,6 +85,8 @@ def test_an_interrupt_keeps_what_there_is(monkeypatch: pytest.MonkeyPatch,
     (["go-to-pose", "--set", "ppo.gamma=0.9,2"], "gamma must be in (0, 1], got 2"),
     (["go-to-pose", "--set", "ppo.gama=0.9"], "the config has no 'ppo.gama'"),
     (["hover"], "no task named 'hover'"),
+    ([], "say what to train"),
+    (["go-to-pose", "--config", "config.json"], "say what to train"),
     (["go-to-pose", "--run", "."], ". exists already"),
 ])
 def test_wrong_arguments(capsys: pytest.CaptureFixture[str], arguments: list[str], message: str) -> None:

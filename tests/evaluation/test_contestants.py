@@ -9,8 +9,8 @@ import pytest
 import rans.pretrained
 from rans.errors import ConfigError
 from rans.evaluation.contestants import contestant, judged_separately, output_folder
-from rans.evaluation.judge import fly_contestant_in_drake
-from rans.evaluation.protocols import fitting_protocols
+from rans.evaluation.judge import flown
+from rans.evaluation.protocols import Conditions, fitting_protocols
 from rans.flight import fly, scenarios
 from rans.spacecraft_file import load_spacecraft
 from rans.tasks import GoToPose, GoToPosition, TrackVelocity
@@ -75,7 +75,9 @@ def test_results_stay_inside_their_folder() -> None:
     ("lqr:go-to-pose-2d@nowhere", "no spacecraft named 'nowhere'"),
     ("lqr:go-to-pose-2d#go-to-pose", "picks the task 'go-to-pose', but there is only one task"),
     ("pretraned:x", "there is no contestant 'pretraned:x'; known are a run folder, pretrained:NAME"),
+    ("lqr:", "there is no contestant 'lqr:'"),
     ("nowhere", "nowhere is not a run folder"),
+    ("sb3:mine.zip", "sb3:mine.zip knows no task: .*, as in rans compare RUN sb3:mine.zip"),
 ])
 def test_who_is_not_there_is_one_sentence(spec: str, said: str) -> None:
     with pytest.raises(ConfigError, match=said):
@@ -113,13 +115,25 @@ def test_a_multi_task_agent_is_judged_on_each_of_its_tasks(multi: Path) -> None:
         contestant(f"{multi}#go-to-pose")
 
 
+def test_slow_controllers_fly_in_processes() -> None:
+    """Ten episodes of an MPC are two shares; together they are what one process flies."""
+    controller, craft, task, _ = contestant("mpc:go-to-pose-2d")
+    conditions, counted = Conditions(craft, task.for_evaluation(), Timing(episode_steps=6)), []
+    together, stopped = flown(controller, conditions, 1, 10, workers=2, progress=counted.append)
+    alone = fly(craft, task, controller, scenarios(conditions.task, craft, 1, 10), conditions.timing)
+    assert (sorted(counted), stopped, together.engine) == ([2, 8], 0, "fast")
+    assert together.commands.any()
+    np.testing.assert_array_equal(together.commands, alone.commands)
+    np.testing.assert_allclose(together.states.p.x, alone.states.p.x, atol=1e-12)  # batches round alike
+
+
 def test_drake_flies_contestants_by_name() -> None:
     """Both engines are at rounding level: the decisions are the same, the ways equal to a micrometre."""
     spec = "lqr:go-to-pose-2d"
     controller, craft, task, timing = contestant(spec)
     task = task.for_evaluation()
     ours = fly(craft, task, controller, scenarios(task, craft, 1, 3), timing)
-    judged = fly_contestant_in_drake(spec, 1, 3, workers=1)
+    judged, _ = flown(controller, Conditions(craft, task, timing), 1, 3, "drake")
     assert judged.engine == "drake"
     np.testing.assert_array_equal(judged.commands, ours.commands)
     np.testing.assert_allclose(judged.states.p.x, ours.states.p.x, atol=1e-6)

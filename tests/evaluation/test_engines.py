@@ -14,7 +14,8 @@ import pytest
 from rans.cli import main
 from rans.evaluation.agent import load_agent
 from rans.evaluation.engines import compare_engines, wilson
-from rans.evaluation.judge import fly_contestant_in_drake
+from rans.evaluation.judge import flown
+from rans.evaluation.protocols import Conditions
 from rans.fields import leaves, map_leaves
 from rans.flight import scenarios
 from rans.reference.flight import fly_in_drake
@@ -42,6 +43,11 @@ def test_a_millimetre_is_the_bound_of_the_position(way: float, agrees: bool) -> 
     pair = {p.name: p for p in comparison.pairs}["position error"]
     assert pair.difference == pytest.approx(100 * way, rel=1e-9)
     assert (pair.passed, comparison.passed) == (agrees, agrees)
+
+
+def test_an_engine_that_loses_its_numbers_disagrees() -> None:
+    flight = many_episodes(8)
+    assert compare_engines(flight, moved(flight, np.nan)).passed is False
 
 
 def test_fewer_solved_than_the_interval_allows_fail() -> None:
@@ -84,9 +90,9 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_processes_fly_what_one_would(run: Path) -> None:
     """70 episodes are two shares; the network's sums depend on the batch in the last bits only."""
     counted: list[int] = []
-    together = fly_contestant_in_drake(str(run), 5, 70, workers=2, progress=counted.append)
     agent, craft, task, timing = load_agent(run)
     task = task.for_evaluation()
+    together, _ = flown(agent, Conditions(craft, task, timing), 5, 70, "drake", 2, counted.append)
     alone = fly_in_drake(craft, task, agent, scenarios(task, craft, 5, 70), timing)
     assert sorted(counted) == [6, 64]
     assert np.array_equal(together.commands, alone.commands)

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import base64
-import math
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
@@ -14,7 +13,6 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from rans.evaluation.figures import (
-    comparison_figure,
     data_uri,
     episode_figure,
     evaluation_figure,
@@ -155,16 +153,6 @@ def test_learning_curve_draws_what_is_there() -> None:
     assert np.asarray(success.get_lines()[0].get_xydata()).tolist() == [[2.0, 50.0]]
     assert not returns.get_lines()
     svg(learning_curve([]))
-
-
-def test_comparison_counts_what_never_settles() -> None:
-    figure = comparison_figure({"agent": {"settling_time": [6.0, 7.0], "on_time": [20.0, 21.0]},
-                                "LQR": {"settling_time": [8.0, math.inf], "on_time": [28.0, 29.0]}})
-    legend = figure.axes[0].get_legend()
-    assert legend is not None
-    assert [text.get_text() for text in legend.get_texts()] == ["agent", "LQR (1 of 2 settle)"]
-    points = [np.asarray(c.get_offsets()).tolist() for c in figure.axes[0].collections]
-    assert points == [[[6.0, 20.0], [7.0, 21.0]], [[8.0, 28.0]]]
 
 
 def test_data_uri_holds_the_picture() -> None:

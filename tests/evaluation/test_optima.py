@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rans.evaluation import bounds, optima
+from rans.evaluation import optima
 from rans.fields import map_leaves
 from rans.flight import scenarios
 from rans.optimal.objectives import MinimumFuel, MinimumTime
@@ -18,7 +18,7 @@ from rans.optimal.transcription import Trajectory
 from rans.reference.flight import replay
 from rans.scenario import Scenario
 from rans.spacecraft_file import load_spacecraft
-from rans.tasks import GoToPose, GoToPosition
+from rans.tasks import GoToPose
 from rans.timing import Timing
 
 PLATFORM, TASK = load_spacecraft("floating-platform"), GoToPose().for_evaluation()
@@ -87,33 +87,3 @@ def test_files_hold_everything(tmp_path: Path) -> None:
         path: Trajectory = answers[2].trajectory
         column = list(arrays["leaves"]).index("heading")
         assert np.array_equal(arrays["states"][2, :, column], path.states.attitude.angle)
-
-
-def test_bounds_are_below_what_was_found() -> None:
-    """The hull bound below the certificate, that below the control found."""
-    batch = scenarios(GoToPose(spawn_distance=(0.5, 0.6)), PLATFORM, 5, 2)
-    found, sentence = bounds.bounds(PLATFORM, TASK, MinimumTime(30), batch, 0.2, 5.0, workers=1)
-    assert "every on/off controller" in sentence
-    for row in found:
-        assert row.lower is not None
-        assert row.upper is not None
-        assert 0 < row.hull <= row.lower <= row.upper < 8.0
-
-
-@pytest.mark.parametrize(("craft", "task", "reason"), [
-    (load_spacecraft("free-flyer"), TASK, "planar motion only"),
-    (replace(PLATFORM, thrust_sharing="split"), TASK, "thrust_sharing"),
-    (PLATFORM, GoToPosition().for_evaluation(), "ask for a pose"),
-], ids=["space", "shared", "position"])
-def test_where_no_certificate_exists_it_says_so(craft: object, task: object, reason: str) -> None:
-    batch = scenarios(task, craft, 5, 2)  # type: ignore[arg-type]
-    found, sentence = bounds.bounds(craft, task, FUEL, batch, 0.2, 5.0)  # type: ignore[arg-type]
-    assert reason in sentence
-    assert all(row.lower is None and row.hull > 0 for row in found)
-    assert bounds.table(sentence, FUEL.measure, found, [math.nan, 5.0]).row_count == 2
-
-
-def test_a_horizon_too_short_for_anything_is_certified() -> None:
-    [row], _ = bounds.bounds(PLATFORM, TASK, MinimumFuel(2.0), starts(1), 0.2, 5.0, workers=1)
-    assert row.lower == row.upper == row.hull == math.inf
-    assert row.to_json()["hull"] is None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import sys
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
@@ -46,6 +47,13 @@ def test_sb3_file_does_what_its_model_does(tmp_path: Path, algorithm: type, spac
     policy = user_policy(f"sb3:{file}", CRAFT)
     expected, _ = model.predict(OBSERVATIONS, deterministic=True)  # type: ignore[attr-defined]
     assert 0 < expected.sum() < expected.size  # not trivial
+    np.testing.assert_array_equal(policy.act(None, None, OBSERVATIONS), expected)
+
+
+def test_other_processes_load_it_anew(tmp_path: Path) -> None:
+    file, model = saved(tmp_path / "policy.zip", PPO, MultiBinary(8))
+    policy = pickle.loads(pickle.dumps(user_policy(f"sb3:{file}", CRAFT)))
+    expected, _ = model.predict(OBSERVATIONS, deterministic=True)  # type: ignore[attr-defined]
     np.testing.assert_array_equal(policy.act(None, None, OBSERVATIONS), expected)
 
 

@@ -204,6 +204,12 @@ def test_actions_of_any_dtype_and_layout_mean_the_same(backend: Any) -> None:
         assert torch.equal(other, seen[0])
 
 
+def test_actions_of_another_shape_are_refused(backend: Any) -> None:
+    for wrong in ((8, 4), (4, 7), (1, 8), (4,)):
+        with pytest.raises(ConfigError, match=r"shape \(4, 8\) \(environments, thrusters\), got \("):
+            backend(PLATFORM, NEAR, 4).step(torch.zeros(wrong))
+
+
 def test_reached_is_within_every_tolerance_on_arrival(backend: Any) -> None:
     engine, seen = backend(PLATFORM, NEAR, 32, SHORT, seed=1), []
     for step in run(engine):

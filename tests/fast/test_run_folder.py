@@ -53,6 +53,13 @@ def test_what_is_no_run(tmp_path: Path) -> None:
             RunFolder(folder).config()
 
 
+def test_runs_from_when_the_number_of_substeps_could_be_left_open(run: RunFolder) -> None:
+    text = run.config_file.read_text()
+    assert '"substeps": 1' in text
+    run.config_file.write_text(text.replace('"substeps": 1', '"substeps": null'))
+    assert run.config() == CONFIG
+
+
 @pytest.mark.parametrize(("text", "message"), [
     ("", "not valid JSON"), ('{"task": "go-to', "not valid JSON"), ("[]", "must name its task"),
     ('{"task": "go-to-pose", "sead": 3, "spacecraft": "x"}', "unknown key 'sead'"),

@@ -147,8 +147,9 @@ def test_wrong_use() -> None:
     with pytest.raises(ConfigError, match='render_mode must be None, "human" or "rgb_array", got \'ansi\''):
         gymnasium.make_vec(PLANE, num_envs=2, render_mode="ansi")
     envs = gymnasium.make_vec(PLANE, num_envs=2, render_mode="rgb_array", task=GoToPose())
-    with pytest.raises(ResetNeeded, match="call reset"):
-        envs.render()
+    for early in (envs.render, lambda: envs.step(torch.zeros(2, 8))):
+        with pytest.raises(ResetNeeded, match="call reset"):
+            early()
     unseen = gymnasium.make_vec(PLANE, num_envs=2)
     unseen.reset(seed=1)
     assert unseen.render() is None

@@ -13,7 +13,7 @@ from torch import Tensor
 from rans.errors import ConfigError
 from rans.fast import batched
 from rans.fast.batched import BatchedPPO, Start
-from rans.fast.batched_trainer import Member
+from rans.fast.batched_trainer import BatchedTrainer, Member
 from rans.fast.curriculum import Ramp
 from rans.fast.engine import Engine
 from rans.fast.members import MembersEngine
@@ -181,6 +181,15 @@ def test_a_stop_keeps_what_there_is() -> None:
     assert [[row["steps"] for row in member.rows] for member in sweep.members] == [[384], []]
     assert len(sweep.results()) == 1
     assert sweep.best() is sweep.members[0]
+
+
+def test_a_warm_up_that_takes_all_steps_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As where few steps are wanted of a GPU, which compiles and records in the first iterations."""
+    monkeypatch.setattr(BatchedTrainer, "_warm_up", lambda trainer: [trainer._iterate() for _ in range(3)])
+    sweep = Sweep([replace(CONFIG, total_timesteps=384)])
+    sweep.train(ignore)
+    assert [row["steps"] for row in sweep.best().rows] == [384]
+    assert not sweep.best().diverged
 
 
 def ended(seed: int, rate: float, steps: int, success: float) -> Member:

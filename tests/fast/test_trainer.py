@@ -191,6 +191,24 @@ def test_a_finished_training_is_left_alone(tmp_path: Path) -> None:
     assert everything(again) == everything(trainer)
 
 
+def test_a_warm_up_that_takes_all_steps_is_reported(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As where few steps are wanted of a GPU, which compiles and records in the first iterations."""
+    trainer = tiny_trainer(tmp_path / "run", replace(CONFIG, total_timesteps=384))
+    monkeypatch.setattr(trainer, "_warm_up", lambda: [trainer._iterate() for _ in range(3)])
+    trainer.train(ignore)
+    assert [row["steps"] for row in trainer.run.metrics()] == [384]
+
+
+def test_an_agent_without_a_checkpoint_is_not_lost(tmp_path: Path) -> None:
+    """A sweep leaves such a one; to resume would begin anew and write over it."""
+    tiny_trainer(tmp_path / "run").train(ignore)
+    (tmp_path / "run" / "checkpoint.pt").unlink()
+    with pytest.raises(ConfigError, match=r"agent without a checkpoint .* anew with --config .*config\.json"):
+        resumed(tmp_path / "run")
+    assert len(RunFolder(tmp_path / "run").metrics()) == 1
+
+
 def test_it_learns(tmp_path: Path) -> None:
     """From 3 to 4 m away to the goal: five seeds were within 0.01 to 0.20 m after so many steps.
 
@@ -204,7 +222,7 @@ def test_it_learns(tmp_path: Path) -> None:
 
 def test_devices() -> None:
     check_device("cpu")
-    for wrong in ("tpu", "gpu", "", "meta"):
+    for wrong in ("tpu", "gpu", "", "meta", "cuda:1"):
         with pytest.raises(ConfigError, match="device must be cpu or cuda, got"):
             check_device(wrong)
     if not torch.cuda.is_available():

@@ -150,8 +150,8 @@ def _errors(comparison: Comparison) -> Section:
 
 
 def _returns(comparison: Comparison) -> Section:
-    text = ("Latency is the processor time of one action for one observation, median and middle 90 % over a "
-            "flight.")
+    text = ("Latency is the processor time of one action for one observation, median and middle 90 % over "
+            "the first fifth of a few flights.")
     if tables.best_returns(comparison) is not None:
         text += (" The return is the task's own reward; 100 % is its relaxed optimum, which may throttle.")
     picture = _picture(figures.shares_and_latency(tables.scoreboard(comparison)), "Return and latency.")

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-import math
 import time
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
 from rans.dynamics import thrust
+from rans.evaluation.bounds import REST_SPEED, REST_SPIN
+from rans.evaluation.judge import Engine, Flown, flown
 from rans.evaluation.metrics import final_errors, settling_times
+from rans.evaluation.protocols import Conditions
 from rans.fields import map_leaves
 from rans.flight import Controller, Flight, fly, scenarios
 from rans.optimal.arrival import aims
@@ -20,11 +23,7 @@ from rans.spacecraft import Spacecraft
 from rans.tasks import Task
 from rans.timing import Timing
 
-REST_SPEED = 0.05
-"""A position counts as arrived at only below this speed relative to the goal's, m/s: 1 cm in a period."""
-REST_SPIN = math.radians(5.0)
-"""An attitude counts as arrived at only below this rate relative to the goal's, rad/s. For the floating
-platform at 5 Hz it means no spin at all, as one pulse is worth 17 degrees/s."""
+_TIMED_STARTS = 4
 
 
 @dataclass(frozen=True)
@@ -38,7 +37,7 @@ class Protocol:
     seed: int
     episodes: int
     """Starts: scenarios 0 to N - 1 of the seed."""
-    engine: Literal["fast", "drake"] = "fast"
+    engine: Engine = "fast"
     """What computes the motion of the contestants."""
 
     @cached_property
@@ -55,21 +54,26 @@ class Protocol:
         """Number k alone, fields (1,)."""
         return map_leaves(lambda x: x[k:k + 1], self.starts)
 
-    def fly(self, controller: Controller) -> Flight:
-        """All starts."""
-        if self.engine == "fast":
-            return fly(self.craft, self.task, controller, self.starts, self.timing)
-        from rans.reference.flight import fly_in_drake
+    @property
+    def conditions(self) -> Conditions:
+        """What flies, what for and how long."""
+        return Conditions(self.craft, self.task, self.timing)
 
-        return fly_in_drake(self.craft, self.task, controller, self.starts, self.timing)
+    def fly(self, controller: Controller, workers: int | None = None,
+            progress: Callable[[int], object] = lambda _: None) -> Flown:
+        """All starts, see `rans.evaluation.judge.flown`."""
+        return flown(controller, self.conditions, self.seed, self.episodes, self.engine, workers, progress)
 
     def latencies(self, controller: Controller) -> np.ndarray:
-        """Processor time of every action from the first start, one observation at a time, (T,) s.
+        """Processor time of single actions, one observation at a time, (T,) s.
 
         That is its wall time on an idle core; wall time itself would count what else the machine does.
+        Of the first fifth of an episode from a few starts: later on who rests need not think.
         """
         watch = _Stopwatch(controller)
-        fly(self.craft, self.task, watch, self.start(0), self.timing)
+        short = replace(self.timing, episode_steps=max(1, self.timing.episode_steps // 5))
+        for k in range(min(_TIMED_STARTS, self.episodes)):
+            fly(self.craft, self.task, watch, self.start(k), short)
         return np.array(watch.seconds)
 
     def title(self) -> str:
@@ -98,7 +102,7 @@ class _Stopwatch:
 def arrived(task: Task, states: Any, goals: Any) -> np.ndarray:
     """Whether states are in the goal set: within the task's tolerances, and at rest where it has a place.
 
-    The set is the one that `rans.evaluation.comparison.certified` bounds.
+    The set is that of `rans.evaluation.bounds.goal_set`.
 
     Args:
         task: its tolerances; where `aims` adds velocity or spin, those are `REST_SPEED` and `REST_SPIN`.

@@ -14,14 +14,11 @@ from typing import Any
 import numpy as np
 
 from rans.evaluation.comparison.protocol import Protocol
-from rans.evaluation.metrics import final_errors, impulses, settling_times
-from rans.fields import map_leaves
-from rans.flight import Flight
+from rans.evaluation.metrics import impulses, settling_times
+from rans.evaluation.optima import Optimum, episode, optima
 from rans.optimal.objectives import MaximumReward, MinimumFuel, MinimumTime, Objective
-from rans.optimal.pool import solve_all
-from rans.optimal.transcription import Trajectory
-from rans.reference.flight import replay
-from rans.timing import Timing
+from rans.optimal.pool import each
+from rans.scenario import Scenario
 
 
 @dataclass(frozen=True)
@@ -31,8 +28,9 @@ class Relaxed:
     objective: Objective
     start: int
     status: str
-    """How the optimiser ended."""
+    """How it ended, in words."""
     solved: bool
+    """Whether there is a trajectory, and Drake flies it."""
     seconds: float
     """Wall time of the optimiser."""
     arrival: float = math.nan
@@ -45,8 +43,6 @@ class Relaxed:
     """Sum of the task's rewards over the episode, in Drake; NaN if it acts at a rate of its own."""
     replay_error: float = math.nan
     """Largest distance between the optimised path and the one flown in Drake, m."""
-    errors: dict[str, float] | None = None
-    """Mean over the last fifth, in Drake, SI units."""
 
 
 def objectives(protocol: Protocol, horizons: Sequence[float]) -> list[Objective]:
@@ -63,36 +59,24 @@ def solve(protocol: Protocol, objective: Objective, workers: int | None = None,
     Args:
         protocol: gives the starts.
         objective: what to minimise.
-        workers: see `rans.optimal.pool.solve_all`.
+        workers: processes, by default one per processor.
         progress: called once per start.
     """
-    [trajectories] = solve_all(protocol.craft, protocol.task, [objective], protocol.starts, workers, progress)
-    return [_flown(protocol, objective, k, trajectory) for k, trajectory in enumerate(trajectories)]
+    found = optima(protocol.craft, protocol.task, objective, protocol.starts, workers=workers,
+                   progress=progress)
+    return [_scored(protocol, objective, one, scenario)
+            for one, scenario in zip(found, each(protocol.starts), strict=True)]
 
 
-def _flown(protocol: Protocol, objective: Objective, k: int, trajectory: Trajectory) -> Relaxed:
-    head = (objective, k, trajectory.status, trajectory.solved, trajectory.seconds)
-    if not trajectory.solved:
+def _scored(protocol: Protocol, objective: Objective, one: Optimum, scenario: Scenario) -> Relaxed:
+    trajectory = one.trajectory
+    head = (objective, one.start, one.sentence, one.good, trajectory.seconds)
+    if not one.good:
         return Relaxed(*head)
-    flight = _in_drake(protocol, k, trajectory)
-    planned = len(trajectory.commands)
+    flight = episode(protocol.craft, protocol.task, protocol.timing, scenario, trajectory)
     same_rate = math.isclose(trajectory.control_period, protocol.timing.control_period)
-    gap = map_leaves(lambda x: x[:planned + 1, 0], flight.states).p - trajectory.states.p
     total = float(np.sum(list(flight.rewards().values())))
     return Relaxed(
-        *head, arrival=planned * trajectory.control_period, settling=float(settling_times(flight)[0]),
-        thrust=float(impulses(flight)[0]), total=total if same_rate else math.nan,
-        replay_error=float(np.max(gap.norm())),
-        errors={name: float(error[0]) for name, error in final_errors(flight).items()})
-
-
-def _in_drake(protocol: Protocol, k: int, trajectory: Trajectory) -> Flight:
-    """The trajectory flown open loop for a whole episode, thrusters shut once it has arrived."""
-    period, planned = trajectory.control_period, len(trajectory.commands)
-    steps = max(planned, math.ceil(protocol.duration / period - 1e-9))
-    commands = np.vstack([trajectory.commands, np.zeros((steps - planned, trajectory.commands.shape[1]))])
-    own = Timing(control_period=period, episode_steps=steps)
-    begin = protocol.start(k)
-    states = replay(protocol.craft, map_leaves(lambda x: float(x[0]), begin.start), commands, own)
-    return Flight(protocol.craft, protocol.task, own, map_leaves(lambda x: x[:, None], states), begin.goal,
-                  commands[:, None], trajectory.objective, "drake")
+        *head, arrival=len(trajectory.commands) * trajectory.control_period,
+        settling=float(settling_times(flight)[0]), thrust=float(impulses(flight)[0]),
+        total=total if same_rate else math.nan, replay_error=one.replay_error)

@@ -9,9 +9,10 @@ from typing import Literal
 from rans.errors import ConfigError
 from rans.evaluation.agent import LoadedRun
 from rans.evaluation.comparison.protocol import Contestant, Protocol
-from rans.evaluation.contestants import contestant
-from rans.evaluation.user_policies import is_user_policy, user_policy
+from rans.evaluation.contestants import contestant, controller
+from rans.evaluation.user_policies import is_user_policy
 from rans.fast.run_folder import RunFolder
+from rans.files import read_json
 from rans.optimal.lqr import LQR
 from rans.optimal.regulator import Weights
 from rans.pretrained import pretrained_folder
@@ -36,9 +37,6 @@ def protocol_of(spec: str, episodes: int, seed: int = EVALUATION_SEED,
     """
     if episodes < 1:
         raise ConfigError(f"--episodes must be at least 1, got {episodes}.")
-    if is_user_policy(spec):
-        raise ConfigError(f"{spec} knows no task: name somebody who does before it, for example "
-                          "lqr:go-to-pose-2d.")
     _, craft, task, timing = contestant(spec)
     if isinstance(task, MultiTask):
         raise ConfigError(f"{spec} knows several tasks: pick one, as in {spec}#{next(iter(task.parts()))}.")
@@ -51,10 +49,7 @@ def enlist(spec: str, protocol: Protocol) -> Contestant:
     Raises:
         ConfigError: there is none, or it is for another task, spacecraft or control rate.
     """
-    if is_user_policy(spec):
-        policy = user_policy(spec, protocol.craft)
-        return Contestant(spec, policy, _OBSERVATION, "not known")
-    run = contestant(spec)
+    run = contestant(spec, lent=protocol.conditions)
     _check_same(spec, run, protocol)
     simple = spec.partition(":")[0] in ("lqr", "mpc")
     return Contestant(run.controller.name, run.controller, _MODEL if simple else _OBSERVATION, _tuning(spec))
@@ -79,9 +74,13 @@ def _tuning(spec: str) -> str:
     kind, _, name = spec.partition(":")
     if kind in ("lqr", "mpc"):
         return _UNTUNED
-    rows = RunFolder(pretrained_folder(name) if kind == "pretrained" else Path(spec)).metrics()
+    if is_user_policy(spec):
+        return "not known"
+    folder = pretrained_folder(name) if kind == "pretrained" else Path(spec)
+    card = folder / "card.json"
+    rows = [read_json(card)["training"]] if card.exists() else RunFolder(folder).metrics()
     if not rows:
-        return "training: see its card"
+        return "training: not known"
     return f"training: {rows[-1]['steps'] / 1e6:.3g} M steps, {rows[-1]['seconds']:.3g} s"
 
 
@@ -91,12 +90,7 @@ def simple_controller(name: str, protocol: Protocol) -> Contestant:
     Raises:
         ConfigError: it cannot fly this spacecraft.
     """
-    conditions = protocol.craft, protocol.task, protocol.timing
-    if name == "lqr":
-        return Contestant("LQR", LQR(*conditions), _MODEL, _UNTUNED)
-    from rans.optimal.mpc import MPC
-
-    return Contestant("MPC", MPC(*conditions), _MODEL, _UNTUNED)
+    return Contestant(name.upper(), controller(name, protocol.conditions), _MODEL, _UNTUNED)
 
 
 def swept_lqr(protocol: Protocol) -> list[Contestant]:
@@ -104,6 +98,6 @@ def swept_lqr(protocol: Protocol) -> list[Contestant]:
     found = []
     for factor in SWEEP:
         weights = Weights(**{name: factor * value for name, value in asdict(Weights()).items()})
-        lqr = LQR(protocol.craft, protocol.task, protocol.timing, weights)
+        lqr = LQR(*protocol.conditions, weights)
         found.append(Contestant(f"LQR x {factor:g}", lqr, _MODEL, f"one of {len(SWEEP)} weights"))
     return found

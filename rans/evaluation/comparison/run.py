@@ -10,11 +10,13 @@ from pathlib import Path
 import numpy as np
 
 from rans.errors import RansError
+from rans.evaluation.bounds import Bound, no_certificate
 from rans.evaluation.comparison import relaxed, roster
-from rans.evaluation.comparison.certified import Certified, certify, goal_set, no_lattice
+from rans.evaluation.comparison.certified import certify
 from rans.evaluation.comparison.protocol import Contestant, Entry, Protocol
 from rans.evaluation.comparison.relaxed import Relaxed
 from rans.files import first_line
+from rans.optimal.arrival import aims
 
 _HORIZONS = (0.24, 0.32, 0.4, 0.6, 0.8)
 """Shares of an episode at which the least thrust-time is certified: 6, 8, 10, 15 and 20 s of 25 s."""
@@ -22,8 +24,9 @@ _HORIZONS = (0.24, 0.32, 0.4, 0.6, 0.8)
 _RELAXED = (0.4, 0.8)
 """Those of them for which the relaxed optimum is found too."""
 
-Track = Callable[[str, int], Callable[[], object]]
-"""Called with what begins and how many steps it has; what it returns is called after each."""
+Track = Callable[[str, int], Callable[..., object]]
+"""Called with what begins and how many steps it has; what it returns is called after each, or after
+several with their number."""
 
 
 @dataclass
@@ -37,11 +40,15 @@ class Comparison:
     """LQRs of other weights."""
     relaxed: dict[str, list[Relaxed]] = field(default_factory=dict)
     """Optima from every start, by objective."""
-    certified: list[Certified] = field(default_factory=list)
+    certified: list[Bound] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     """What does not exist here, and why."""
     failures: list[str] = field(default_factory=list)
     """What went wrong, a sentence each."""
+
+    def names(self) -> set[str]:
+        """Of the contestants."""
+        return {entry.name for entry in self.entries}
 
     def horizons(self, shares: Sequence[float] = _HORIZONS) -> tuple[float, ...]:
         """Times at which thrust is compared, s: whole control periods."""
@@ -58,7 +65,7 @@ class Comparison:
         """Lower and upper bounds of the certified starts for one question."""
         answers = {c.start: c for c in self.certified if c.horizon == horizon}
         rows = [answers[k] for k in self.certified_starts()]
-        return np.array([c.lower for c in rows]), np.array([c.upper for c in rows])
+        return np.array([c.best for c in rows]), np.array([c.upper for c in rows])
 
     def impossible(self) -> list[str]:
         """Flights below a certified bound: each would prove an error of ours."""
@@ -74,7 +81,7 @@ class Comparison:
 
 
 def fill(comparison: Comparison, specs: Sequence[str], beside: Sequence[str] = ("lqr", "mpc", "optimal"),
-         certified: int = 4, cache: Path | None = None, track: Track = lambda *_: lambda: None,
+         certified: int = 4, cache: Path | None = None, track: Track = lambda *_: lambda *_: None,
          workers: int | None = None) -> None:
     """Fly everyone and find what is possible; failures are noted and the rest goes on.
 
@@ -87,42 +94,35 @@ def fill(comparison: Comparison, specs: Sequence[str], beside: Sequence[str] = (
         track: shows progress.
         workers: processes, by default one per processor.
     """
-    specs = list(dict.fromkeys(specs))
-    there = {spec.partition(":")[0] for spec in specs}  # nobody flies twice
-    simple = [name for name in beside if name != "optimal" and name not in there]
-    _fly_contestants(comparison, specs, simple, track)
+    for spec in dict.fromkeys(specs):
+        with _noted(comparison, spec):
+            _fly(comparison, roster.enlist(spec, comparison.protocol), spec, track, workers)
+    for name in beside:
+        if name != "optimal" and name.upper() not in comparison.names():  # nobody flies twice
+            with _noted(comparison, name.upper()):
+                simple = roster.simple_controller(name, comparison.protocol)
+                _fly(comparison, simple, name, track, workers)
     if "lqr" in beside:
         with _noted(comparison, "LQR"):
-            comparison.curve += [_entry(comparison, one) for one in roster.swept_lqr(comparison.protocol)]
+            comparison.curve += [_entry(comparison, one, track, workers)
+                                 for one in roster.swept_lqr(comparison.protocol)]
     if "optimal" in beside:
         _find_relaxed(comparison, track, workers)
         _find_certified(comparison, certified, cache, track, workers)
         comparison.failures += comparison.impossible()
 
 
-def _fly_contestants(comparison: Comparison, specs: Sequence[str], simple: Sequence[str],
-                     track: Track) -> None:
-    step = track("flying", len(specs) + len(simple))
-    for spec in specs:
-        with _noted(comparison, spec):
-            _fly(comparison, roster.enlist(spec, comparison.protocol), spec)
-        step()
-    for name in simple:
-        with _noted(comparison, name.upper()):
-            _fly(comparison, roster.simple_controller(name, comparison.protocol), name)
-        step()
-
-
-def _fly(comparison: Comparison, contestant: Contestant, spec: str) -> None:
+def _fly(comparison: Comparison, contestant: Contestant, spec: str, track: Track,
+         workers: int | None) -> None:
     """Its name is told apart from those of others by how it was asked for."""
-    if contestant.name in {other.name for other in comparison.entries}:
+    if contestant.name in comparison.names():
         contestant = replace(contestant, name=spec)
-    comparison.entries.append(_entry(comparison, contestant))
+    comparison.entries.append(_entry(comparison, contestant, track, workers))
 
 
-def _entry(comparison: Comparison, contestant: Contestant) -> Entry:
-    flight = comparison.protocol.fly(contestant.controller)
-    stopped = getattr(contestant.controller, "failures", 0)  # of a controller that has a solver
+def _entry(comparison: Comparison, contestant: Contestant, track: Track, workers: int | None) -> Entry:
+    step = track(f"flying {contestant.name}", comparison.protocol.episodes)
+    flight, stopped = comparison.protocol.fly(contestant.controller, workers, step)
     if stopped:
         comparison.failures.append(f"{contestant.name}: its solver stopped {stopped} times; the plan before "
                                    "was flown on.")
@@ -150,19 +150,19 @@ def _find_relaxed(comparison: Comparison, track: Track, workers: int | None) -> 
             lost = [one.status for one in found if not one.solved]
             if lost:
                 comparison.failures.append(
-                    f"{objective.name}: the optimiser found no trajectory from {len(lost)} of {len(found)} "
-                    f"starts ({', '.join(sorted(set(lost)))}).")
+                    f"{objective.name}: no trajectory from {len(lost)} of {len(found)} starts "
+                    f"({'; '.join(sorted(set(lost)))}).")
 
 
 def _find_certified(comparison: Comparison, count: int, cache: Path | None, track: Track,
                     workers: int | None) -> None:
     protocol, horizons = comparison.protocol, comparison.horizons()
     count = min(count, protocol.episodes)
-    missing = no_lattice(protocol)
+    missing = no_certificate(protocol.craft, aims(protocol.task), protocol.timing.control_period)
     if missing:
         comparison.notes.append(f"No tight certificate exists: {missing} The bounds shown let translation "
                                 "and rotation use all thrusters each, and hold for throttled thrust too.")
     step = track("certified bounds", count * (1 + len(horizons)))
     with _noted(comparison, "certified bounds"):
-        for answer in certify(protocol, goal_set(protocol), count, horizons, cache, workers, step):
+        for answer in certify(protocol, count, horizons, cache, workers, step):
             comparison.certified.append(answer)

@@ -57,7 +57,7 @@ def scores(entry: Entry, bootstrap: Bootstrap, optimum: np.ndarray | None = None
 
 
 def _latency(entry: Entry) -> Estimate:
-    """Median, and the middle 90 % of the actions of one flight."""
+    """Median, and the middle 90 % of the actions."""
     return Estimate(*(1e3 * float(np.quantile(entry.latencies, q)) for q in (0.5, 0.05, 0.95)))
 
 
@@ -146,9 +146,7 @@ def to_json(comparison: Comparison, text: str) -> dict[str, Any]:
                       "lqr_weights": {e.name: list(_starts(e)) for e in comparison.curve},
                       "relaxed": {name: [_relaxed_row(row) for row in rows]
                                   for name, rows in comparison.relaxed.items()},
-                      "certified": [{"start": c.start, "horizon": c.horizon, "lower": c.lower,
-                                     "upper": c.upper, "commands": c.commands}
-                                    for c in comparison.certified]},
+                      "certified": [one.to_json() for one in comparison.certified]},
         "notes": comparison.notes, "failures": comparison.failures, "environment": environment(),
     }
     return _finite(found)
@@ -159,7 +157,7 @@ def _estimates(table: dict[str, Scores]) -> dict[str, dict[str, list[float | Non
 
 
 def _summary(comparison: Comparison, table: dict[str, Scores]) -> Iterator[dict[str, Any]]:
-    """A row per contestant, with the keys that `rans.evaluation.report.comparison_section` reads."""
+    """A row per contestant, with what `rans.evaluation.report.comparison_section` reads."""
     for entry in comparison.entries:
         count, row = len(entry.settling), table[entry.name]
         yield {"contestant": entry.name, "kind": "controller", "starts": count, "flown": count,

@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 from rans.errors import ConfigError
+from rans.evaluation.bounds import Bound
 from rans.evaluation.comparison import run
-from rans.evaluation.comparison.certified import Certified, certify, goal_set
+from rans.evaluation.comparison.certified import certify
 from rans.evaluation.comparison.page import TEXT, page
 from rans.evaluation.comparison.protocol import Protocol, arrived
 from rans.evaluation.comparison.roster import SWEEP, protocol_of
@@ -59,8 +60,8 @@ def test_failures_are_sentences_and_the_rest_goes_on(comparison: Comparison) -> 
                      "is for the spacecraft free-flyer, but the first contestant for floating-platform",
                      "is for the task TrackVelocity, but the first contestant for GoToPose",
                      "is for the spacecraft floating-platform-shared",
-                     "minimum fuel in 2.4 s: the optimiser found no trajectory from 3 of 3 starts "
-                     "(Infeasible_Problem_Detected)."):
+                     "minimum fuel in 2.4 s: no trajectory from 3 of 3 starts (nothing found that arrives: "
+                     "the goal is out of reach in this time)."):
         assert sentence in told
     assert len(comparison.failures) == 6
     report = page(comparison)
@@ -122,13 +123,19 @@ def test_controls_found_fly_into_the_goal_set(comparison: Comparison) -> None:
 
 def test_bounds_are_kept_for_the_next_time(comparison: Comparison, cache: Path,
                                            monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("rans.evaluation.comparison.certified.submitted", None)  # nothing may be searched
-    again = list(certify(PROTOCOL, goal_set(PROTOCOL), 2, comparison.horizons(), cache))
+    searched: list[object] = []
+    monkeypatch.setattr("rans.evaluation.comparison.certified.bounds",
+                        lambda asked, *_: searched.extend(asked) or ())
+    again = list(certify(PROTOCOL, 2, comparison.horizons(), cache))
+    assert not searched
     key = lambda c: (c.start, c.horizon or 0.0)  # noqa: E731
     assert sorted(again, key=key) == sorted(comparison.certified, key=key)
     other = replace(PROTOCOL, seed=5)  # other starts have other bounds
-    with pytest.raises(TypeError):
-        list(certify(other, goal_set(other), 1, (), cache))
+    assert not list(certify(other, 1, (), cache))
+    assert len(searched) == 1
+    cache.write_text('{"key": 3}')
+    with pytest.raises(ConfigError, match=r"bounds\.json does not hold bounds; delete it"):
+        list(certify(PROTOCOL, 1, (), cache))
 
 
 def test_horizon_that_nobody_can_meet(comparison: Comparison) -> None:
@@ -188,8 +195,8 @@ def test_interrupt_keeps_what_is_finished(monkeypatch: pytest.MonkeyPatch) -> No
 
 def test_half_certified_starts_are_left_out() -> None:
     found = Comparison(PROTOCOL)
-    found.certified += [Certified(0, None, 1.0, 1.0), Certified(1, None, 1.0, 1.0)]
-    found.certified += [Certified(1, horizon, 1.0, 1.0) for horizon in found.horizons()]
+    found.certified += [Bound(0, None, 1.0), Bound(1, None, 1.0)]
+    found.certified += [Bound(1, horizon, 1.0) for horizon in found.horizons()]
     assert found.certified_starts() == [1]
 
 

@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 import torch
 
-from rans.errors import ConfigError
 from rans.fast.curriculum import Curriculum, Ramp
 from rans.fast.engine import Engine, Step
+from rans.fast.kernel.cuda import CudaError
+from rans.fast.kernel.launch import Kernel
 from rans.spacecraft import Spacecraft
 from rans.tasks import TASKS, GoToPose
 from rans.timing import Timing
@@ -117,6 +118,23 @@ def test_a_curriculum_moves_the_settings_of_a_compiled_kernel(on_host: Any) -> N
     np.testing.assert_allclose(seen, [[-4.0] * 2, [-2.08] * 2, [-0.16] * 2], rtol=1e-6)
 
 
-def test_wrong_shapes_are_refused(on_host: Any) -> None:
-    with pytest.raises(ConfigError, match=r"shape \(4, 8\) \(environments, thrusters\), got \(8, 4\)"):
-        on_host(PLATFORM, NEAR, 4).step(torch.zeros(8, 4))
+def test_settings_that_would_be_read_wrongly_are_refused(on_host: Any) -> None:
+    """The kernel is given where they lie, not what they are."""
+    task = Curriculum(NEAR, [Ramp("thrust_weight", 0.5, 100)], torch.float64).task
+    with pytest.raises(TypeError, match=r"must be torch\.float32 on cpu, got torch\.float64 on cpu"):
+        on_host(PLATFORM, task, 4)
+
+
+@pytest.mark.parametrize("error", [
+    OSError("libnvrtc.so.12: cannot open shared object file"), CudaError("no kernel image"),
+    AttributeError("'Symbol' object has no attribute 'clamp'"),
+])
+def test_without_a_kernel_torch_makes_the_step(error: Exception, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: Any) -> None:
+        raise error
+
+    monkeypatch.setattr(Kernel, "function", fail)
+    engine = Engine(PLATFORM, NEAR, 2, compiled=True)
+    engine.device = torch.device("cuda")
+    with pytest.warns(UserWarning, match=f"torch.compile makes this engine's step, .*: {error}"):
+        assert engine._generated() is None
