@@ -103,7 +103,7 @@ class BatchedTrainer:
             torch.compiler.reset()  # what earlier batches compiled counts towards the compiler's limit
         self.ppo = BatchedPPO([begin(member.config) for member in members], device)
         self._selection = _Selection(self.ppo, [member.config.settings for member in members])
-        self._iterations = 0
+        self._iterations = self._untimed = 0
 
     @property
     def steps(self) -> int:
@@ -114,6 +114,9 @@ class BatchedTrainer:
         """See `rans.fast.sweep.Sweep.train`."""
         self._warm_up()
         stopped, begun = False, time.monotonic()
+        if self._ended():  # the warm-up took all steps
+            self._report()
+            report(self.members)
         while not (stopped or self._ended()):
             self._iterate()
             stopped = stop()
@@ -134,7 +137,7 @@ class BatchedTrainer:
                 self._iterate()
                 self._selection.judge()
             self._wait()
-            self.warm_up = time.monotonic() - begun
+            self.warm_up, self._untimed = time.monotonic() - begun, self.steps
 
     def _ended(self) -> bool:
         return self.steps >= self.config.total_timesteps or not self._running()
@@ -155,7 +158,7 @@ class BatchedTrainer:
     def _report(self) -> None:
         """Judge all members; a solved one has ended, though its batch goes on."""
         found = self._selection.judge()
-        rate = round(self.steps / max(self.seconds, 1e-9))
+        rate = round((self.steps - self._untimed) / max(self.seconds, 1e-9))
         for number in self._running():
             member = self.members[number]
             member.note({"steps": self.steps, "seconds": round(self.seconds, 3), "steps_per_s": rate,

@@ -37,16 +37,18 @@ class Ramp:
     """Environment steps that the ramp takes."""
     begin: int = 0
     """Environment steps before it begins."""
-    shape: Literal["linear", "sigmoid"] = "linear"
-    """How it rises."""
+    shape: Literal["linear", "sigmoid", "geometric"] = "linear"
+    """How it rises; geometric: by the same factor in the same time."""
 
     def __post_init__(self) -> None:
         if self.duration < 1 or self.begin < 0:
             raise ConfigError(f"the ramp of {self.setting} must have a duration >= 1 and a begin >= 0, got "
                               f"{self.duration} and {self.begin} steps.")
-        if self.shape not in ("linear", "sigmoid"):
-            raise ConfigError(f"the shape of {self.setting}'s ramp must be linear or sigmoid, got "
+        if self.shape not in ("linear", "sigmoid", "geometric"):
+            raise ConfigError(f"the shape of {self.setting}'s ramp must be linear, sigmoid or geometric, got "
                               f"{self.shape!r}.")
+        if self.shape == "geometric" and not min(_numbers(self.start)) > 0:
+            raise ConfigError(f"the geometric ramp of {self.setting} must start above 0, got {self.start!r}.")
 
     def share(self, steps: int) -> float:
         """Part of the way done after so many environment steps, 0 to 1.
@@ -55,7 +57,7 @@ class Ramp:
         starts at 0 and ends at 1 (original system, 2024).
         """
         x = min(max((steps - self.begin) / self.duration, 0.0), 1.0)
-        if self.shape == "linear":
+        if self.shape != "sigmoid":
             return x
         return 0.5 + 0.5 * math.tanh(_STEEPNESS * (x - 0.5)) / math.tanh(0.5 * _STEEPNESS)
 
@@ -63,7 +65,7 @@ class Ramp:
         """The setting's one or two numbers after so many environment steps."""
         share = self.share(steps)
         for low, high in zip(_numbers(self.start), _numbers(end), strict=True):
-            yield low + (high - low) * share
+            yield low * (high / low) ** share if self.shape == "geometric" else low + (high - low) * share
 
 
 def check_ramps(task: Task, ramps: Sequence[Ramp]) -> None:
@@ -71,7 +73,8 @@ def check_ramps(task: Task, ramps: Sequence[Ramp]) -> None:
 
     Raises:
         ConfigError: a setting is unknown or ramped twice, a start is no number or range as the setting
-            is, or the task refuses the values at a time when a ramp begins or ends.
+            is, a geometric ramp ends at 0, or the task refuses the values at a time when a ramp begins or
+            ends.
     """
     known = dict(_settings(task))
     for ramp in ramps:
@@ -80,6 +83,9 @@ def check_ramps(task: Task, ramps: Sequence[Ramp]) -> None:
                               f"{', '.join(known)}.")
         if sum(other.setting == ramp.setting for other in ramps) > 1:
             raise ConfigError(f"{ramp.setting} has more than one ramp; give it one.")
+        if ramp.shape == "geometric" and not min(_numbers(known[ramp.setting])) > 0:
+            raise ConfigError(f"the geometric ramp of {ramp.setting} must end above 0, got "
+                              f"{known[ramp.setting]!r}; take a linear one.")
         if len(_numbers(ramp.start)) != len(_numbers(known[ramp.setting])):
             raise ConfigError(f"the ramp of {ramp.setting} must start at something like "
                               f"{known[ramp.setting]!r}, got {ramp.start!r}.")

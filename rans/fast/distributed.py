@@ -7,6 +7,7 @@ many processes share it, and averaged gradients are those of one process up to t
 
 from __future__ import annotations
 
+import atexit
 import os
 import signal
 import socket
@@ -137,6 +138,8 @@ def join(device: str) -> World:
         dist.init_process_group("cpu:gloo,cuda:nccl", device_id=torch.device("cuda", local))
     else:
         dist.init_process_group("gloo")
+        # A thread of its own that still works while Python ends would abort the process.
+        atexit.register(dist.destroy_process_group)
     leave_when_stuck()
     return World(dist.get_rank(), size)
 

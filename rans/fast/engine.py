@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -102,7 +103,7 @@ class Engine:
     def _int32(self, value: int) -> Any:
         return value if self._on_numpy else torch.tensor(value, dtype=torch.int32, device=self.device)
 
-    @property
+    @cached_property
     def term_names(self) -> tuple[str, ...]:
         """Names of the reward terms, in the order of `Step.terms`."""
         e = self._episodes
@@ -135,10 +136,9 @@ class Engine:
             self._set_seed(seed_words(seed))
             self._write(number, self._count())
         start, goal = self._simulation.begin(self._seed, number)
-        for buffer, value in zip(self._buffers(), (*leaves(start), *_varying(goal)), strict=False):
+        begun = Episodes(start, goal, steps=0, number=number, previous=(0,) * len(self._episodes.previous))
+        for buffer, value in zip(self._buffers(), begun.memory(), strict=True):
             self._write(buffer, value)
-        for buffer in (self._episodes.steps, *self._episodes.previous):
-            buffer[:] = 0
         return self.observe()
 
     def stagger(self, generator: torch.Generator | None = None) -> None:
@@ -162,7 +162,14 @@ class Engine:
 
         Args:
             action: (N, thrusters), 0 (shut) or 1 (open); any dtype.
+
+        Raises:
+            ConfigError: the action has another shape.
         """
+        shape = (self.num_envs, len(self.craft.thrusters))
+        if tuple(action.shape) != shape:
+            raise ConfigError(f"actions must have the shape {shape} (environments, thrusters), got "
+                              f"{tuple(action.shape)}.")
         if self._on_numpy:
             return self._step_numpy(action)
         if self._kernel is not None:
@@ -173,13 +180,12 @@ class Engine:
         """The step as one generated kernel; without it torch's compiler makes several."""
         if self.device.type != "cuda" or not self.compiled:
             return None
-        from rans.fast.kernel.cuda import CudaError
         from rans.fast.kernel.launch import Kernel  # it needs `Step`
 
         try:
             kernel = Kernel(self._simulation, self._episodes, self._seed, self._stride)
             kernel.function(self.dtype)
-        except (TypeError, OSError, CudaError) as error:
+        except Exception as error:  # no compiler, or a task of the user's that only torch understands
             warnings.warn(f"torch.compile makes this engine's step, which is slower: {error}", stacklevel=3)
             return None
         return kernel
@@ -187,7 +193,7 @@ class Engine:
     def _step_numpy(self, action: Tensor) -> Step:
         command = tuple(np.ascontiguousarray(action.numpy().T).astype(self._simulation.dtype))
         after, outcome = self._simulation.step(self._episodes, command, self._seed, self._stride)
-        for buffer, value in zip(self._buffers(), _memory(after), strict=True):
+        for buffer, value in zip(self._buffers(), after.memory(), strict=True):
             self._write(buffer, value)
         return _results(outcome, lambda rows: torch.from_numpy(np.stack(rows)), torch.from_numpy)
 
@@ -247,7 +253,7 @@ class Engine:
         return tuple(zeros) if self._on_numpy else torch.from_numpy(zeros).to(self.device).unbind()
 
     def _buffers(self) -> list[Any]:
-        return _memory(self._episodes)
+        return self._episodes.memory()
 
     def _write(self, buffer: Any, value: Any) -> None:
         buffer[:] = value
@@ -256,22 +262,12 @@ class Engine:
         return torch.from_numpy(np.stack(rows)) if self._on_numpy else torch.stack(rows)
 
 
-def _varying(tree: Any) -> list[Any]:
-    return [x for x in leaves(tree) if not isinstance(x, float)]
-
-
-def _memory(episodes: Episodes) -> list[Any]:
-    """Every buffer of the episodes, in a fixed order."""
-    return [*leaves(episodes.state), *_varying(episodes.goal), episodes.steps, episodes.number,
-            *episodes.previous]
-
-
 def _step_tensors(simulation: Simulation, episodes: Episodes, action: Tensor,
                   seed: tuple[Tensor, Tensor], stride: int) -> Step:
     """One step on tensors, writing the episodes' buffers in place; this is what is compiled."""
     command = tuple(action[:, i].to(simulation.dtype) for i in range(action.shape[1]))
     after, outcome = simulation.step(episodes, command, seed, stride)
-    for buffer, value in zip(_memory(episodes), _memory(after), strict=True):
+    for buffer, value in zip(episodes.memory(), after.memory(), strict=True):
         buffer.copy_(value)
     return _results(outcome, torch.stack, lambda x: x)
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from rans.dynamics import NODES, MassProperties, advance, wrench
-from rans.fields import Field, map_leaves, where
+from rans.fields import Field, leaves, map_leaves, where
 from rans.scenario import Random
 from rans.spacecraft import Spacecraft
 from rans.tasks.base import Task, observation
@@ -31,6 +31,11 @@ class Episodes:
     """Number of the episode: with the seed it decides start and goal, int32."""
     previous: tuple[Field, ...] = ()
     """The last command, one field per thruster, int8; empty where the task does not look at it."""
+
+    def memory(self) -> list[Field]:
+        """Every field that varies, in a fixed order: state and goal, steps, number, last command."""
+        goal = (x for x in leaves(self.goal) if not isinstance(x, float))
+        return [*leaves(self.state), *goal, self.steps, self.number, *self.previous]
 
 
 @dataclass(frozen=True)

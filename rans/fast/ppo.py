@@ -49,7 +49,7 @@ class PPO(stable_baselines3.PPO):
         desired_kl: divergence a whole iteration should cause; the step size is adapted to it
             between 1e-5 and ``max_learning_rate``. None: ``learning_rate`` as given.
         max_learning_rate: upper bound of the adapted step size.
-        anneal: see `slow_down`.
+        anneal: see `slow_down`, which `rans.fast.trainer.Trainer` calls and ``learn`` by itself does not.
         reward_scale: factor on every reward, so that values are of order one.
         **settings: SB3's others, with its names and meanings.
 

@@ -27,9 +27,10 @@ _PRECISE = PPOSettings(n_envs=4096, n_steps=32, batch_size=32_768, layers=(256, 
 _PATIENT = replace(_PRECISE, gamma=0.995)
 _HOLD = {"fine_weight": 0.5, "rest_position": 0.007}
 _POSE = {**_HOLD, "rest_attitude": 0.01}
-_PLATFORM, _SHARED, _FLYER = "floating-platform", "floating-platform-shared", "free-flyer"
+_PLATFORM, _SHARED = "floating-platform", "floating-platform-shared"
+_FLYER, _SHARED_FLYER = "free-flyer", "free-flyer-shared"
 _VELOCITY = {"fine_scale": 0.01, "thrust_weight": 0.05}
-_TWIST = {**_VELOCITY, "fine_spin_weight": 0.5, "thrust_weight": 0.05}
+_TWIST = {**_VELOCITY, "fine_spin_weight": 0.5}
 
 RECIPES: dict[str, Recipe] = {
     "go-to-pose-2d": Recipe("go-to-pose", _PLATFORM, {**_POSE, "thrust_weight": 0.15}, _PATIENT),
@@ -38,6 +39,7 @@ RECIPES: dict[str, Recipe] = {
         "go-to-position", _SHARED, {**_HOLD, "rest_spin": 0.03, "thrust_weight": 0.1}, _PRECISE),
     "track-velocity-2d": Recipe("track-velocity", _PLATFORM, _VELOCITY, _PRECISE),
     "track-twist-2d-shared": Recipe("track-twist", _SHARED, _TWIST, _PRECISE),
+    "track-twist-3d-shared": Recipe("track-twist", _SHARED_FLYER, _TWIST, _PRECISE),
     "go-to-pose-3d": Recipe(
         "go-to-pose", _FLYER, {**_POSE, "fine_attitude_scale": 0.03, "thrust_weight": 0.03}, _PRECISE),
     "go-to-position-3d": Recipe(

@@ -55,7 +55,7 @@ class Trainer:
         self.model = make_ppo(self.engine, config.ppo, config.seed)
         self.selection = Selection(self.model.policy, craft, config.settings, config.timing, config.device)
         self._solved_in_a_row = 0
-        self._reported = (0, 0.0)
+        self._begun = self._reported = (0, 0.0)
         # Opened by `train`, so that a start that fails leaves no empty event file.
         self._logger: Logger | None = None
 
@@ -63,6 +63,15 @@ class Trainer:
     def solved(self) -> bool:
         """Whether enough reports in a row found the task solved."""
         return self._solved_in_a_row >= SOLVED_IN_A_ROW
+
+    @property
+    def rate(self) -> float:
+        """Environment steps per second since the warm-up."""
+        return self._rate_since(self._begun)
+
+    def _rate_since(self, then: tuple[int, float]) -> float:
+        steps, seconds = then
+        return (self.model.num_timesteps - steps) / max(self.seconds - seconds, 1e-9)
 
     @property
     def _ended(self) -> bool:
@@ -89,7 +98,10 @@ class Trainer:
 
     def _train(self, report: Callable[[dict[str, Any]], object], stop: Callable[[], bool]) -> None:
         self._open_log()
+        finished = self._ended
         self._warm_up()
+        if self._ended and not finished:  # the warm-up took all steps
+            report(self._report())
         stopped, saved = False, time.monotonic()
         while not (stopped or self._ended):
             begun = time.monotonic()
@@ -106,13 +118,13 @@ class Trainer:
 
     def _warm_up(self) -> None:
         """On a GPU, compile and record everything; training is timed from then on."""
-        self._reported = (self.model.num_timesteps, self.seconds)
         if self.engine.device.type == "cuda" and not self._ended:
             begun = time.monotonic()
             for _ in range(WARM_UP_ITERATIONS):
                 self._iterate()
                 self.selection.judge()
             self.warm_up = time.monotonic() - begun
+        self._begun = self._reported = (self.model.num_timesteps, self.seconds)
 
     def _is_report_due(self) -> bool:
         """Counted from the first step, so that a resumed training judges the agents it would have."""
@@ -139,9 +151,8 @@ class Trainer:
         if self._is_report_due():
             found, = self.world.any(needed is not None and solved >= needed)
             self._solved_in_a_row = self._solved_in_a_row + 1 if found else 0
-        steps, seconds = self._reported
+        rate = self._rate_since(self._reported)
         self._reported = (self.model.num_timesteps, self.seconds)
-        rate = (self.model.num_timesteps - steps) / max(self.seconds - seconds, 1e-9)
         row = {"steps": self.model.num_timesteps, "seconds": round(self.seconds, 3),
                "steps_per_s": round(rate), "success": solved,
                **{f"error/{name}": value for name, value in errors.items()},
@@ -186,10 +197,14 @@ class Trainer:
         """Continue from the run's checkpoint, bit-identically on a CPU; without one, from the start.
 
         Raises:
-            ConfigError: the checkpoint is damaged, or it is of another network.
+            ConfigError: the checkpoint is damaged, or it is of another network; or there is an agent
+                without one, which must not be lost.
         """
         if self.run.checkpoint_file.exists():
             self._restore(self.run.load_checkpoint(self.config.device))
+        elif self.run.policy_file.exists():
+            raise ConfigError(f"{self.run.path} holds an agent without a checkpoint to go on from, as a "
+                              f"sweep leaves it; train it anew with --config {self.run.config_file}.")
         if self.world.is_first:
             self.run.forget_after(self.model.num_timesteps)
 
@@ -226,14 +241,11 @@ def check_device(device: str) -> None:
     Raises:
         ConfigError: it is not.
     """
-    try:
-        kind = torch.device(device).type
-    except RuntimeError as error:
-        raise ConfigError(f"device must be cpu or cuda, got {device!r}.") from error
-    if kind == "cuda" and not torch.cuda.is_available():
+    if device not in ("cpu", "cuda"):
+        raise ConfigError(f"device must be cpu or cuda, got {device!r}; which GPU that is, "
+                          "CUDA_VISIBLE_DEVICES decides.")
+    if device == "cuda" and not torch.cuda.is_available():
         raise ConfigError("device is cuda, but torch sees no CUDA device here; use --device cpu.")
-    if kind not in ("cpu", "cuda"):
-        raise ConfigError(f"device must be cpu or cuda, got {device!r}.")
 
 
 def run_path(config: TrainConfig, folder: Path = Path("runs")) -> Path:

@@ -112,12 +112,10 @@ class SpacecraftVectorEnv(VectorEnv[Tensor, Tensor, Tensor]):
 
         Raises:
             ConfigError: the actions have another shape.
+            gymnasium.error.ResetNeeded: there was no `reset` yet.
         """
+        self._require_reset()
         actions = torch.as_tensor(actions, device=self.device)
-        if tuple(actions.shape) != self.action_space.shape:
-            raise ConfigError(
-                f"actions must have the shape {self.action_space.shape} (environments, thrusters), got "
-                f"{tuple(actions.shape)}.")
         step = self.engine.step(actions)
         ended = step.terminated | step.truncated
         if self._film is not None:
@@ -137,9 +135,12 @@ class SpacecraftVectorEnv(VectorEnv[Tensor, Tensor, Tensor]):
         Raises:
             gymnasium.error.ResetNeeded: there was no `reset` yet.
         """
-        if not self._seeded:
-            raise ResetNeeded("call reset() before render().")
+        self._require_reset()
         return self._film.frames() if self._film is not None and self.render_mode == "rgb_array" else None
+
+    def _require_reset(self) -> None:
+        if not self._seeded:
+            raise ResetNeeded("call reset() before step() and render().")
 
     def close_extras(self, **_: Any) -> None:
         """Close the window, if there is one."""

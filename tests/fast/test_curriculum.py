@@ -63,7 +63,7 @@ def test_a_setting_within_a_multi_task() -> None:
     ([Ramp("flag", 1.0, 10)], "no setting 'flag'"),
     ([Ramp("spawn_distance", 1.0, 10)], r"spawn_distance must start at something like \(0\.5, 4\.5\), got 1"),
     ([Ramp("fail_spin", (1.0, 2.0), 10)], r"fail_spin must start at something like 4\.0, got \(1\.0, 2\.0\)"),
-    ([Ramp("fine_weight", 1.0, 10, shape="geometric")], r"fine_weight must end above 0, at no 0\.0"),
+    ([Ramp("fine_weight", 1.0, 10, shape="geometric")], r"fine_weight must end above 0, got 0\.0"),
     ([CHEAPER, CHEAPER], "switching_weight has more than one ramp"),
     ([Ramp("fail_spin", 0.0, 10)], r"fail_spin must be > 0, got 0\.0"),
     ([Ramp("fail_spin", float("nan"), 10)], "fail_spin must be finite"),

@@ -36,15 +36,6 @@ class Function:
         self._check(self._driver.cuModuleLoadData(byref(self._module), compiled(text, capability)))
         self._check(self._driver.cuModuleGetFunction(byref(self._function), self._module, name.encode()))
 
-    def attributes(self) -> dict[str, int]:
-        """Registers a thread, and bytes a thread that did not fit into them."""
-        value = c_int()
-        found = {}
-        for attribute, number in (("registers", 4), ("local_bytes", 3)):
-            self._check(self._driver.cuFuncGetAttribute(byref(value), number, self._function))
-            found[attribute] = value.value
-        return found
-
     def launch(self, blocks: int, threads: int, stream: int, pointers: Sequence[int],
                numbers: Sequence[int]) -> None:
         """Queue the kernel; all its pointers come before its 32-bit numbers."""

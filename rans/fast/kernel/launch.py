@@ -7,7 +7,6 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from rans.errors import ConfigError
 from rans.fast.engine import Step
 from rans.fast.episode import Episodes, Simulation
 from rans.fast.kernel.cuda import Function
@@ -30,7 +29,8 @@ class Kernel:
         stride: how far the next episode's number is.
 
     Raises:
-        TypeError: the task's functions do more than arithmetic on fields.
+        TypeError: the task's functions do more than arithmetic on fields, or a curriculum's numbers are of
+            another dtype or device.
     """
 
     def __init__(self, simulation: Simulation, episodes: Episodes, seed: tuple[Tensor, Tensor],
@@ -39,12 +39,16 @@ class Kernel:
         self._inputs = [given.source for given in (*self._program.memory, *self._program.settings)]
         self._seed, self._stride = seed, stride
         self._real, self._device = simulation.dtype, self._inputs[0].device
-        self._action_shape = (len(self._inputs[0]), len(simulation.craft.thrusters))
+        self._count, self._thrusters = len(self._inputs[0]), len(simulation.craft.thrusters)
+        for given in self._program.settings:  # read as they lie in memory, so that nothing converts them
+            if (given.source.dtype, given.source.device) != (self._real, self._device):
+                raise TypeError(f"settings that move must be {self._real} on {self._device}, got "
+                                f"{given.source.dtype} on {given.source.device}.")
         self._functions: dict[torch.dtype, Function] = {}
 
     def source(self, action: torch.dtype) -> str:
         """The kernel's text for actions that are bytes or reals."""
-        return source(self._program, self._action_shape[1], _C_TYPES[action], _C_TYPES[self._real])
+        return source(self._program, self._thrusters, _C_TYPES[action], _C_TYPES[self._real])
 
     def function(self, action: torch.dtype) -> Function:
         """The compiled kernel for such actions.
@@ -54,21 +58,14 @@ class Kernel:
             CudaError: they refuse.
         """
         if action not in self._functions:
-            capability = torch.cuda.get_device_capability()
-            self._functions[action] = Function(self.source(action), "step", capability)
+            with torch.cuda.device(self._device):  # a compiled kernel belongs to one device
+                capability = torch.cuda.get_device_capability()
+                self._functions[action] = Function(self.source(action), "step", capability)
         return self._functions[action]
 
     def __call__(self, action: Tensor) -> Step:
-        """Hold the thrusters for one control period, see `rans.fast.engine.Engine.step`.
-
-        Raises:
-            ConfigError: the action has another shape.
-        """
-        if tuple(action.shape) != self._action_shape:
-            raise ConfigError(f"actions must have the shape {self._action_shape} (environments, thrusters), "
-                              f"got {tuple(action.shape)}.")
-        action, count = self._readable(action), self._action_shape[0]
-        shape = self._program.shape
+        """Hold the thrusters for one control period, see `rans.fast.engine.Engine.step`."""
+        action, count, shape = self._readable(action), self._count, self._program.shape
         reals = torch.empty((shape.reals, count), dtype=self._real, device=self._device)
         flags = torch.empty((len(Shape.FLAGS), count), dtype=torch.bool, device=self._device)
         tensors = (action, *self._seed, reals, flags, *self._inputs)

@@ -95,7 +95,7 @@ def trace(simulation: Simulation, episodes: Episodes) -> Program:
     shape = Shape(len(outcome.observation), len(outcome.terms))
     first = (*outcome.observation, *outcome.terms.values(), outcome.reward)
     stores = [
-        *_rows("memory", _memory(after)),
+        *_rows("memory", after.memory()),
         *_rows("reals", first),
         *_rows("flags", (getattr(outcome, name) for name in Shape.FLAGS)),
     ]
@@ -117,15 +117,9 @@ def _rows(array: Any, values: Any, start: int = 0) -> Iterator[Store]:
     return (Store(array, row, Symbol.constant(value)) for row, value in enumerate(values, start))
 
 
-def _memory(episodes: Episodes) -> list[Any]:
-    """Every field of the episodes that varies; the first ones are reals."""
-    varying = (x for x in leaves(episodes.goal) if not isinstance(x, float))
-    return [*leaves(episodes.state), *varying, episodes.steps, episodes.number, *episodes.previous]
-
-
 def _remembered(episodes: Episodes) -> tuple[tuple[Input, ...], Episodes]:
     """The episodes' arrays, and the episodes with symbols in their place."""
-    arrays, switches = _memory(episodes), len(episodes.previous)
+    arrays, switches = episodes.memory(), len(episodes.previous)
     types: list[Type] = ["real"] * (len(arrays) - 2 - switches)
     types.extend(("int", "int"))
     types.extend("signed char" for _ in range(switches))
