@@ -42,6 +42,10 @@ def __getattr__(name: str) -> Any:
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
+
+
 def _register() -> None:
     """Gymnasium has no plug-in mechanism (since 1.0): its registry must be told on import."""
     for task_name, ids in GYMNASIUM_IDS.items():

@@ -193,6 +193,7 @@ def draw_layout(craft: Spacecraft) -> Figure:
     else:
         axes.quiver(*positions.T, *arrows.T, color=_TRAIL)
         axes.set_zlabel("z, m")  # type: ignore[attr-defined]
+        axes.view_init(elev=25.0, azim=-54.0)  # type: ignore[attr-defined]
     for index, tip in enumerate(positions + 1.25 * arrows):
         axes.text(*tip, str(index), ha="center", va="center", color=_EDGE)  # type: ignore[call-arg]
     axes.set(title=f"{craft.name}: force of each thruster", xlabel="x, m", ylabel="y, m", aspect="equal")

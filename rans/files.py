@@ -27,13 +27,18 @@ def replace_file(file: Path, write: Callable[[Path], object]) -> None:
         write: writes the whole content to the path it is given.
 
     Raises:
-        ConfigError: the disk refused (full, read-only, no permission); the old file is unharmed.
+        ConfigError: the disk refused (full, read-only, no permission); the old file is unharmed. Or there is
+            a folder in its place, or a file in its folder's.
     """
+    if file.is_dir():  # also without a name, which means the current folder
+        raise ConfigError(f"cannot write {file}: it is a folder; give the name of a file.")
     draft = file.with_name(f".{os.getpid()}.{file.name}")
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
         write(draft)
         os.replace(draft, file)
+    except (FileExistsError, NotADirectoryError) as error:
+        raise ConfigError(f"cannot write {file}: {error.filename} is a file, not a folder.") from error
     except (OSError, RuntimeError) as error:  # torch reports a full disk as a RuntimeError
         raise ConfigError(f"cannot write {file}: {error}; is the disk full or read-only?") from error
     finally:

@@ -60,8 +60,10 @@ def test_places_that_cannot_be_written(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     (tmp_path / "folder" / "x.txt").mkdir(parents=True)
     for place in ("file/x.txt", "file/y/x.txt", "folder/x.txt"):
-        with pytest.raises(ConfigError, match=f"cannot write .*{place}"):
+        with pytest.raises(ConfigError, match=rf"cannot write .*{place}: .* is a (file|folder)\b"):
             write_text(tmp_path / place, "text")
+    with pytest.raises(ConfigError, match="give the name of a file"):
+        write_text(Path(), "text")
 
 
 def test_json(tmp_path: Path) -> None:

@@ -45,13 +45,15 @@ def main(arguments: list[str] | None = None) -> int:
     except RansError as error:
         return _end(f"rans: {error}", 2)
     except KeyboardInterrupt:
-        return _end("\nrans: interrupted; what was finished is kept.", 130)
+        return _end("\nrans: interrupted; what was written is kept.", 130)
     except BrokenPipeError:
         # Python would flush once more on its way out, and complain.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except OSError as error:
         return _end(f"rans: {error}.", 2)
+    except MemoryError as error:
+        return _end(f"rans: out of memory, fewer at once may do: {error}.", 2)
 
 
 def _run(arguments: list[str]) -> int:

@@ -52,6 +52,8 @@ class Benchmark:
 
         from rans.fast.trainer import check_device
 
+        if self.output is not None and self.output.suffix != ".json":
+            raise ConfigError(f"--output must end in .json, got {str(self.output)!r}.")
         device = self.device or ("cuda" if torch.cuda.is_available() else "cpu")
         check_device(device)
         if not (device.startswith("cuda") or self.quick):

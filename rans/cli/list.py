@@ -144,8 +144,8 @@ def _all_spacecraft() -> Table:
 def _all_tasks() -> Table:
     from rans.tasks import GYMNASIUM_IDS, TASKS
 
-    return _table("Tasks", ("name", "Gymnasium ids (plane, space)", "flag", "what"), [
-        (name, "\n".join(GYMNASIUM_IDS[name]), _flag(task), _summary(task))
+    return _table("Tasks", ("name, Gymnasium ids", "flag", "what"), [
+        ("\n  ".join((name, *GYMNASIUM_IDS[name])), _flag(task), _summary(task))
         for name, task in TASKS.items()])
 
 

@@ -80,10 +80,11 @@ class Optimal:
         Console().print(table(title, objective, answers))
         about: dict[str, Any] = {"task": self.task, "spacecraft": craft.name, "objective": objective.name,
                                  "measure": objective.measure, "ending": objective.ending, "seed": self.seed}
+        folder = self.output or Path("runs") / f"optimal-{self.task}-{craft.name}-{self.objective}"
+        write(folder, about, answers)  # bounds can take long: an interrupt must not lose these
         if self.certify:
             about["bounds"] = [b.to_json() for b in self._bounds(craft, task, objective, starts, answers)]
-        folder = self.output or Path("runs") / f"optimal-{self.task}-{craft.name}-{self.objective}"
-        write(folder, about, answers)
+            write(folder, about, answers)
         lost = sum(not answer.good for answer in answers)
         print(f"{len(answers) - lost} of {len(answers)} solved and flown in Drake. Written to "
               f"{folder / 'optimal.json'} and optimal.npz.")
@@ -96,6 +97,10 @@ class Optimal:
                 raise ConfigError(f"--{name} must be >= 1, got {value}.")
         if not self.certify_seconds > 0:
             raise ConfigError(f"--certify-seconds must be > 0, got {self.certify_seconds:g}.")
+        if self.horizon is not None and self.objective == "time":
+            raise ConfigError("--horizon is what --objective time looks for; leave it out.")
+        if self.ending == "set" and self.objective in ("tracking", "reward"):
+            raise ConfigError(f"--ending set is for fuel, time and energy; {self.objective} ends anywhere.")
         if self.certify and self.objective not in ("fuel", "time"):
             raise ConfigError(f"--certify bounds fuel and time only, not {self.objective}.")
 

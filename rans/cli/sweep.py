@@ -37,7 +37,7 @@ class Sweep:
     Ctrl-C stops early and keeps what there is.
     """
 
-    task: Positional[str | None] = None
+    task: Annotated[str | None, Positional, arg(metavar="[TASK]")] = None
     """What to learn: a task (see `rans list`), or the name of an agent that comes with RANS."""
     seeds: int = 8
     """Number of seeds, from 0 on."""
@@ -83,6 +83,8 @@ class Sweep:
         """Every combination, the seeds of one beside each other."""
         if self.seeds < 1:
             raise ConfigError(f"--seeds must be >= 1, got {self.seeds}.")
+        if self.seeds > 1 and any(text.startswith("seed=") for text in self.set):
+            raise ConfigError(f"--set seed=... would train the same {self.seeds} times; add --seeds 1.")
         for changes in itertools.product(*map(_changes, self.set)):
             for seed in range(self.seeds):
                 yield Train(self.task, self.spacecraft, seed, self.device, self.total_timesteps, changes,

@@ -34,9 +34,9 @@ class Train:
     the agent (policy.zip, which stable_baselines3.PPO.load opens too).
     """
 
-    task: Positional[str | None] = None
+    task: Annotated[str | None, Positional, arg(metavar="[TASK]")] = None
     """What to learn: a task (see `rans list`), or the name of an agent that comes with RANS, such as
-    go-to-pose-2d, to train it again as it was trained: longer than until solved, for a GPU."""
+    go-to-pose-2d, to train it again as it was trained: beyond solved, until all steps are done."""
     spacecraft: str | None = None
     """Name of a spacecraft that comes with RANS, or your own TOML file; by default floating-platform."""
     seed: int | None = None
@@ -84,8 +84,10 @@ class Train:
         from rans.fast.config import from_table, to_table
         from rans.fast.run_folder import read_config
 
-        if (self.task is None) == (self.config is None):
-            raise ConfigError("say what to train: a task, such as `rans train go-to-pose`, or --config FILE.")
+        if self.task is not None and self.config is not None:
+            raise ConfigError(f"--config {self.config} says what to train; leave out {self.task!r}.")
+        if self.task is None and self.config is None:
+            raise ConfigError("say what to train: a task, such as go-to-pose, or --config FILE.")
         table = json.loads(json.dumps(to_table(read_config(self.config) if self.config else self._preset())))
         for name in ("spacecraft", "seed", "device", "total_timesteps"):
             if (given := getattr(self, name)) is not None:

@@ -16,7 +16,7 @@ class Validate:
     quick: bool = False
     """Fewer states and flights and no compiler: a few seconds instead of some minutes."""
     layer: str | None = None
-    """Look at this layer only, as a report names it: thrusters, accelerations, flights, ..."""
+    """Look at this layer only: thrusters, commands, accelerations, period, flights, engine, ..."""
     seed: int = 0
     """Of the random states and commands."""
     output: Path | None = None

@@ -25,7 +25,7 @@ class View:
     Controls" on the page holds a slider for the time, pause and speed.
     """
 
-    contestants: Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="RUN")]
+    contestants: Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="RUN...")]
     """Who flies: run folders, or any other contestants, such as lqr:go-to-pose-3d."""
     episodes: int = 1
     """Flights of each; all contestants of the same task start from the same places."""
@@ -44,6 +44,8 @@ class View:
             raise ConfigError("say who flies, such as `rans view runs/first`.")
         if self.episodes < 1:
             raise ConfigError(f"--episodes must be >= 1, got {self.episodes}.")
+        if self.save is not None and self.save.suffix != ".html":
+            raise ConfigError(f"--save writes a page, whose name must end in .html, got {str(self.save)!r}.")
         flights = [self._fly(spec) for spec in self.contestants]
         if self.frames is not None:
             from rans.evaluation.frames import save_frames

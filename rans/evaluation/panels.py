@@ -70,9 +70,9 @@ def errors(every: Axes, summarised: Axes, flight: Flight, rank: int, letters: st
     quantity, error = list(flight.errors().items())[rank]
     factor, unit = DISPLAY[quantity]
     error = factor * error
-    _lines(every, np.broadcast_to(flight.times[:, None], error.shape), error)
-    every.set(xlim=(0.0, flight.times[-1]), yscale="log")
-    every.set_ylim(max(0.01, 0.5 * error.min()), 1.6 * max(0.1, error.max()))
+    floor = max(0.01, 0.5 * error.min())  # a logarithmic axis has no place for 0
+    _lines(every, np.broadcast_to(flight.times[:, None], error.shape), np.maximum(error, floor))
+    every.set(xlim=(0.0, flight.times[-1]), ylim=(floor, 1.6 * max(0.1, error.max())), yscale="log")
     every.yaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
     summary(summarised, flight.times, error, best=np.argmin, worst=np.argmax)
     parts = zip((every, summarised), letters, ("every episode", "summary"), strict=True)
@@ -113,7 +113,13 @@ def trajectories(axes: Axes, flight: Flight) -> None:
     reach = 1.08 * max(0.1, np.abs([x, y]).max())
     axes.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal")
     axes.legend(loc="upper right")
-    label(axes, "(e) trajectories, seen along z", "x from the goal, m", "y from the goal, m")
+    label(axes, "(e) trajectories, seen along z", *_places(flight))
+
+
+def _places(flight: Flight) -> tuple[str, str]:
+    """What the axes of a path are called; only some tasks have a place to go to."""
+    origin = " from the goal" if "position" in flight.errors() else ""
+    return f"x{origin}, m", f"y{origin}, m"
 
 
 def _from_goal(flight: Flight) -> list[np.ndarray]:
@@ -141,7 +147,7 @@ def path(figure: SubFigure, flight: Flight, episode: int) -> None:
         axes.plot(*([0.0] for _ in way), "+", color=RED, markersize=10, label="goal")
     axes.set_aspect("equal", adjustable="datalim")
     axes.legend(loc="best")
-    label(axes, f"(a) path of episode {episode}", "x from the goal, m", "y from the goal, m")
+    label(axes, f"(a) path of episode {episode}", *_places(flight))
 
 
 def _nose(flight: Flight, episode: int) -> list[np.ndarray]:

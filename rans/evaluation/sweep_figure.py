@@ -34,7 +34,7 @@ def sweep_figure(sweep: Sweep) -> Figure:
         _ends(ends, row, members, best, colour)
     _curve(curves, best, ORANGE, linewidth=2.5, zorder=3, label=f"best: seed {best.config.seed}")
     curves.set(xlim=(0.0, None), ylim=(-2.0, 102.0))
-    curves.legend(loc="lower right")
+    curves.legend(loc="best")
     label(curves, f"success of {len(sweep.members)} members while training", "environment steps a member",
           "episodes, %")
     ends.margins(x=0.08)

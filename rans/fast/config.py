@@ -178,5 +178,5 @@ def _say(error: BaseException, _: type | None) -> str:
     if isinstance(error, KeyError):
         return f"the key {error} is missing"
     if isinstance(error, TypeError):
-        return "expected a table or a list of values"
+        return "expected a table or a list of values, such as [0.5, 4.5]"
     return str(error)

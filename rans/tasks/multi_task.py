@@ -155,5 +155,5 @@ class MultiTask:
         return {name: self._drawn(flag, [some.get(name, 0.0) for some in terms]) for name in names}
 
 
-_ONE_BY_ONE = ("a multi-task is judged on each of its tasks by itself, as their tolerances differ; take one "
-               "of its parts().")
+_ONE_BY_ONE = ("a multi-task is judged on each of its tasks by itself, as their tolerances differ: name "
+               "one of them.")

@@ -40,7 +40,7 @@ def test_interrupted_it_still_writes(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert main(["compare", "lqr:go-to-pose-2d", "--with", "optimal", "--episodes", "2",
                  "--output", str(tmp_path)]) == 130
     assert json.loads((tmp_path / "compare.json").read_text())["summary"][0]["settled"] == 2
-    assert "interrupted; what was finished is kept" in capsys.readouterr().err
+    assert "interrupted; what was written is kept" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(("arguments", "sentence"), [

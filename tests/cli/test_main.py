@@ -94,7 +94,8 @@ def test_a_misspelt_option_is_told_the_near_ones(capsys: pytest.CaptureFixture[s
     (ConfigError("the mass must be > 0 kg, got -1."), 2, "rans: the mass must be > 0 kg, got -1.\n"),
     (OSError(28, "No space left on device", "metrics.jsonl"), 2,
      "rans: [Errno 28] No space left on device: 'metrics.jsonl'.\n"),
-    (KeyboardInterrupt(), 130, "\nrans: interrupted; what was finished is kept.\n"),
+    (MemoryError("no 373 GiB"), 2, "rans: out of memory, fewer at once may do: no 373 GiB.\n"),
+    (KeyboardInterrupt(), 130, "\nrans: interrupted; what was written is kept.\n"),
 ])
 def test_ends_with_a_sentence(error: BaseException, code: int, said: str, monkeypatch: pytest.MonkeyPatch,
                               capsys: pytest.CaptureFixture[str]) -> None:
@@ -145,7 +146,7 @@ interrupt() if {moment!r} == "leaving" else sys.exit(code)
 
 
 @pytest.mark.parametrize(("moment", "code", "said"), [
-    ("loading", -signal.SIGINT, ""), ("running", 130, "\nrans: interrupted; what was finished is kept.\n"),
+    ("loading", -signal.SIGINT, ""), ("running", 130, "\nrans: interrupted; what was written is kept.\n"),
     ("leaving", -signal.SIGINT, ""), ("never", 0, "")])
 def test_an_interrupt_shows_no_traceback(moment: str, code: int, said: str) -> None:
     done = subprocess.run([sys.executable, "-c", INTERRUPTED.format(moment=moment)], capture_output=True,

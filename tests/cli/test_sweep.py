@@ -86,7 +86,8 @@ def test_an_interrupt_keeps_what_there_is(monkeypatch: pytest.MonkeyPatch,
     (["go-to-pose", "--set", "ppo.gama=0.9"], "the config has no 'ppo.gama'"),
     (["hover"], "no task named 'hover'"),
     ([], "say what to train"),
-    (["go-to-pose", "--config", "config.json"], "say what to train"),
+    (["go-to-pose", "--config", "config.json"], "leave out 'go-to-pose'"),
+    (["go-to-pose", "--set", "seed=1,2"], "would train the same 8 times; add --seeds 1"),
     (["go-to-pose", "--run", "."], ". exists already"),
 ])
 def test_wrong_arguments(capsys: pytest.CaptureFixture[str], arguments: list[str], message: str) -> None:

@@ -53,6 +53,7 @@ def test_it_serves_until_it_is_interrupted() -> None:
     (["nowhere"], "nowhere is not a run folder"),
     (["lqr:go-to-pose-2d", "--episodes", "0"], "--episodes must be >= 1, got 0"),
     (["lqr:go-to-pose-2d", "--frames", "frames.xyz"], "use .png"),
+    (["lqr:go-to-pose-2d", "--save", ""], "must end in .html, got '.'"),
 ])
 def test_wrong_use_is_a_sentence(arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["view", *arguments]) == 2

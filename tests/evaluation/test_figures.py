@@ -103,6 +103,15 @@ def test_tasks_with_other_errors() -> None:
     assert panel(figure, "f").get_ylabel() == "spin error, deg/s"
 
 
+def test_errors_of_zero_have_a_place_on_a_logarithmic_axis() -> None:
+    """Warnings are errors here, and Matplotlib warns of an axis on which nothing can be drawn."""
+    figure = evaluation_figure(flight_of(np.ones((6, 2)), 0.0, speed=(0.3, 0.4), task=TrackNothing()))
+    axes = panel(figure, "f")
+    [lines] = (drawn for drawn in axes.collections if isinstance(drawn, LineCollection))
+    assert {y for segment in lines.get_segments() for y in segment[:, 1]} == {axes.get_ylim()[0]}
+    assert panel(figure, "e").get_xlabel() == "x, m"
+
+
 def test_a_task_with_one_error_leaves_two_panels_empty() -> None:
     class PositionOnly(GoToPose):
         """Go to a place in any attitude."""

@@ -95,5 +95,5 @@ def test_wrong_lists(names: tuple[str, ...]) -> None:
 
 def test_it_is_judged_one_task_at_a_time() -> None:
     for ask in (MultiTask().tolerances, lambda: MultiTask().residual_target(2)):
-        with pytest.raises(ConfigError, match=r"each of its tasks by itself.*parts\(\)"):
+        with pytest.raises(ConfigError, match=r"each of its tasks by itself.*: name one"):
             ask()

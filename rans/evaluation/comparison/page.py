@@ -78,8 +78,10 @@ def _summary(comparison: Comparison) -> Section:
 
 
 def _told(name: str, row: tables.Scores) -> str:
-    return (f"{name} settles from {row['settled, %'].value:.3g} % of the starts, median "
-            f"{row['settling time, s'].text()} s, with {row['thrust-time of the episode, N s'].text()} N s.")
+    settling = row["settling time, s"]
+    median = f"median {settling.text()} s, " if np.isfinite(settling.value) else ""
+    return (f"{name} settles from {row['settled, %'].value:.3g} % of the starts, {median}"
+            f"with {row['thrust-time of the episode, N s'].text()} N s.")
 
 
 def _plane(comparison: Comparison) -> Section:
@@ -165,7 +167,8 @@ def _differences(comparison: Comparison) -> Iterator[Section]:
     first = comparison.entries[0].name
     rows = [[name, *(_signed(estimate) for estimate in row.values())] for name, row in between.items()]
     yield Section("Paired differences", f"Everybody less {first} from the same start: median over starts, "
-                  "with its interval. 0 where neither gets there.",
+                  f"with its interval; 0 where neither gets there, never where only {first} does, -never "
+                  f"where only {first} does not.",
                   [Table(("contestant", *tables.DIFFERENCES), rows)])
 
 
