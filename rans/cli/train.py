@@ -103,12 +103,15 @@ class Train:
         from rans.fast.presets import preset
         from rans.fast.recipes import RECIPES, recipe
         from rans.spacecraft_file import load_spacecraft
-        from rans.tasks import task_class
+        from rans.tasks import TASKS, task_class
 
         task, spacecraft = str(self.task), self.spacecraft or "floating-platform"
         device = self.device or ("cuda" if torch.cuda.is_available() else "cpu")
         if task in RECIPES:
             return recipe(task, device)
+        if task not in TASKS:
+            raise ConfigError(f"there is no task and no recipe named {task!r}; tasks are {', '.join(TASKS)}; "
+                              f"recipes are {', '.join(RECIPES)}.")
         settings, craft = task_class(task)(), load_spacecraft(spacecraft)
         return TrainConfig(task, settings, spacecraft, preset(task, craft.dimension, device), device=device)
 

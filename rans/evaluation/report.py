@@ -93,6 +93,14 @@ class Report:
         """Whether nothing failed."""
         return all(finding.passed is not False for finding in self.findings)
 
+    @property
+    def verdict(self) -> str:
+        """In one sentence; a finding that nothing checked passes nothing."""
+        if not self.passed:
+            return "Something has failed."
+        checked = any(finding.passed for finding in self.findings)
+        return "Everything checked has passed." if checked else "Nothing was checked here."
+
     def summary(self) -> rich.table.Table:
         """The few most telling lines of every section, for the terminal."""
         table = rich.table.Table("part", "what", "value", title=self.title, title_justify="left")
