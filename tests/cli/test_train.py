@@ -124,7 +124,7 @@ def test_wrong_changes(capsys: pytest.CaptureFixture[str], change: str, message:
 def test_wrong_options(capsys: pytest.CaptureFixture[str]) -> None:
     assert "say what to train" in refused(capsys)
     assert "leave out 'go-to-pose'" in refused(capsys, "go-to-pose", "--config", "x.json")
-    assert "no task named 'hover'" in refused(capsys, "hover")
+    assert "no task and no recipe named 'hover'" in refused(capsys, "hover")
     assert "cannot read x.json" in refused(capsys, "--config", "x.json")
     assert "nowhere.toml" in refused(capsys, "go-to-pose", "--spacecraft", "nowhere.toml")
     assert "device must be cpu or cuda, got 'tpu'" in refused(capsys, "go-to-pose", "--device", "tpu")
