@@ -26,10 +26,8 @@ _PLANE = PPOSettings(n_envs=256, n_steps=64, batch_size=4096, gamma=0.99, max_le
 _SPACE = replace(_PLANE, layers=(128, 128))
 _HOLD = {"fine_weight": 0.5, "rest_position": 0.007}
 _POSE = {**_HOLD, "rest_attitude": 0.01}
-_PLATFORM, _SHARED = "floating-platform", "floating-platform-shared"
-_FLYER, _SHARED_FLYER = "free-flyer", "free-flyer-shared"
+_PLATFORM, _SHARED, _FLYER = "floating-platform", "floating-platform-shared", "free-flyer"
 _VELOCITY = {"fine_scale": 0.01, "thrust_weight": 0.05}
-_TWIST = {**_VELOCITY, "fine_spin_weight": 0.5}
 
 RECIPES: dict[str, Recipe] = {
     "go-to-pose-2d": Recipe("go-to-pose", _PLATFORM, {**_POSE, "thrust_weight": 0.1}, _PLANE, 20_000_000),
@@ -38,15 +36,14 @@ RECIPES: dict[str, Recipe] = {
     "go-to-position-2d-shared": Recipe(
         "go-to-position", _SHARED, {**_HOLD, "rest_spin": 0.03, "thrust_weight": 0.1}, _PLANE),
     "track-velocity-2d": Recipe("track-velocity", _PLATFORM, _VELOCITY, _PLANE),
-    "track-twist-2d-shared": Recipe("track-twist", _SHARED, _TWIST, _PLANE),
     "go-to-pose-3d": Recipe(
-        "go-to-pose", _FLYER, {**_POSE, "fine_attitude_scale": 0.03, "thrust_weight": 0.03}, _SPACE),
+        "go-to-pose", _FLYER, {"fine_weight": 0.25, "fine_position_scale": 0.05, "fine_attitude_scale": 0.05,
+                               "rest_position": 0.01, "rest_attitude": 0.02}, _SPACE),
     "go-to-position-3d": Recipe(
         "go-to-position", _FLYER,
         {**_HOLD, "rest_spin": 0.03, "thrust_weight": 0.05, "evaluation_distance": (1.0, 5.0),
          "spawn_distance": (0.5, 5.5)}, _SPACE),
     "track-velocity-3d": Recipe("track-velocity", _FLYER, _VELOCITY, _SPACE),
-    "track-twist-3d-shared": Recipe("track-twist", _SHARED_FLYER, _TWIST, _SPACE),
 }
 """By the agent's name."""
 
