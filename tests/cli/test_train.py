@@ -154,7 +154,9 @@ def test_nan_is_said_in_a_sentence(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def command(*arguments: str, **environment: str) -> subprocess.Popen[str]:
-    code = f"import sys; sys.path.insert(0, {str(ROOT)!r}); from rans.cli import main; sys.exit(main())"
+    """The command in a process of its own, which hears Ctrl-C as in a terminal even if this one does not."""
+    code = ("import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "
+            f"sys.path.insert(0, {str(ROOT)!r}); from rans.cli import main; sys.exit(main())")
     return subprocess.Popen([sys.executable, "-c", code, *arguments], text=True, stdout=subprocess.PIPE,
                             stderr=subprocess.PIPE, env=os.environ | {"OMP_NUM_THREADS": "1"} | environment)
 

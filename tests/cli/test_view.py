@@ -36,16 +36,19 @@ def test_a_replay_is_saved(engine: str, capsys: pytest.CaptureFixture[str]) -> N
 
 
 def test_it_serves_until_it_is_interrupted() -> None:
-    process = command("view", "lqr:go-to-pose-2d")
-    assert process.stdout is not None
-    line = process.stdout.readline()
-    url = re.search(r"LQR \(grey\): to be seen at (http://localhost:\d+) until Ctrl-C\.", line)
-    assert url is not None, line
-    with urllib.request.urlopen(url[1], timeout=10) as page:
-        assert b"meshcat" in page.read()
-    process.send_signal(signal.SIGINT)
-    _, errors = process.communicate(timeout=30)
-    assert (process.returncode, errors) == (0, "")
+    with command("view", "lqr:go-to-pose-2d") as process:
+        try:
+            assert process.stdout is not None
+            line = process.stdout.readline()
+            url = re.search(r"LQR \(grey\): to be seen at (http://localhost:\d+) until Ctrl-C\.", line)
+            assert url is not None, line
+            with urllib.request.urlopen(url[1], timeout=10) as page:
+                assert b"meshcat" in page.read()
+            process.send_signal(signal.SIGINT)
+            _, errors = process.communicate(timeout=30)
+            assert (process.returncode, errors) == (0, "")
+        finally:
+            process.kill()
 
 
 @pytest.mark.parametrize(("arguments", "said"), [
