@@ -1,0 +1,58 @@
+"""The generated kernel on a GPU does what uncompiled torch does, step by step, through many restarts."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+from torch import Tensor
+
+from rans.fast.engine import Engine, Step
+from rans.spacecraft_file import load_spacecraft
+from rans.tasks import TASKS
+from rans.timing import Timing
+
+pytestmark = [
+    pytest.mark.gpu, pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA device")]
+COUNT, STEPS = 4099, 200
+"""Environments, not a multiple of a warp; and steps of each, six episodes long."""
+TOLERANCE = {torch.float64: 1e-12, torch.float32: 2e-5}
+"""Rounding of one step, to a value of one: hundreds of operations; float32 has fast divisions and roots."""
+
+
+def engine(craft: str, task: str, dtype: torch.dtype, compiled: bool | None) -> Engine:
+    return Engine(load_spacecraft(craft), TASKS[task](), COUNT, Timing(episode_steps=30), seed=2**40 + 3,
+                  device="cuda", dtype=dtype, compiled=compiled)
+
+
+def difference(ours: Tensor, theirs: Tensor) -> float:
+    """The largest, relative to values above one."""
+    return float(((ours - theirs).abs() / (1 + theirs.abs())).max()) if ours.numel() else 0.0
+
+
+def flags(step: Step) -> Tensor:
+    return torch.stack((step.terminated, step.truncated, step.reached))
+
+
+@pytest.mark.parametrize("dtype", TOLERANCE, ids=["float64", "float32"])
+@pytest.mark.parametrize("craft", ["floating-platform", "floating-platform-shared", "free-flyer"])
+@pytest.mark.parametrize("task", TASKS)
+def test_the_kernel_does_what_torch_does(task: str, craft: str, dtype: torch.dtype) -> None:
+    plain, kernel = engine(craft, task, dtype, False), engine(craft, task, dtype, None)
+    assert kernel._kernel is not None
+    generator = torch.Generator("cuda").manual_seed(0)
+    ends = flips = 0
+    for _ in range(STEPS):
+        shape = COUNT, len(plain.craft.thrusters)
+        action = torch.rand(shape, device="cuda", generator=generator) < 0.3
+        expected, found = plain.step(action.to(torch.uint8)), kernel.step(action.to(torch.uint8))
+        same = (flags(expected) == flags(found)).all(dim=0)
+        ended = same & (expected.terminated | expected.truncated)
+        ends, flips = ends + int(ended.sum()), flips + int((~same).sum())
+        for rows, name in ((same, "observation"), (same, "reward"), (ended, "final_observation")):
+            worst = difference(getattr(found, name)[rows], getattr(expected, name)[rows])
+            assert worst < TOLERANCE[dtype], name
+        assert difference(found.terms.T[same], expected.terms.T[same]) < TOLERANCE[dtype]
+        kernel.load_state(plain.save_state())  # so that what is compared is always one step
+    assert ends > COUNT
+    # A value within rounding of a bound may fall on either side of it.
+    assert flips <= 1e-5 * COUNT * STEPS
