@@ -80,9 +80,9 @@ class View:
             page.save(self.save)
             print(f"{self.save} replays {who} in any browser.")
             return
-        print(f"{who}: to be seen at {page.url} until Ctrl-C.", flush=True)
-        open_browser(page.url)
-        with contextlib.suppress(KeyboardInterrupt):
+        with contextlib.suppress(KeyboardInterrupt):  # from the first moment the sentence asks for it
+            print(f"{who}: to be seen at {page.url} until Ctrl-C.", flush=True)
+            open_browser(page.url)
             while True:
                 time.sleep(3600.0)
 

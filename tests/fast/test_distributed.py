@@ -62,7 +62,8 @@ def one_of_two(rank: int, folder: Path) -> None:
     if rank == 0:
         with pytest.raises(WorkerLost, match="another process of this training is gone"):
             world.average(torch.zeros(1))
-    dist.destroy_process_group()
+    # Not by returning: threads of gloo that lost their peer abort a process now and then while it ends.
+    os._exit(0)
 
 
 def test_two_processes_learn_what_one_does(tmp_path: Path) -> None:
