@@ -68,6 +68,8 @@ class Engine:
         compiled: whether a step is one compiled kernel. By default on a GPU only: a CPU step then
             runs the same source on NumPy, two to six times faster than uncompiled torch for 4,096 to
             128 spacecraft, and without a compiler.
+        generated: whether on a GPU the step is the kernel of docs/decisions/007-generated-kernel.md instead
+            of torch.compile's. Not by default until it has been measured on one.
         world: the processes among which the batch is divided; ``num_envs`` are this one's.
 
     Raises:
@@ -77,7 +79,7 @@ class Engine:
     def __init__(self, craft: Spacecraft, task: Task, num_envs: int, timing: Timing | None = None, *,
                  seed: int = 0, device: str | torch.device = "cpu",
                  dtype: torch.dtype = torch.float32, compiled: bool | None = None,
-                 world: World = ALONE) -> None:
+                 generated: bool = False, world: World = ALONE) -> None:
         if isinstance(num_envs, bool) or not isinstance(num_envs, int) or num_envs < 1:
             raise ConfigError(
                 f"the number of environments must be a whole number >= 1, got {num_envs!r}.")
@@ -97,7 +99,7 @@ class Engine:
         self._step = torch.compile(step, fullgraph=True, dynamic=False) if self.compiled else step
         self._seed: tuple[Any, Any] = (self._int32(0), self._int32(0))
         self._episodes: Episodes = self._allocate(seed)
-        self._kernel = self._generated()
+        self._kernel = self._generated() if generated else None
         self.reset(seed)
 
     def _int32(self, value: int) -> Any:

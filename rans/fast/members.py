@@ -48,9 +48,6 @@ class MembersEngine(Engine):
         shared = super()._int32(value)
         return shared if self._on_numpy else shared.repeat(self.num_envs)
 
-    def _generated(self) -> None:
-        """Torch's compiler makes the step: the generated kernel has one seed and one task for all."""
-
     def _count(self) -> Any:
         """Every member's episodes count from zero."""
         return super()._count() % self._each

@@ -117,36 +117,6 @@ def test_an_iteration_is_that_of_sb3(craft: Any, n_epochs: int) -> None:
     assert twin.policy.features_extractor.count == 0
 
 
-def test_step_size_follows_the_divergence() -> None:
-    model = tiny_ppo(desired_kl=0.01, learning_rate=1e-3)
-    rate = model.policy.optimizer.param_groups[0]["lr"]
-    expected = {0.021: 1e-3 / 1.5, 0.0049: 1e-3, 0.0051: 1e-3, 0.019: 1e-3, 1e9: 1e-3 / 1.5}
-    for kl, wanted in expected.items():
-        model._adapt(torch.tensor(kl))
-        assert float(rate) == pytest.approx(wanted, rel=1e-6)
-    for kl, bound in ((1.0, 1e-5), (0.0, 1e-2)):
-        for _ in range(30):
-            model._adapt(torch.tensor(kl))
-        assert float(rate) == pytest.approx(bound, rel=1e-6)
-
-
-def test_the_step_size_falls_to_zero_over_the_last_share() -> None:
-    """Bounded by 4e-3 until half of the steps remain, then in proportion to what remains."""
-    model = tiny_ppo(desired_kl=0.01, learning_rate=1e-3, max_learning_rate=4e-3, anneal=0.5)
-    rate = model.policy.optimizer.param_groups[0]["lr"]
-    for remaining, bound in ((1.0, 4e-3), (0.5, 4e-3), (0.25, 2e-3), (0.0, 0.0)):
-        model.slow_down(remaining)
-        for _ in range(30):
-            model._adapt(torch.tensor(0.0))
-        assert float(rate) == pytest.approx(bound, rel=1e-6)
-
-
-def test_constant_step_size() -> None:
-    model = silent(tiny_ppo(desired_kl=None, learning_rate=2e-3))
-    model.learn(512, log_interval=None)  # type: ignore[arg-type]
-    assert float(model.policy.optimizer.param_groups[0]["lr"]) == pytest.approx(2e-3, rel=1e-6)
-
-
 def trained(seed: int = 0, steps: int = 1024, **settings: Any) -> PPO:
     model = silent(tiny_ppo(seed=seed, **settings))
     model.learn(steps, log_interval=None)  # type: ignore[arg-type]

@@ -1,4 +1,4 @@
-"""What `rans.fast.PPO` refuses, and that it can change its environment."""
+"""What `rans.fast.PPO` refuses, how its step size moves, and that it can change its environment."""
 
 from __future__ import annotations
 
@@ -6,13 +6,15 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import torch
+from stable_baselines3.common.logger import Logger
 
 from rans.errors import ConfigError, NonFiniteState
 from rans.fast.engine import Engine
 from rans.fast.ppo import PPO
 from rans.fast.sb3 import SB3VecEnv
 from tests.fast.engines import NEAR, PLATFORM, SHORT
-from tests.fast.training import weights
+from tests.fast.training import tiny_ppo, weights
 
 
 def environment(count: int = 16) -> SB3VecEnv:
@@ -66,3 +68,34 @@ def test_an_infinite_gradient_is_noticed_in_the_same_update() -> None:
     model.policy.value_net.weight.register_hook(lambda gradient: gradient * float("inf"))
     with pytest.raises(NonFiniteState, match="not finite"):
         model.learn(1, log_interval=1000)
+
+
+def test_step_size_follows_the_divergence() -> None:
+    model = tiny_ppo(desired_kl=0.01, learning_rate=1e-3)
+    rate = model.policy.optimizer.param_groups[0]["lr"]
+    expected = {0.021: 1e-3 / 1.5, 0.0049: 1e-3, 0.0051: 1e-3, 0.019: 1e-3, 1e9: 1e-3 / 1.5}
+    for kl, wanted in expected.items():
+        model._adapt(torch.tensor(kl))
+        assert float(rate) == pytest.approx(wanted, rel=1e-6)
+    for kl, bound in ((1.0, 1e-5), (0.0, 1e-2)):
+        for _ in range(30):
+            model._adapt(torch.tensor(kl))
+        assert float(rate) == pytest.approx(bound, rel=1e-6)
+
+
+def test_the_step_size_falls_to_zero_over_the_last_share() -> None:
+    """Bounded by 4e-3 until half of the steps remain, then in proportion to what remains."""
+    model = tiny_ppo(desired_kl=0.01, learning_rate=1e-3, max_learning_rate=4e-3, anneal=0.5)
+    rate = model.policy.optimizer.param_groups[0]["lr"]
+    for remaining, bound in ((1.0, 4e-3), (0.5, 4e-3), (0.25, 2e-3), (0.0, 0.0)):
+        model.slow_down(remaining)
+        for _ in range(30):
+            model._adapt(torch.tensor(0.0))
+        assert float(rate) == pytest.approx(bound, rel=1e-6)
+
+
+def test_constant_step_size() -> None:
+    model = tiny_ppo(desired_kl=None, learning_rate=2e-3)
+    model.set_logger(Logger(None, []))
+    model.learn(512, log_interval=None)  # type: ignore[arg-type]
+    assert float(model.policy.optimizer.param_groups[0]["lr"]) == pytest.approx(2e-3, rel=1e-6)

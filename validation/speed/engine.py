@@ -28,7 +28,7 @@ def copy_bandwidth(clock: Clock) -> Measurement:
 
 
 def engine_rate(craft: Spacecraft, task: Task, num_envs: int, clock: Clock, bandwidth: float | None = None,
-                compiled: bool | None = True) -> Measurement:
+                compiled: bool | None = True, generated: bool = False) -> Measurement:
     """Environment steps per second: dynamics, reward terms, ends, both observations, reset.
 
     Args:
@@ -38,16 +38,18 @@ def engine_rate(craft: Spacecraft, task: Task, num_envs: int, clock: Clock, band
         clock: times it on its device.
         bandwidth: of `copy_bandwidth`, GB/s: no more steps' bytes can be moved in a second.
         compiled: see `Engine`.
+        generated: see `Engine`.
     """
-    engine = Engine(craft, task, num_envs, device=clock.device, compiled=compiled)
+    engine = Engine(craft, task, num_envs, device=clock.device, compiled=compiled, generated=generated)
     action = _action(engine)
     step = graphed(lambda: engine.step(action).reward, torch.device(clock.device))
     seconds, warm_up = clock.time(step)
     moved = step_work(engine).bytes_moved
     note = f"{moved} bytes a step must move" + ("" if engine.compiled else "; not compiled")
     bound = None if bandwidth is None else 1e3 * bandwidth / moved
-    return Measurement("engine", f"{craft.name}, {num_envs:,} environments", num_envs / seconds / 1e6,
-                       "M steps/s", warm_up, note, bound, "what the copy bandwidth allows")
+    what = f"{craft.name}, {num_envs:,} environments" + (", generated kernel" if generated else "")
+    return Measurement("engine", what, num_envs / seconds / 1e6, "M steps/s", warm_up, note, bound,
+                       "what the copy bandwidth allows")
 
 
 def memory_per_environment(craft: Spacecraft, task: Task, num_envs: int, clock: Clock) -> Measurement:

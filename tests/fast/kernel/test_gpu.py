@@ -19,9 +19,9 @@ TOLERANCE = {torch.float64: 1e-12, torch.float32: 2e-5}
 """Rounding of one step, to a value of one: hundreds of operations; float32 has fast divisions and roots."""
 
 
-def engine(craft: str, task: str, dtype: torch.dtype, compiled: bool | None) -> Engine:
+def engine(craft: str, task: str, dtype: torch.dtype, generated: bool) -> Engine:
     return Engine(load_spacecraft(craft), TASKS[task](), COUNT, Timing(episode_steps=30), seed=2**40 + 3,
-                  device="cuda", dtype=dtype, compiled=compiled)
+                  device="cuda", dtype=dtype, compiled=generated, generated=generated)
 
 
 def difference(ours: Tensor, theirs: Tensor) -> float:
@@ -37,7 +37,7 @@ def flags(step: Step) -> Tensor:
 @pytest.mark.parametrize("craft", ["floating-platform", "floating-platform-shared", "free-flyer"])
 @pytest.mark.parametrize("task", TASKS)
 def test_the_kernel_does_what_torch_does(task: str, craft: str, dtype: torch.dtype) -> None:
-    plain, kernel = engine(craft, task, dtype, False), engine(craft, task, dtype, None)
+    plain, kernel = engine(craft, task, dtype, False), engine(craft, task, dtype, True)
     assert kernel._kernel is not None
     generator = torch.Generator("cuda").manual_seed(0)
     ends = flips = 0
