@@ -23,7 +23,8 @@ class Network:
     def __init__(self, policies: Sequence[ActorCriticPolicy], device: torch.device) -> None:
         extractor = policies[0].features_extractor
         assert isinstance(extractor, NormalisedMlp)
-        self.body_frame, self.clip, self.activation = extractor.body_frame, extractor.clip, extractor.trunk[1]
+        self.body_frame, self.looks = extractor.body_frame, extractor.looks
+        self.activation = extractor.trunk[1]
         tables = [dict(_tensors(policy)) for policy in policies]
         self.tensors = {name: torch.stack([table[name].detach() for table in tables]).to(device)
                         for name in tables[0]}
@@ -41,8 +42,8 @@ class Network:
     def evaluate(self, observation: Tensor) -> OnOff:
         """What every member says about its own rows of (K n, width) observations."""
         rows = self.body_frame(observation.to(self._mean.dtype))
-        seen = rows.unflatten(0, (len(self._mean), -1)) - self._mean[:, None]
-        x = (seen * torch.rsqrt(self._variance[:, None] + 1e-6)).clamp(-self.clip, self.clip)
+        seen = rows.unflatten(0, (len(self._mean), -1))
+        x = self.looks(seen, self._mean[:, None], self._variance[:, None])
         for weight, bias in self._trunk:
             x = self.activation(torch.baddbmm(bias[:, None], x, weight.mT))
         # As `rans.fast.policy.evaluate`: only the difference of a thruster's two logits matters.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -66,33 +67,41 @@ class NormalisedMlp(BaseFeaturesExtractor):
         layers: units of each hidden layer.
         activation: key of `ACTIVATIONS`.
         clip: bound of a normalised observation.
+        zoom: magnification of a second look at every column, squashed by tanh, so that a centimetre is
+            as plain to see as a metre (decision 008). 0: no second look.
     """
 
     def __init__(self, observation_space: gymnasium.spaces.Box, layers: Sequence[int] = (128, 128),
-                 activation: str = "tanh", clip: float = 10.0) -> None:
+                 activation: str = "tanh", clip: float = 10.0, zoom: float = 0.0) -> None:
         super().__init__(observation_space, layers[-1])
         self.body_frame = BodyFrame(observation_space.shape[0])
         width = self.body_frame.width
-        self.clip = clip
+        self.clip, self.zoom = clip, zoom
         self.mean: Tensor
         self.variance: Tensor
         self.count: Tensor
         self.register_buffer("mean", torch.zeros(width))
         self.register_buffer("variance", torch.ones(width))
         self.register_buffer("count", torch.zeros(()))
-        sizes = [width, *layers]
+        sizes = [2 * width if zoom else width, *layers]
         modules = [m for i, o in pairwise(sizes)
                    for m in (nn.Linear(i, o), ACTIVATIONS[activation]())]
         self.trunk = nn.Sequential(*modules)
 
     def forward(self, observations: Tensor) -> Tensor:
         """Features (N, units of the last layer) of observations (N, width)."""
-        return self.trunk(self.normalise(observations))
+        seen = self.body_frame(observations.to(self.mean.dtype))
+        return self.trunk(self.looks(seen, self.mean, self.variance))
 
-    def normalise(self, observations: Tensor) -> Tensor:
-        """In the body frame, with zero mean and unit variance over those seen in training, clipped."""
-        centred = self.body_frame(observations.to(self.mean.dtype)) - self.mean
-        return (centred * torch.rsqrt(self.variance + 1e-6)).clamp(-self.clip, self.clip)
+    def looks(self, seen: Tensor, mean: Tensor, variance: Tensor) -> Tensor:
+        """What the trunk is given of (..., k) columns in the body frame: (..., k), or (..., 2 k) zoomed.
+
+        With zero mean and unit variance over those seen in training, clipped; then the second look, which
+        is steepest at zero: there is the goal of every column that is no cosine.
+        """
+        scale = torch.rsqrt(variance + 1e-6)
+        x = ((seen - mean) * scale).clamp(-self.clip, self.clip)
+        return torch.cat((x, torch.tanh(seen * (scale * self.zoom))), dim=-1) if self.zoom else x
 
     @torch.no_grad()
     def update_statistics(self, observations: Tensor, world: World = ALONE) -> None:
@@ -136,14 +145,21 @@ class OnOff(NamedTuple):
         return (self.logit > 0).to(self.logit.dtype)
 
 
-def network(layers: Sequence[int] = (64, 64), activation: str = "tanh") -> dict[str, Any]:
+def network(layers: Sequence[int] = (64, 64), activation: str = "tanh", zoom: float = 0.0) -> dict[str, Any]:
     """SB3's ``policy_kwargs`` for one trunk shared by actor and critic, and Adam in one kernel."""
     return {
         "features_extractor_class": NormalisedMlp,
-        "features_extractor_kwargs": {"layers": layers, "activation": activation},
+        "features_extractor_kwargs": {"layers": layers, "activation": activation, "zoom": zoom},
         "net_arch": [],
         "optimizer_kwargs": {"fused": True, "eps": 1e-5},
     }
+
+
+@torch.no_grad()
+def expect_duty(policy: ActorCriticPolicy, duty: float) -> None:
+    """Let an untrained policy open each thruster with this probability, not every other time."""
+    bias = policy.action_net.bias  # type: ignore[union-attr]
+    bias[1::2] = bias[0::2] + math.log(duty / (1.0 - duty))  # type: ignore[index, operator]
 
 
 def evaluate(policy: ActorCriticPolicy, observations: Tensor) -> OnOff:

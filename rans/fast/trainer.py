@@ -16,7 +16,7 @@ from rans.fast.config import PPOSettings, TrainConfig
 from rans.fast.curriculum import Curriculum
 from rans.fast.distributed import ALONE, World
 from rans.fast.engine import Engine, field_dtype
-from rans.fast.policy import network
+from rans.fast.policy import expect_duty, network
 from rans.fast.ppo import PPO
 from rans.fast.run_folder import RunFolder
 from rans.fast.sb3 import SB3VecEnv
@@ -226,13 +226,16 @@ class Trainer:
 def make_ppo(engine: Engine, settings: PPOSettings, seed: int) -> PPO:
     """The trainer with these settings on this engine."""
     given = {f.name: getattr(settings, f.name) for f in dataclasses.fields(settings)}
-    layers, activation = given.pop("layers"), given.pop("activation")
+    shape = {name: given.pop(name) for name in ("layers", "activation", "zoom")}
+    duty = given.pop("initial_duty")
     del given["n_envs"]
     given["batch_size"] = engine.world.share("batch_size", settings.batch_size)
-    return PPO(
+    model = PPO(
         "MlpPolicy", SB3VecEnv(engine), seed=seed, device=engine.device, **given,
-        policy_kwargs=network(layers, activation),
+        policy_kwargs=network(**shape),
     )
+    expect_duty(model.policy, duty)
+    return model
 
 
 def check_device(device: str) -> None:

@@ -13,7 +13,7 @@ from stable_baselines3.common.policies import ActorCriticPolicy
 from torch import Tensor
 
 from rans.dynamics import PlanarState, SpatialState
-from rans.fast.policy import BodyFrame, NormalisedMlp, OnOff, evaluate
+from rans.fast.policy import BodyFrame, NormalisedMlp, OnOff, evaluate, expect_duty
 from rans.fields import Heading, Quat, Vec2, Vec3
 from rans.spaces import action_space, observation_space
 from rans.tasks import GoToPose, observation
@@ -153,7 +153,7 @@ def test_normalised_observations() -> None:
     extractor = NormalisedMlp(observation_space(PLATFORM)).double()  # type: ignore[arg-type]
     observations = seen(PLATFORM, 1000)
     extractor.update_statistics(observations)
-    result = extractor.normalise(observations).numpy()
+    result = looks(extractor, observations).numpy()
     np.testing.assert_allclose(result.mean(axis=0), 0, atol=1e-12)
     flag = 3
     # The variance is 1e-6 short of its true inverse; the task flag never varies and stays zero.
@@ -161,4 +161,34 @@ def test_normalised_observations() -> None:
     assert (result[:, flag] == 0).all()
     far = observations.clone()
     far[:, 4] = 1e6
-    assert extractor.normalise(far)[:, 2].eq(10.0).all()
+    assert looks(extractor, far)[:, 2].eq(10.0).all()
+
+
+def test_second_look_is_steep_at_zero_and_flat_far_away() -> None:
+    space = observation_space(PLATFORM)
+    plain = NormalisedMlp(space).double()  # type: ignore[arg-type]
+    zoomed = NormalisedMlp(space, zoom=20.0).double()  # type: ignore[arg-type]
+    width = plain.body_frame.width
+    assert zoomed.trunk[0].in_features == 2 * width
+    plain.mean[2] = zoomed.mean[2] = 0.5
+    observations = torch.zeros(3, 10, dtype=torch.float64)
+    observations[:, 0] = 1.0  # cos heading
+    observations[1, 4], observations[2, 4] = 0.001, 3.0  # spin, whose variance is 1
+    first, second = looks(zoomed, observations).split(width, dim=1)
+    assert torch.equal(first, looks(plain, observations))
+    # 0.02 less its cube's third, which is 2.7e-6; 20 times 3 is as far as tanh goes.
+    torch.testing.assert_close(second[:, 2], torch.tensor([0.0, 0.02, 1.0], dtype=torch.float64),
+                               rtol=0, atol=3e-6)
+
+
+def test_untrained_policies_open_thrusters_as_often_as_asked() -> None:
+    policy = make_policy(PLATFORM)
+    expect_duty(policy, 0.1)
+    blind = torch.zeros(1, 16, dtype=torch.float64)  # features of nothing seen
+    head = policy.action_net(blind).reshape(-1, 2).softmax(dim=1)  # type: ignore[operator]
+    torch.testing.assert_close(head[:, 1], torch.full((8,), 0.1, dtype=torch.float64), rtol=1e-12, atol=0)
+
+
+def looks(extractor: NormalisedMlp, observations: Tensor) -> Tensor:
+    columns = extractor.body_frame(observations.to(extractor.mean.dtype))
+    return extractor.looks(columns, extractor.mean, extractor.variance)

@@ -65,7 +65,7 @@ def numpy_policy(policy: ActorCriticPolicy) -> Policy:
     """The deterministic agent in NumPy, equal to `rans.evaluation.agent.Agent` but for rounding."""
     extractor = policy.features_extractor
     assert isinstance(extractor, NormalisedMlp)  # as `rans.fast.policy.network` makes them
-    mean, scale = (x.numpy() for x in (extractor.mean, torch.rsqrt(extractor.variance + 1e-6)))
+    mean, scale, zoom = extractor.mean.numpy(), torch.rsqrt(extractor.variance + 1e-6).numpy(), extractor.zoom
     linear = [(x.weight.detach().numpy().T, x.bias.detach().numpy())
               for x in extractor.trunk if isinstance(x, nn.Linear)]
     activation = _ACTIVATIONS[type(extractor.trunk[1])]
@@ -74,8 +74,9 @@ def numpy_policy(policy: ActorCriticPolicy) -> Policy:
     weight, bias = (rows[1::2] - rows[0::2]).T, offsets[1::2] - offsets[0::2]
 
     def act(observation: np.ndarray) -> np.ndarray:
-        x = np.stack(extractor.body_frame.turned(tuple(observation.T)), axis=1)
-        x = np.clip((x - mean) * scale, -extractor.clip, extractor.clip)
+        x = (np.stack(extractor.body_frame.turned(tuple(observation.T)), axis=1) - mean) * scale
+        clipped = np.clip(x, -extractor.clip, extractor.clip)
+        x = np.concatenate((clipped, np.tanh(x * zoom)), axis=1) if zoom else clipped
         for matrix, offset in linear:
             x = activation(x @ matrix + offset)
         return (x @ weight + bias > 0.0).astype(np.float32)
