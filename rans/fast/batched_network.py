@@ -23,7 +23,7 @@ class Network:
     def __init__(self, policies: Sequence[ActorCriticPolicy], device: torch.device) -> None:
         extractor = policies[0].features_extractor
         assert isinstance(extractor, NormalisedMlp)
-        self.body_frame, self.looks = extractor.body_frame, extractor.looks
+        self._seen, self._looks = extractor.seen, extractor.looks
         self.activation = extractor.trunk[1]
         tables = [dict(_tensors(policy)) for policy in policies]
         self.tensors = {name: torch.stack([table[name].detach() for table in tables]).to(device)
@@ -41,9 +41,9 @@ class Network:
 
     def evaluate(self, observation: Tensor) -> OnOff:
         """What every member says about its own rows of (K n, width) observations."""
-        rows = self.body_frame(observation.to(self._mean.dtype))
+        rows, place = self._seen(observation)
         seen = rows.unflatten(0, (len(self._mean), -1))
-        x = self.looks(seen, self._mean[:, None], self._variance[:, None])
+        x = self._looks(seen, self._mean[:, None], self._variance[:, None])
         for weight, bias in self._trunk:
             x = self.activation(torch.baddbmm(bias[:, None], x, weight.mT))
         # As `rans.fast.policy.evaluate`: only the difference of a thruster's two logits matters.
@@ -51,12 +51,13 @@ class Network:
         weight = torch.cat((weight[:, 1::2] - weight[:, 0::2], value_weight), dim=1)
         bias = torch.cat((bias[:, 1::2] - bias[:, 0::2], value_bias), dim=1)
         out = torch.baddbmm(bias[:, None], x, weight.mT).flatten(0, 1)
-        return OnOff(out[:, :-1], out[:, -1])
+        logit = out[:, :-1] if place is None else out[:, :-1].gather(1, place)
+        return OnOff(logit, out[:, -1])
 
     @torch.no_grad()
     def update_statistics(self, observation: Tensor) -> None:
         """Merge (T, K n, width) observations into each member's mean and variance, as `NormalisedMlp`."""
-        rows = self.body_frame(observation.flatten(0, 1).to(self._mean.dtype))
+        rows, _ = self._seen(observation.flatten(0, 1))
         seen = rows.unflatten(0, (len(observation), len(self._mean), -1))
         variance, mean = torch.var_mean(seen, dim=(0, 2), correction=0)
         count = rows.shape[0] // len(self._mean)

@@ -58,6 +58,8 @@ class PPOSettings:
     """Units of the network's hidden layers, shared by actor and critic."""
     activation: Literal["tanh", "elu", "relu"] = "tanh"
     """Between the layers."""
+    symmetric: bool = True
+    """Whether what is learnt on one side of the spacecraft serves all that look the same."""
     zoom: float = 0.0
     """Magnification of a second look at everything observed, for agents that hold millimetres (decision
     008). 0: none, which learns the rough way to go sooner."""

@@ -9,12 +9,14 @@ from typing import Any, NamedTuple
 
 import gymnasium
 import torch
+from stable_baselines3.common.distributions import Distribution
 from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import Tensor, nn
 from torch.nn import functional
 
 from rans.fast.distributed import ALONE, World
+from rans.fast.symmetry import Symmetries
 from rans.fields import Field
 
 ACTIVATIONS: dict[str, type[nn.Module]] = {"tanh": nn.Tanh, "elu": nn.ELU, "relu": nn.ReLU}
@@ -69,10 +71,13 @@ class NormalisedMlp(BaseFeaturesExtractor):
         clip: bound of a normalised observation.
         zoom: magnification of a second look at every column, squashed by tanh, so that a centimetre is
             as plain to see as a metre (decision 008). 0: no second look.
+        symmetries: of the spacecraft, whose policy is then an `OnOffPolicy`: it sees every state from the
+            one of its equivalent sides that has the goal ahead (decision 009).
     """
 
     def __init__(self, observation_space: gymnasium.spaces.Box, layers: Sequence[int] = (128, 128),
-                 activation: str = "tanh", clip: float = 10.0, zoom: float = 0.0) -> None:
+                 activation: str = "tanh", clip: float = 10.0, zoom: float = 0.0,
+                 symmetries: Symmetries | None = None) -> None:
         super().__init__(observation_space, layers[-1])
         self.body_frame = BodyFrame(observation_space.shape[0])
         width = self.body_frame.width
@@ -80,9 +85,15 @@ class NormalisedMlp(BaseFeaturesExtractor):
         self.mean: Tensor
         self.variance: Tensor
         self.count: Tensor
+        self.turn: Tensor | None
+        self.hand: Tensor | None
+        self.place: Tensor | None
         self.register_buffer("mean", torch.zeros(width))
         self.register_buffer("variance", torch.ones(width))
         self.register_buffer("count", torch.zeros(()))
+        for name, table in zip(Symmetries._fields, symmetries or (None, None, None), strict=True):
+            # They come with the constructor's arguments, not with the weights.
+            self.register_buffer(name, None if table is None else _tensor(table), persistent=False)
         sizes = [2 * width if zoom else width, *layers]
         modules = [m for i, o in pairwise(sizes)
                    for m in (nn.Linear(i, o), ACTIVATIONS[activation]())]
@@ -90,8 +101,27 @@ class NormalisedMlp(BaseFeaturesExtractor):
 
     def forward(self, observations: Tensor) -> Tensor:
         """Features (N, units of the last layer) of observations (N, width)."""
-        seen = self.body_frame(observations.to(self.mean.dtype))
+        return self.features(self.seen(observations)[0])
+
+    def features(self, seen: Tensor) -> Tensor:
+        """Those of columns that `seen` returned."""
         return self.trunk(self.looks(seen, self.mean, self.variance))
+
+    def seen(self, observations: Tensor) -> tuple[Tensor, Tensor | None]:
+        """Columns (N, k) in the body frame, and where in that view each thruster is, (N, thrusters).
+
+        The latter is None for spacecraft whose symmetry is not used.
+        """
+        columns, views = self.body_frame.turned(observations.to(self.mean.dtype).unbind(dim=1)), self.views
+        if views is None:
+            return torch.stack(columns, dim=1), None
+        which = views.which(columns)
+        return torch.stack(views.viewed(columns, which), dim=1), views.place[which]
+
+    @property
+    def views(self) -> Symmetries | None:
+        """The spacecraft's symmetries, on the weights' device."""
+        return None if self.place is None else Symmetries(self.turn, self.hand, self.place)
 
     def looks(self, seen: Tensor, mean: Tensor, variance: Tensor) -> Tensor:
         """What the trunk is given of (..., k) columns in the body frame: (..., k), or (..., 2 k) zoomed.
@@ -111,13 +141,19 @@ class NormalisedMlp(BaseFeaturesExtractor):
         variances", 1979.
         """
         count = observations.shape[0] * world.size
-        seen = self.body_frame(observations.to(self.mean.dtype))
+        seen, _ = self.seen(observations)
         variance, mean = world.pooled(*torch.var_mean(seen, dim=0, correction=0))
         share = count / (self.count + count)
         shift = mean - self.mean
         self.mean += shift * share
         self.variance += (variance - self.variance) * share + shift.square() * (share * (1 - share))
         self.count += count
+
+
+def _tensor(table: Any) -> Tensor:
+    """As the weights are: SB3's are float32."""
+    tensor = torch.as_tensor(table)
+    return tensor.float() if tensor.is_floating_point() else tensor
 
 
 class OnOff(NamedTuple):
@@ -145,11 +181,16 @@ class OnOff(NamedTuple):
         return (self.logit > 0).to(self.logit.dtype)
 
 
-def network(layers: Sequence[int] = (64, 64), activation: str = "tanh", zoom: float = 0.0) -> dict[str, Any]:
-    """SB3's ``policy_kwargs`` for one trunk shared by actor and critic, and Adam in one kernel."""
+def network(layers: Sequence[int] = (64, 64), activation: str = "tanh", zoom: float = 0.0,
+            symmetries: Symmetries | None = None) -> dict[str, Any]:
+    """SB3's ``policy_kwargs`` for one trunk shared by actor and critic, and Adam in one kernel.
+
+    With symmetries the policy must be an `OnOffPolicy`.
+    """
     return {
         "features_extractor_class": NormalisedMlp,
-        "features_extractor_kwargs": {"layers": layers, "activation": activation, "zoom": zoom},
+        "features_extractor_kwargs": {
+            "layers": layers, "activation": activation, "zoom": zoom, "symmetries": symmetries},
         "net_arch": [],
         "optimizer_kwargs": {"fused": True, "eps": 1e-5},
     }
@@ -168,7 +209,12 @@ def evaluate(policy: ActorCriticPolicy, observations: Tensor) -> OnOff:
     SB3 gives each thruster two logits and one distribution object; the probability of opening needs
     only their difference, so both heads shrink to one product with n + 1 outputs.
     """
-    features = policy.features_extractor(observations)
+    extractor, place = policy.features_extractor, None
+    if isinstance(extractor, NormalisedMlp):
+        seen, place = extractor.seen(observations)
+        features = extractor.features(seen)
+    else:
+        features = extractor(observations)
     latent_pi, latent_vf = policy.mlp_extractor(features)
     head, critic = policy.action_net, policy.value_net
     weight = head.weight[1::2] - head.weight[0::2]  # type: ignore[index]
@@ -176,5 +222,35 @@ def evaluate(policy: ActorCriticPolicy, observations: Tensor) -> OnOff:
     if latent_pi is latent_vf:
         out = functional.linear(
             latent_pi, torch.cat((weight, critic.weight)), torch.cat((bias, critic.bias)))
-        return OnOff(out[:, :-1], out[:, -1])
-    return OnOff(functional.linear(latent_pi, weight, bias), critic(latent_vf).squeeze(1))
+        logit, value = out[:, :-1], out[:, -1]
+    else:
+        logit, value = functional.linear(latent_pi, weight, bias), critic(latent_vf).squeeze(1)
+    return OnOff(logit if place is None else logit.gather(1, place), value)
+
+
+class OnOffPolicy(ActorCriticPolicy):
+    """SB3's actor-critic for on/off thrusters, with its probabilities from `evaluate`.
+
+    SB3's own has no place for thrusters that swap their roles with the side the spacecraft is seen from.
+    """
+
+    def forward(self, obs: Tensor, deterministic: bool = False) -> tuple[Tensor, Tensor, Tensor]:
+        """As SB3: actions (N, thrusters), values (N, 1), log-probabilities (N,)."""
+        output = evaluate(self, obs)
+        action = output.mode() if deterministic else output.sample()
+        return action.long(), output.value[:, None], output.log_prob(action)
+
+    def get_distribution(self, obs: Any) -> Distribution:
+        """As SB3."""
+        logit = evaluate(self, obs).logit
+        both = torch.stack((torch.zeros_like(logit), logit), dim=2).flatten(1)
+        return self.action_dist.proba_distribution(action_logits=both)  # type: ignore[call-arg]
+
+    def evaluate_actions(self, obs: Any, actions: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """As SB3: values (N, 1), log-probabilities and entropies (N,) of actions (N, thrusters)."""
+        output = evaluate(self, obs)
+        return output.value[:, None], output.log_prob(actions.to(output.logit.dtype)), output.entropy()
+
+    def predict_values(self, obs: Any) -> Tensor:
+        """As SB3: values (N, 1)."""
+        return evaluate(self, obs).value[:, None]

@@ -16,11 +16,12 @@ from rans.fast.config import PPOSettings, TrainConfig
 from rans.fast.curriculum import Curriculum
 from rans.fast.distributed import ALONE, World
 from rans.fast.engine import Engine, field_dtype
-from rans.fast.policy import expect_duty, network
+from rans.fast.policy import OnOffPolicy, expect_duty, network
 from rans.fast.ppo import PPO
 from rans.fast.run_folder import RunFolder
 from rans.fast.sb3 import SB3VecEnv
 from rans.fast.selection import Selection
+from rans.fast.symmetry import symmetries
 from rans.files import replace_file
 from rans.spacecraft import Spacecraft
 
@@ -227,12 +228,13 @@ def make_ppo(engine: Engine, settings: PPOSettings, seed: int) -> PPO:
     """The trainer with these settings on this engine."""
     given = {f.name: getattr(settings, f.name) for f in dataclasses.fields(settings)}
     shape = {name: given.pop(name) for name in ("layers", "activation", "zoom")}
+    views = symmetries(engine.craft) if given.pop("symmetric") else None
     duty = given.pop("initial_duty")
     del given["n_envs"]
     given["batch_size"] = engine.world.share("batch_size", settings.batch_size)
     model = PPO(
-        "MlpPolicy", SB3VecEnv(engine), seed=seed, device=engine.device, **given,
-        policy_kwargs=network(**shape),
+        OnOffPolicy, SB3VecEnv(engine), seed=seed, device=engine.device, **given,
+        policy_kwargs=network(**shape, symmetries=views),
     )
     expect_duty(model.policy, duty)
     return model

@@ -30,8 +30,8 @@ CONFIG = TrainConfig("go-to-pose", GoToPose(), "floating-platform", TINY, SHORT,
 
 def tiny_ppo(craft: Any = PLATFORM, seed: int = 0, dtype: torch.dtype = torch.float32,
              **settings: Any) -> PPO:
-    """PPO on `NEAR`, where many episodes fail and others are cut off by time."""
-    chosen = replace(TINY, **settings)
+    """PPO on `NEAR`, where many episodes fail and others are cut off by time; its policy is SB3's own."""
+    chosen = replace(TINY, **{"symmetric": False} | settings)
     return make_ppo(Engine(craft, NEAR, chosen.n_envs, SHORT, seed=seed, dtype=dtype), chosen, seed)
 
 

@@ -23,6 +23,7 @@ from rans.fast.config import PPOSettings
 from rans.fast.engine import Engine
 from rans.fast.policy import NormalisedMlp
 from rans.fast.selection import likeliest_action
+from rans.fast.symmetry import Symmetries
 from rans.fast.trainer import make_ppo
 from rans.spacecraft import Spacecraft
 from rans.tasks import Task
@@ -73,13 +74,20 @@ def numpy_policy(policy: ActorCriticPolicy) -> Policy:
     rows, offsets = head.weight.detach().numpy(), head.bias.detach().numpy()
     weight, bias = (rows[1::2] - rows[0::2]).T, offsets[1::2] - offsets[0::2]
 
+    views = extractor.views and Symmetries(*(table.numpy() for table in extractor.views))
+
     def act(observation: np.ndarray) -> np.ndarray:
-        x = (np.stack(extractor.body_frame.turned(tuple(observation.T)), axis=1) - mean) * scale
-        clipped = np.clip(x, -extractor.clip, extractor.clip)
-        x = np.concatenate((clipped, np.tanh(x * zoom)), axis=1) if zoom else clipped
+        columns, place = extractor.body_frame.turned(tuple(observation.T)), None
+        if views:
+            which = views.which(columns)
+            columns, place = views.viewed(columns, which), views.place[which]
+        seen = np.stack(columns, axis=1)
+        x = np.clip((seen - mean) * scale, -extractor.clip, extractor.clip)
+        x = np.concatenate((x, np.tanh(seen * scale * zoom)), axis=1) if zoom else x
         for matrix, offset in linear:
             x = activation(x @ matrix + offset)
-        return (x @ weight + bias > 0.0).astype(np.float32)
+        opened = x @ weight + bias > 0.0
+        return (opened if place is None else np.take_along_axis(opened, place, 1)).astype(np.float32)
 
     return act
 
