@@ -45,6 +45,13 @@ class Row:
         return f"rans evaluate pretrained:{self.agent}{protocol}"
 
 
+LEAST_TIME = 5.33
+"""Mean certified least time of any on/off controller, s (docs/certificate.md)."""
+LEAST_IMPULSE = 2.03
+"""Mean certified least thrust-time for 20 s, N s (docs/certificate.md)."""
+CHATTER = 2.5
+"""More than this is chatter, %: one of eight valves, one control period in five."""
+
 _PT, _OT = ("PT5", "PT2", "PT1"), ("OT5", "OT2", "OT1")
 _RMS = "cross-track RMS"
 _TRACKING = (Goal(("velocity error after 5 s",), "m/s", (0.02,), original="no figures"),
@@ -64,6 +71,13 @@ ROWS = (
         Goal(_PT, "%", (88.0, 87.0, 85.0), at_least=True),
         Goal(_PT, "%", at_least=True, slack=2.0),
         Goal(("duty",), "%", (8.0,))), "paper"),
+    Row("3DoF go to pose, fast variant, 25 s", "go-to-pose-2d-fast", (
+        Goal(("settled",), "%", (100.0,), at_least=True),
+        Goal(("settling time",), "s", (1.10 * LEAST_TIME,)))),
+    Row("3DoF go to pose, thrifty variant, 25 s", "go-to-pose-2d-thrifty", (
+        Goal(("settled",), "%", (100.0,), at_least=True),
+        Goal(("impulse",), "N s", (2.0 * LEAST_IMPULSE,)),
+        Goal(("duty at rest",), "%", (CHATTER,)))),
     Row("6DoF go to pose, 3 to 4 m, 25 s", "go-to-pose-3d", (
         Goal(("held 5 cm 3 deg",), "%", (99.5,), at_least=True, original="overshoot and spin, no figures"),
         Goal(("position error",), "cm", (1.5,)),

@@ -34,6 +34,8 @@ _FLIGHTS = 16
 """Along a path."""
 _SPEED, _LOOK_AHEAD = 0.25, 0.25
 """m/s and m (paper, section 4.2)."""
+_CENTRES = {"settling time": np.median}
+"""Of metrics that are not shown by their mean: episodes that never settle have no time."""
 
 Values = Mapping[str, np.ndarray]
 """By metric, one value per episode."""
@@ -151,7 +153,7 @@ def conditions_of(row: Row, run: Path) -> tuple[Controller, Conditions]:
 
 
 def means(values: Values, goal: Goal, count: int | None = None) -> tuple[float, ...]:
-    """Means over the first episodes, by default all.
+    """Means over the first episodes, by default all; of times to settle the median.
 
     Raises:
         ConfigError: something is asked that was not measured.
@@ -159,7 +161,7 @@ def means(values: Values, goal: Goal, count: int | None = None) -> tuple[float, 
     if missing := [name for name in goal.metrics if name not in values]:
         raise ConfigError(f"nothing is known of {', '.join(missing)}: the run is of another task, or its "
                           "episodes are too short.")
-    return tuple(float(values[name][:count].mean()) for name in goal.metrics)
+    return tuple(float(_CENTRES.get(name, np.mean)(values[name][:count])) for name in goal.metrics)
 
 
 def with_table(page: str, lines: Iterable[Line]) -> str:

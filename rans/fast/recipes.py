@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from rans.fast.config import PPOSettings, TrainConfig
+from rans.fast.curriculum import Ramp
 from rans.tasks import task_class
 
 
@@ -19,6 +20,7 @@ class Recipe:
     """Of the task, where they are not its defaults."""
     ppo: PPOSettings = field(default_factory=PPOSettings)
     total_timesteps: int = 10_000_000
+    curriculum: tuple[Ramp, ...] = ()
 
 
 _PLANE = PPOSettings(n_envs=256, n_steps=64, batch_size=4096, gamma=0.99, max_learning_rate=3e-3, anneal=0.7)
@@ -52,5 +54,5 @@ def recipe(name: str, device: str) -> TrainConfig:
     """The training that the agent of this name, one of `RECIPES`, came from, for this device."""
     given = RECIPES[name]
     return TrainConfig(given.task, task_class(given.task)(**given.settings), given.spacecraft, given.ppo,
-                       device=device, total_timesteps=given.total_timesteps, report_interval=64,
-                       solved_share=None)
+                       curriculum=given.curriculum, device=device, total_timesteps=given.total_timesteps,
+                       report_interval=64, solved_share=None)
