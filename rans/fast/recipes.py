@@ -25,27 +25,47 @@ class Recipe:
 
 _PLANE = PPOSettings(n_envs=256, n_steps=64, batch_size=4096, gamma=0.99, max_learning_rate=3e-3, anneal=0.7)
 """Twice a preset's batch and a step size that falls to zero: minutes on one core, closer in the end."""
-_SPACE = replace(_PLANE, layers=(128, 128))
-_HOLD = {"fine_weight": 0.5, "rest_position": 0.007}
-_POSE = {**_HOLD, "rest_attitude": 0.01}
-_PLATFORM, _SHARED, _FLYER = "floating-platform", "floating-platform-shared", "free-flyer"
+_SHARP = replace(_PLANE, zoom=16.0)
+"""For goals that are held to millimetres."""
+_STILL = replace(_SHARP, initial_duty=0.12)
+"""With shut valves."""
+_WIDE = (128, 128)
+"""Layers for space."""
+_HOLD = {"fine_weight": 1.0, "rest_position": 0.006}
+_PLATFORM, _SHARED, _FLYER, _FLYER_SHARED = (
+    "floating-platform", "floating-platform-shared", "free-flyer", "free-flyer-shared")
 _VELOCITY = {"fine_scale": 0.01, "thrust_weight": 0.05}
+_TWIST = {**_VELOCITY, "fine_spin_weight": 1.0, "fine_spin_scale": 0.01, "thrust_weight": 0.02}
 
 RECIPES: dict[str, Recipe] = {
-    "go-to-pose-2d": Recipe("go-to-pose", _PLATFORM, {**_POSE, "thrust_weight": 0.1}, _PLANE, 20_000_000),
+    "go-to-pose-2d": Recipe(
+        "go-to-pose", _PLATFORM, {**_HOLD, "rest_attitude": 0.035, "thrust_weight": 0.17}, _SHARP,
+        20_000_000),
+    "go-to-pose-2d-fast": Recipe(
+        "go-to-pose", _PLATFORM, {**_HOLD, "rest_attitude": 0.035}, _SHARP, 8_000_000),
+    "go-to-pose-2d-thrifty": Recipe(
+        "go-to-pose", _PLATFORM,
+        {"fine_weight": 2.5, "fine_position_scale": 0.03, "fine_attitude_scale": 0.03,
+         "rest_position": 0.03, "rest_attitude": 0.055, "thrust_weight": 8.0},
+        replace(_STILL, gamma=0.995, reward_scale=0.03), 60_000_000,
+        (Ramp("thrust_weight", 0.1, 42_000_000, shape="geometric"),)),
     "go-to-pose-2d-shared": Recipe(
-        "go-to-pose", _SHARED, {**_POSE, "thrust_weight": 0.15}, _PLANE, 20_000_000),
+        "go-to-pose", _SHARED, {**_HOLD, "rest_attitude": 0.008, "thrust_weight": 0.08}, _STILL, 30_000_000),
     "go-to-position-2d-shared": Recipe(
-        "go-to-position", _SHARED, {**_HOLD, "rest_spin": 0.03, "thrust_weight": 0.1}, _PLANE),
-    "track-velocity-2d": Recipe("track-velocity", _PLATFORM, _VELOCITY, _PLANE),
+        "go-to-position", _SHARED, {**_HOLD, "rest_spin": 0.03, "thrust_weight": 0.06}, _STILL, 15_000_000),
+    "track-velocity-2d": Recipe("track-velocity", _PLATFORM, _VELOCITY, replace(_PLANE, symmetric=False)),
+    "track-twist-2d-shared": Recipe("track-twist", _SHARED, _TWIST, _SHARP, 10_000_000),
     "go-to-pose-3d": Recipe(
-        "go-to-pose", _FLYER, {"fine_weight": 0.25, "fine_position_scale": 0.05, "fine_attitude_scale": 0.05,
-                               "rest_position": 0.01, "rest_attitude": 0.02}, _SPACE),
+        "go-to-pose", _FLYER, {"fine_weight": 1.5, "rest_position": 0.005, "rest_attitude": 0.005,
+                               "thrust_weight": 0.01}, replace(_SHARP, layers=_WIDE), 20_000_000),
     "go-to-position-3d": Recipe(
         "go-to-position", _FLYER,
-        {**_HOLD, "rest_spin": 0.03, "thrust_weight": 0.05, "evaluation_distance": (1.0, 5.0),
-         "spawn_distance": (0.5, 5.5)}, _SPACE),
-    "track-velocity-3d": Recipe("track-velocity", _FLYER, _VELOCITY, _SPACE),
+        {"fine_weight": 0.5, "rest_position": 0.007, "rest_spin": 0.03, "thrust_weight": 0.05,
+         "evaluation_distance": (1.0, 5.0), "spawn_distance": (0.5, 5.5)},
+        replace(_STILL, layers=_WIDE), 6_000_000),
+    "track-velocity-3d": Recipe(
+        "track-velocity", _FLYER, _VELOCITY, replace(_PLANE, symmetric=False, layers=_WIDE)),
+    "track-twist-3d-shared": Recipe("track-twist", _FLYER_SHARED, _TWIST, replace(_SHARP, layers=_WIDE)),
 }
 """By the agent's name."""
 
