@@ -46,6 +46,22 @@ def replace_file(file: Path, write: Callable[[Path], object]) -> None:
             draft.unlink()
 
 
+def ready_folder(folder: Path) -> Path:
+    """The folder, made if it is missing: results of long work will find their place.
+
+    Raises:
+        ConfigError: it cannot be, or nothing can be written there.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigError(f"cannot write into {folder}: {error.strerror or error}; choose another folder."
+                          ) from error
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise ConfigError(f"cannot write into {folder}: permission denied; choose another folder.")
+    return folder
+
+
 def write_text(file: Path, text: str) -> None:
     """`replace_file` for text."""
     replace_file(file, lambda draft: draft.write_text(text, "utf-8"))

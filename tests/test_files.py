@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from rans import files
+from rans.cli import main
 from rans.errors import ConfigError
 from rans.files import (
     environment,
@@ -15,6 +16,7 @@ from rans.files import (
     git_revision,
     read_json,
     read_json_lines,
+    ready_folder,
     replace_file,
     write_json,
     write_text,
@@ -64,6 +66,30 @@ def test_places_that_cannot_be_written(tmp_path: Path) -> None:
             write_text(tmp_path / place, "text")
     with pytest.raises(ConfigError, match="give the name of a file"):
         write_text(Path(), "text")
+
+
+def test_a_folder_is_made_ready_before_the_work(tmp_path: Path) -> None:
+    wanted = tmp_path / "runs" / "new"
+    assert ready_folder(wanted) == wanted
+    assert ready_folder(wanted).is_dir()
+    (tmp_path / "file").write_text("")
+    for impossible in (tmp_path / "file", tmp_path / "file" / "runs"):
+        with pytest.raises(ConfigError, match=r"cannot write into .*file.*; choose another folder\."):
+            ready_folder(impossible)
+
+
+@pytest.mark.parametrize("command", [
+    "optimal go-to-pose --episodes 4 --output file", "validate --quick --output file/x",
+    "benchmark --quick --output file/x.json", "compare lqr:go-to-pose-2d --episodes 4 --output file"])
+def test_long_work_does_not_begin_without_a_place_for_its_results(
+        command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+        capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "file").write_text("")
+    assert main(command.split()) == 2
+    said = capsys.readouterr()
+    assert "cannot write into file" in said.err
+    assert said.out == ""
 
 
 def test_json(tmp_path: Path) -> None:

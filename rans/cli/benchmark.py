@@ -51,9 +51,12 @@ class Benchmark:
         from rich.console import Console
 
         from rans.fast.trainer import check_device
+        from rans.files import ready_folder
 
         if self.output is not None and self.output.suffix != ".json":
             raise ConfigError(f"--output must end in .json, got {str(self.output)!r}.")
+        if self.output is not None:
+            ready_folder(self.output.parent)
         device = self.device or ("cuda" if torch.cuda.is_available() else "cpu")
         check_device(device)
         if not (device.startswith("cuda") or self.quick):

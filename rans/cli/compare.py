@@ -51,14 +51,14 @@ class Compare:
         from rans.evaluation.comparison.roster import protocol_of
         from rans.evaluation.comparison.run import Comparison, fill
         from rans.evaluation.contestants import output_folder
+        from rans.files import ready_folder
 
         if not self.contestants:
             raise ConfigError("name at least one contestant, for example a run folder.")
         if self.certified < 0:
             raise ConfigError(f"--certified must be >= 0, got {self.certified}.")
         comparison = Comparison(protocol_of(self.contestants[0], self.episodes, self.seed, self.engine))
-        folder = self.output or output_folder(self.contestants[0])
-        folder.mkdir(parents=True, exist_ok=True)  # says now, not after minutes, if that cannot be
+        folder = ready_folder(self.output or output_folder(self.contestants[0]))
         terminal = Console(stderr=True)
         try:
             with Progress(console=terminal, transient=True, disable=not terminal.is_terminal) as progress:

@@ -55,11 +55,14 @@ class Evaluate:
         """Evaluate on one task; whether the engines agree, where both were asked for."""
         from rich.console import Console
 
-        from rans.evaluation.contestants import contestant
+        from rans.evaluation.contestants import contestant, output_folder
         from rans.evaluation.engines import compare_engines
         from rans.evaluation.measure import measure
+        from rans.files import ready_folder
 
-        flights = self._fly(contestant(self.contestant, self.protocol))
+        run = contestant(self.contestant, self.protocol)
+        ready_folder(output_folder(self.contestant))
+        flights = self._fly(run)
         measured = {name: measure(flight) for name, flight in flights.items()}
         for metrics in measured.values():
             Console().print(metrics.table())

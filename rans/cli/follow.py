@@ -42,15 +42,15 @@ class Follow:
         from rans.evaluation.follow import follow
         from rans.evaluation.path_figures import following_figure
         from rans.evaluation.paths import LookAhead, find_path
-        from rans.files import write_json, write_text
+        from rans.files import ready_folder, write_json, write_text
 
         if self.flights < 1:
             raise ConfigError(f"--flights must be at least 1, got {self.flights}.")
         planner = LookAhead(find_path(self.path), self.speed, self.look_ahead)
         tracker, craft, task, timing = contestant(self.contestant)
+        file = ready_folder(output_folder(self.contestant)) / f"follow-{planner.path.name}.json"
         following = follow(craft, task, tracker, planner, timing, self.seed, self.flights)
         Console().print(following.table())
-        file = output_folder(self.contestant) / f"follow-{planner.path.name}.json"
         write_json(file, following.to_json() | {"seed": self.seed})
         write_text(file.with_suffix(".svg"), svg(following_figure(following)))
         print(f"Written to {file}.")

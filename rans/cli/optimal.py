@@ -67,6 +67,7 @@ class Optimal:
         from rich.console import Console
 
         from rans.evaluation.optima import optima, table, write
+        from rans.files import ready_folder
         from rans.flight import scenarios
         from rans.spacecraft_file import load_spacecraft
         from rans.tasks import task_class
@@ -74,13 +75,14 @@ class Optimal:
         self._check()
         task, craft = task_class(self.task)().for_evaluation(), load_spacecraft(self.spacecraft)
         objective, starts = self._objective(), scenarios(task, craft, self.seed, self.episodes)
+        folder = ready_folder(
+            self.output or Path("runs") / f"optimal-{self.task}-{craft.name}-{self.objective}")
         answers = self._with_progress("optimal trajectories", lambda tick: optima(
             craft, task, objective, starts, self.guesses, self.workers, tick))
         title = f"{objective.name}: {self.task} with {craft.name}, thrust between 0 and 1"
         Console().print(table(title, objective, answers))
         about: dict[str, Any] = {"task": self.task, "spacecraft": craft.name, "objective": objective.name,
                                  "measure": objective.measure, "ending": objective.ending, "seed": self.seed}
-        folder = self.output or Path("runs") / f"optimal-{self.task}-{craft.name}-{self.objective}"
         write(folder, about, answers)  # bounds can take long: an interrupt must not lose these
         if self.certify:
             about["bounds"] = [b.to_json() for b in self._bounds(craft, task, objective, starts, answers)]

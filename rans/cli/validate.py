@@ -26,7 +26,11 @@ class Validate:
         """Print the table of checks."""
         from rich.console import Console
 
+        from rans.files import ready_folder
+
         console = Console()
+        if self.output is not None:
+            ready_folder(self.output)
         report = self._study()
         console.print(report.table())
         failed = [check for check in report.checks if not check.passed]

@@ -73,13 +73,15 @@ class Engine:
         world: the processes among which the batch is divided; ``num_envs`` are this one's.
 
     Raises:
-        ConfigError: num_envs is not a positive whole number, or dtype is another one.
+        ConfigError: craft is no spacecraft, num_envs not a positive whole number, or dtype another one.
     """
 
     def __init__(self, craft: Spacecraft, task: Task, num_envs: int, timing: Timing | None = None, *,
                  seed: int = 0, device: str | torch.device = "cpu",
                  dtype: torch.dtype = torch.float32, compiled: bool | None = None,
                  generated: bool = False, world: World = ALONE) -> None:
+        if not isinstance(craft, Spacecraft):
+            raise ConfigError(f"craft must be a Spacecraft, got {craft!r}; rans.load_spacecraft reads one.")
         if isinstance(num_envs, bool) or not isinstance(num_envs, int) or num_envs < 1:
             raise ConfigError(
                 f"the number of environments must be a whole number >= 1, got {num_envs!r}.")

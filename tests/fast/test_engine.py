@@ -236,6 +236,11 @@ def test_wrong_number_of_environments(count: Any) -> None:
         Engine(PLATFORM, NEAR, count)
 
 
+def test_a_name_is_no_spacecraft() -> None:
+    with pytest.raises(ConfigError, match=r"craft must be a Spacecraft, got 'floating-platform'; "):
+        Engine("floating-platform", NEAR, 4)  # type: ignore[arg-type]
+
+
 def test_wrong_dtype_and_seed() -> None:
     with pytest.raises(ConfigError, match=r"float32 or torch\.float64, got torch\.float16"):
         Engine(PLATFORM, NEAR, 1, dtype=torch.float16)
