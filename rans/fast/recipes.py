@@ -39,14 +39,14 @@ _TWIST = {**_VELOCITY, "fine_spin_weight": 1.0, "fine_spin_scale": 0.01, "thrust
 
 RECIPES: dict[str, Recipe] = {
     "go-to-pose-2d": Recipe(
-        "go-to-pose", _PLATFORM, {**_HOLD, "rest_attitude": 0.035, "thrust_weight": 0.17}, _SHARP,
+        "go-to-pose", _PLATFORM, {**_HOLD, "rest_attitude": 0.035, "thrust_weight": 0.22}, _SHARP,
         20_000_000),
     "go-to-pose-2d-fast": Recipe(
         "go-to-pose", _PLATFORM, {**_HOLD, "rest_attitude": 0.035}, _SHARP, 8_000_000),
     "go-to-pose-2d-thrifty": Recipe(
         "go-to-pose", _PLATFORM,
         {"fine_weight": 2.5, "fine_position_scale": 0.03, "fine_attitude_scale": 0.03,
-         "rest_position": 0.03, "rest_attitude": 0.055, "thrust_weight": 8.0},
+         "rest_position": 0.04, "rest_attitude": 0.07, "thrust_weight": 9.0},
         replace(_STILL, gamma=0.995, reward_scale=0.03), 60_000_000,
         (Ramp("thrust_weight", 0.1, 42_000_000, shape="geometric"),)),
     "go-to-pose-2d-shared": Recipe(

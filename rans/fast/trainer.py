@@ -30,6 +30,8 @@ WARM_UP_ITERATIONS = 3
 SOLVED_IN_A_ROW = 2
 """Reports that must find the task solved: one alone may be the luckiest of many."""
 _CHECKPOINT_SECONDS = 5.0
+_ARCHITECTURE = ("layers", "activation", "zoom", "symmetric")
+"""Settings of the network rather than of the trainer."""
 
 
 class Trainer:
@@ -226,18 +228,21 @@ class Trainer:
 
 def make_ppo(engine: Engine, settings: PPOSettings, seed: int) -> PPO:
     """The trainer with these settings on this engine."""
-    given = {f.name: getattr(settings, f.name) for f in dataclasses.fields(settings)}
-    shape = {name: given.pop(name) for name in ("layers", "activation", "zoom")}
-    views = symmetries(engine.craft) if given.pop("symmetric") else None
-    duty = given.pop("initial_duty")
-    del given["n_envs"]
-    given["batch_size"] = engine.world.share("batch_size", settings.batch_size)
+    given = {f.name: getattr(settings, f.name) for f in dataclasses.fields(settings)
+             if f.name not in ("n_envs", "batch_size", "initial_duty", *_ARCHITECTURE)}
     model = PPO(
         OnOffPolicy, SB3VecEnv(engine), seed=seed, device=engine.device, **given,
-        policy_kwargs=network(**shape, symmetries=views),
+        batch_size=engine.world.share("batch_size", settings.batch_size),
+        policy_kwargs=architecture(engine.craft, settings),
     )
-    expect_duty(model.policy, duty)
+    expect_duty(model.policy, settings.initial_duty)
     return model
+
+
+def architecture(craft: Spacecraft, settings: PPOSettings) -> dict[str, Any]:
+    """The ``policy_kwargs`` of an `OnOffPolicy` with these settings."""
+    return network(settings.layers, settings.activation, settings.zoom,
+                   symmetries(craft) if settings.symmetric else None)
 
 
 def check_device(device: str) -> None:

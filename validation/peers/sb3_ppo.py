@@ -12,11 +12,11 @@ from stopwatch import options, say, steps_per_second
 
 from rans.fast.config import PPOSettings
 from rans.fast.engine import Engine
-from rans.fast.policy import network
+from rans.fast.policy import OnOffPolicy
 from rans.fast.presets import preset
 from rans.fast.sb3 import SB3VecEnv
 from rans.fast.selection import Selection
-from rans.fast.trainer import SOLVED_IN_A_ROW
+from rans.fast.trainer import SOLVED_IN_A_ROW, architecture
 from rans.spacecraft_file import load_spacecraft
 from rans.tasks import GoToPose
 from rans.timing import Timing
@@ -61,8 +61,8 @@ def _model(settings: PPOSettings, device: str) -> PPO:
     env = _Scaled(SB3VecEnv(Engine(_CRAFT, _TASK, settings.n_envs, device=device)), settings.reward_scale)
     names = ("n_steps", "batch_size", "n_epochs", "learning_rate", "gamma", "gae_lambda", "clip_range",
              "ent_coef", "vf_coef", "max_grad_norm")
-    return PPO("MlpPolicy", env, policy_kwargs=network(settings.layers, settings.activation), seed=0,
-               device=device, **{name: getattr(settings, name) for name in names})
+    return PPO(OnOffPolicy, env, policy_kwargs=architecture(_CRAFT, settings), seed=0, device=device,
+               **{name: getattr(settings, name) for name in names})
 
 
 def _train(settings: PPOSettings, device: str) -> dict[str, float | bool]:
