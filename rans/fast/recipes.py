@@ -35,7 +35,7 @@ _HOLD = {"fine_weight": 1.0, "rest_position": 0.006}
 _PLATFORM, _SHARED, _FLYER, _FLYER_SHARED = (
     "floating-platform", "floating-platform-shared", "free-flyer", "free-flyer-shared")
 _VELOCITY = {"fine_scale": 0.01, "thrust_weight": 0.05}
-_TWIST = {**_VELOCITY, "fine_spin_weight": 1.0, "fine_spin_scale": 0.01, "thrust_weight": 0.02}
+_TWIST = {**_VELOCITY, "fine_spin_weight": 1.0, "fine_spin_scale": 0.01}
 
 RECIPES: dict[str, Recipe] = {
     "go-to-pose-2d": Recipe(
@@ -46,15 +46,17 @@ RECIPES: dict[str, Recipe] = {
     "go-to-pose-2d-thrifty": Recipe(
         "go-to-pose", _PLATFORM,
         {"fine_weight": 2.5, "fine_position_scale": 0.03, "fine_attitude_scale": 0.03,
-         "rest_position": 0.04, "rest_attitude": 0.07, "thrust_weight": 9.0},
+         "rest_position": 0.03, "rest_attitude": 0.055, "thrust_weight": 8.0},
         replace(_STILL, gamma=0.995, reward_scale=0.03), 60_000_000,
         (Ramp("thrust_weight", 0.1, 42_000_000, shape="geometric"),)),
     "go-to-pose-2d-shared": Recipe(
-        "go-to-pose", _SHARED, {**_HOLD, "rest_attitude": 0.008, "thrust_weight": 0.08}, _STILL, 30_000_000),
+        "go-to-pose", _SHARED,
+        {"fine_weight": 1.0, "fine_position_scale": 0.006, "fine_attitude_scale": 0.006,
+         "rest_position": 0.007, "rest_attitude": 0.012, "thrust_weight": 0.1}, _STILL, 30_000_000),
     "go-to-position-2d-shared": Recipe(
         "go-to-position", _SHARED, {**_HOLD, "rest_spin": 0.03, "thrust_weight": 0.06}, _STILL, 15_000_000),
     "track-velocity-2d": Recipe("track-velocity", _PLATFORM, _VELOCITY, replace(_PLANE, symmetric=False)),
-    "track-twist-2d-shared": Recipe("track-twist", _SHARED, _TWIST, _SHARP, 10_000_000),
+    "track-twist-2d-shared": Recipe("track-twist", _SHARED, _TWIST, _STILL, 10_000_000),
     "go-to-pose-3d": Recipe(
         "go-to-pose", _FLYER, {"fine_weight": 1.5, "rest_position": 0.005, "rest_attitude": 0.005,
                                "thrust_weight": 0.01}, replace(_SHARP, layers=_WIDE), 20_000_000),
@@ -65,7 +67,7 @@ RECIPES: dict[str, Recipe] = {
         replace(_STILL, layers=_WIDE), 6_000_000),
     "track-velocity-3d": Recipe(
         "track-velocity", _FLYER, _VELOCITY, replace(_PLANE, symmetric=False, layers=_WIDE)),
-    "track-twist-3d-shared": Recipe("track-twist", _FLYER_SHARED, _TWIST, replace(_SHARP, layers=_WIDE)),
+    "track-twist-3d-shared": Recipe("track-twist", _FLYER_SHARED, _TWIST, replace(_STILL, layers=_WIDE)),
 }
 """By the agent's name."""
 
