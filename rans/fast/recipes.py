@@ -39,7 +39,7 @@ _TWIST = {**_VELOCITY, "fine_spin_weight": 1.0, "fine_spin_scale": 0.01}
 
 RECIPES: dict[str, Recipe] = {
     "go-to-pose-2d": Recipe(
-        "go-to-pose", _PLATFORM, {**_HOLD, "rest_attitude": 0.035, "thrust_weight": 0.22}, _SHARP,
+        "go-to-pose", _PLATFORM, {**_HOLD, "rest_attitude": 0.035, "thrust_weight": 0.2}, _SHARP,
         20_000_000),
     "go-to-pose-2d-fast": Recipe(
         "go-to-pose", _PLATFORM, {**_HOLD, "rest_attitude": 0.035}, _SHARP, 8_000_000),
@@ -67,7 +67,8 @@ RECIPES: dict[str, Recipe] = {
         replace(_STILL, layers=_WIDE), 6_000_000),
     "track-velocity-3d": Recipe(
         "track-velocity", _FLYER, _VELOCITY, replace(_PLANE, symmetric=False, layers=_WIDE)),
-    "track-twist-3d-shared": Recipe("track-twist", _FLYER_SHARED, _TWIST, replace(_STILL, layers=_WIDE)),
+    "track-twist-3d-shared": Recipe(
+        "track-twist", _FLYER_SHARED, _TWIST, replace(_STILL, layers=_WIDE), 6_000_000),
 }
 """By the agent's name."""
 
