@@ -172,9 +172,13 @@ class OnOff(NamedTuple):
         """Entropy (N,) of the joint distribution, nats."""
         return (functional.softplus(self.logit) - self.logit * torch.sigmoid(self.logit)).sum(dim=1)
 
-    def sample(self, world: World = ALONE) -> Tensor:
+    def sample(self) -> Tensor:
         """Random action (N, n), of zeros and ones in the logits' dtype."""
-        return (world.uniform_like(self.logit) < torch.sigmoid(self.logit)).to(self.logit.dtype)
+        return self.opened(torch.rand_like(self.logit))
+
+    def opened(self, uniform: Tensor) -> Tensor:
+        """The action (N, n) that uniform random numbers (N, n) in [0, 1) choose."""
+        return (uniform < torch.sigmoid(self.logit)).to(self.logit.dtype)
 
     def mode(self) -> Tensor:
         """Most likely action (N, n), zeros and ones in the logits' dtype."""

@@ -8,7 +8,6 @@ import torch
 from stable_baselines3.common.policies import ActorCriticPolicy
 from torch import Tensor
 
-from rans.fast.distributed import ALONE, World
 from rans.fast.engine import Engine
 from rans.fast.graph import fused
 from rans.fast.policy import evaluate
@@ -54,7 +53,8 @@ class Rollout:
         """Let the policy's random actions fly every environment for T steps."""
         observation = engine.observe()
         for t in range(len(self.reward)):
-            action, log_prob, value = self._act(policy, observation, engine.world)
+            uniform = engine.world.uniform_like(self.action[t])
+            action, log_prob, value = self._act(policy, observation, uniform)
             step = engine.step(action)
             self.observation[t], self.action[t] = observation, action
             self.log_prob[t], self.value[t] = log_prob, value
@@ -80,11 +80,16 @@ class Rollout:
         return Batch(self.observation, self.action, self.log_prob, advantage, advantage + self.value)
 
 
-def act(policy: ActorCriticPolicy, observation: Tensor, world: World = ALONE,
-        ) -> tuple[Tensor, Tensor, Tensor]:
-    """A random action (N, thrusters), its log-probability (N,) and the state's value (N,)."""
+def act(policy: ActorCriticPolicy, observation: Tensor, uniform: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """A random action (N, thrusters), its log-probability (N,) and the state's value (N,).
+
+    Args:
+        policy: decides the probabilities.
+        observation: (N, width).
+        uniform: random numbers (N, thrusters) in [0, 1).
+    """
     output = evaluate(policy, observation)
-    action = output.sample(world)
+    action = output.opened(uniform)
     return action, output.log_prob(action), output.value
 
 
