@@ -6,6 +6,8 @@ import tempfile
 from pathlib import Path
 from typing import NamedTuple
 
+import torch
+
 from rans.fast.config import PPOSettings, TrainConfig
 from rans.fast.engine import Engine
 from rans.fast.run_folder import RunFolder
@@ -32,6 +34,7 @@ class Success(NamedTuple):
 
 def trainer_rate(craft: Spacecraft, task: Task, settings: PPOSettings, clock: Clock) -> Measurement:
     """Environment steps per second of PPO: flown, and learned from in every epoch."""
+    torch.compiler.reset()  # what other measurements compiled counts towards the compiler's limit
     with one_thread():
         engine = Engine(craft, task, settings.n_envs, device=clock.device)
         model = make_ppo(engine, settings, seed=0)
