@@ -49,7 +49,7 @@ RECIPES: dict[str, Recipe] = {
     "go-to-pose-2d-thrifty": Recipe(
         "go-to-pose", _PLATFORM,
         {"fine_weight": 2.5, "fine_position_scale": 0.03, "fine_attitude_scale": 0.03,
-         "rest_position": 0.03, "rest_attitude": 0.055, "thrust_weight": 10.0},
+         "rest_position": 0.025, "rest_attitude": 0.05, "thrust_weight": 11.0},
         replace(_STILL, gamma=0.995, reward_scale=0.03), 60_000_000,
         (Ramp("thrust_weight", 0.1, 42_000_000, shape="geometric"),)),
     "go-to-pose-2d-shared": Recipe(

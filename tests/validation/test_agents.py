@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -54,7 +55,7 @@ def test_the_page_has_the_marks() -> None:
 
 def test_every_row_names_a_task_and_its_dimension() -> None:
     for row in ROWS:
-        task, _, dimension = row.agent.removesuffix("-shared").rpartition("-")
+        task, dimension, _ = re.split(r"-(2d|3d)", row.agent)
         assert task_class(task)
         assert dimension in ("2d", "3d")
         assert row.title.startswith({"2d": "3DoF", "3d": "6DoF"}[dimension])
