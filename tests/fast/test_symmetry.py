@@ -125,7 +125,7 @@ def test_sb3_opens_and_uses_a_symmetric_agent(craft: Spacecraft, tmp_path: Path)
     again = loaded.policy.evaluate_actions(tensors, action)
     distribution = loaded.policy.get_distribution(tensors)
     # Rounding of float32, summed over the thrusters.
-    close = {"rtol": 1e-5, "atol": 1e-5}
+    close: dict[str, Any] = {"rtol": 1e-5, "atol": 1e-5}
     torch.testing.assert_close(again, (value, log_prob, distribution.entropy()), **close)
     torch.testing.assert_close(distribution.log_prob(action), log_prob, **close)
     torch.testing.assert_close(loaded.policy.predict_values(tensors), value, **close)
