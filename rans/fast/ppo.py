@@ -10,7 +10,7 @@ import torch
 from stable_baselines3.common.buffers import RolloutBuffer
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import VecEnv
-from torch import Tensor, nn
+from torch import Tensor
 
 from rans.errors import ConfigError, NonFiniteState
 from rans.fast.distributed import World
@@ -200,9 +200,9 @@ class PPO(stable_baselines3.PPO):
         mean = torch.stack([torch.stack(x) for x in losses]).mean(dim=0)
         extractor = self.policy.features_extractor
         if isinstance(extractor, NormalisedMlp):
-            extractor.update_statistics(batch.observation.flatten(0, 1), self._world)
-        ends = torch.stack((rollout.truncated.sum(), rollout.ended.sum(), rollout.reached.sum()))
-        statistics = self._world.average(torch.cat((mean, ends, rollout.terms.mean(dim=0))))
+            extractor.update_statistics(batch.seen.flatten(0, 1), self._world)
+        ends = torch.stack((rollout.truncated.sum(), rollout.ended.sum(), rollout.reached))
+        statistics = self._world.average(torch.cat((mean, ends, rollout.terms / self.n_steps)))
         self._adapt(statistics[_STATISTICS.index("approx_kl")])
         return statistics
 
@@ -215,15 +215,25 @@ class PPO(stable_baselines3.PPO):
         return self.normalize_advantage and self._world.size > 1
 
     def _descend(self, batch: Batch) -> list[Tensor]:
-        optimizer = self.policy.optimizer
         losses = self._loss(self.policy, batch, self.clip_range(1.0), self.ent_coef, self.vf_coef,  # type: ignore[operator]
-                          self.normalize_advantage and not self._normalises_over_processes)
-        optimizer.zero_grad()
-        losses.loss.backward()
-        self._world.average_gradients(self.policy.parameters())
-        norm = nn.utils.clip_grad_norm_(self.policy.parameters(), self.max_grad_norm)
-        optimizer.step()
+                            self.normalize_advantage and not self._normalises_over_processes)
+        norm = self._step_down(losses.loss)
         return [x.detach() for x in (*losses, norm)]
+
+    def _step_down(self, loss: Tensor) -> Tensor:
+        """One step of the optimiser; the gradient's norm. All gradients are one vector on the way."""
+        weights = [p for p in self.policy.parameters() if p.requires_grad]
+        found = torch.autograd.grad(loss, weights, allow_unused=True)
+        used = [(weight, gradient) for weight, gradient in zip(weights, found, strict=True)
+                if gradient is not None]
+        gradient = self._world.average(torch.cat([g.flatten() for _, g in used]))
+        norm = gradient.norm()
+        # As torch.nn.utils.clip_grad_norm_.
+        gradient = gradient * (self.max_grad_norm / (norm + 1e-6)).clamp(max=1.0)
+        for (weight, _), part in zip(used, gradient.split([w.numel() for w, _ in used]), strict=True):
+            weight.grad = part.view_as(weight)
+        self.policy.optimizer.step()
+        return norm
 
     def _adapt(self, kl: Tensor) -> None:
         """Steps too far for the desired divergence get shorter, too short ones longer."""

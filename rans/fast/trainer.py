@@ -187,6 +187,7 @@ class Trainer:
         cuda = torch.cuda.get_rng_state() if self.config.device.startswith("cuda") else None
         return {
             "policy": self.model.policy.state_dict(),
+            "symmetric": self.config.ppo.symmetric,
             "optimizer": self.model.policy.optimizer.state_dict(),
             "engine": self.engine.save_state(),
             "generator": torch.get_rng_state(),
@@ -213,6 +214,9 @@ class Trainer:
 
     def _restore(self, saved: dict[str, Any]) -> None:
         try:
+            symmetric = saved.get("symmetric", False)
+            if symmetric != self.config.ppo.symmetric:  # weights of the same shapes that mean something else
+                raise ValueError(f"ppo.symmetric was {str(symmetric).lower()}")
             self.model.restore(saved["policy"], saved["optimizer"], saved["steps"])
             self.engine.load_state(saved["engine"])
             torch.set_rng_state(saved["generator"].cpu())

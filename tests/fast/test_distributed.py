@@ -102,9 +102,9 @@ def test_random_numbers_belong_to_rows() -> None:
     shares = []
     for rank in (0, 1):
         torch.manual_seed(3)
-        shares.append(World(rank, 2).uniform_like(torch.zeros(4, 5)))
+        shares.append(World(rank, 2).uniform_like(torch.zeros(3, 4, 5)))
     torch.manual_seed(3)
-    assert torch.equal(torch.stack(shares, dim=1).flatten(0, 1), torch.rand(8, 5))
+    assert torch.equal(torch.stack(shares, dim=2).flatten(1, 2), torch.rand(3, 8, 5))
 
 
 def test_a_share_must_be_whole() -> None:

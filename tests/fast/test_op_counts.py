@@ -121,7 +121,7 @@ def test_compiled_functions_are_one_graph_each() -> None:
     batch = rollout.batch(engine, model.policy, 0.98, 0.95, 0.1)
     calls: list[tuple[Callable[..., object], tuple[Any, ...]]] = [
         (ppo_loss, (model.policy, minibatches(batch, 2)[0], 0.2, 0.0, 0.5, True)),
-        (act, (model.policy, batch.observation[0], torch.rand_like(batch.action[0]))),
+        (act, (model.policy, rollout.observation[0], torch.rand_like(batch.action[0]))),
         (gae, (rollout.reward, rollout.value, rollout.ended, rollout.value[0], 0.98, 0.95)),
     ]
     for function, arguments in calls:

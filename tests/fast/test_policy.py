@@ -29,7 +29,8 @@ def make_policy(craft: Any, net_arch: Any = ()) -> ActorCriticPolicy:
         features_extractor_class=NormalisedMlp, features_extractor_kwargs={"layers": (16,)})
     policy.double()
     scatter(policy)
-    policy.features_extractor.update_statistics(seen(craft, 500))  # type: ignore[union-attr]
+    extractor: Any = policy.features_extractor
+    extractor.update_statistics(extractor.seen(seen(craft, 500))[0])
     return policy
 
 
@@ -140,7 +141,7 @@ def test_statistics_are_those_of_all_observations(dtype: torch.dtype) -> None:
     parts = [torch.randn(count, 10, generator=generator) * scale + shift * part
              for part, count in enumerate((3, 500, 1, 64))]
     for part in parts:
-        extractor.update_statistics(part)
+        extractor.update_statistics(extractor.seen(part)[0])
     everything = extractor.body_frame(torch.cat(parts).double()).numpy()
     # Rounding of the dtype, and in float32 of the observations turned into the body frame.
     relative = 1e-12 if dtype == torch.float64 else 2e-5
@@ -152,7 +153,7 @@ def test_statistics_are_those_of_all_observations(dtype: torch.dtype) -> None:
 def test_normalised_observations() -> None:
     extractor = NormalisedMlp(observation_space(PLATFORM)).double()  # type: ignore[arg-type]
     observations = seen(PLATFORM, 1000)
-    extractor.update_statistics(observations)
+    extractor.update_statistics(extractor.seen(observations)[0])
     result = looks(extractor, observations).numpy()
     np.testing.assert_allclose(result.mean(axis=0), 0, atol=1e-12)
     flag = 3

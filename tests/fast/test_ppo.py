@@ -244,7 +244,7 @@ def test_the_logger_is_told() -> None:
         assert np.isfinite(told[name]), name
     rollout = model._rollout
     # Mean reward of a step, as an episode of twenty steps would give it.
-    for name, mean in zip(terms, rollout.terms.mean(dim=0), strict=True):
+    for name, mean in zip(terms, rollout.terms / model.n_steps, strict=True):
         assert told[f"return/{name}"] == pytest.approx(20 * float(mean), rel=1e-5)
     ended = float(rollout.ended.sum())
     assert told["rollout/success_rate"] == pytest.approx(float(rollout.reached.sum()) / ended)

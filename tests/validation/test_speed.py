@@ -75,7 +75,8 @@ def test_numpy_answers_as_torch_does(craft: Any, activation: Any) -> None:
     settings = PPOSettings(n_envs=1, n_steps=2, batch_size=2, layers=(16, 24), activation=activation)
     policy: Any = make_ppo(Engine(craft, GoToPose(), 1), settings, 0).policy
     scatter(policy)
-    policy.features_extractor.update_statistics(seen(craft, 500))
+    extractor = policy.features_extractor
+    extractor.update_statistics(extractor.seen(seen(craft, 500))[0])
     observation = seen(craft, 200, seed=4).float().numpy()
     expected = Agent(policy, "").act(None, None, observation)
     assert 0.2 < expected.mean() < 0.8  # of both kinds
