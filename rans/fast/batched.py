@@ -68,7 +68,7 @@ class BatchedPPO:
         models = [start.model for start in starts]
         first, engines = models[0], [model.env.engine for model in models]  # type: ignore[union-attr]
         if device.type == "cuda":
-            torch.set_float32_matmul_precision("high")
+            torch.set_float32_matmul_precision("highest" if first.matmul == "float32" else "high")
         self.members, self.each, self.device = len(models), engines[0].num_envs, device
         self.engine = MembersEngine(engines[0].craft, [engine.task for engine in engines], self.each,
                                     engines[0].timing, device=device, dtype=engines[0].dtype)

@@ -24,7 +24,7 @@ class Network:
     def __init__(self, policies: Sequence[ActorCriticPolicy], device: torch.device) -> None:
         extractor = copy.deepcopy(policies[0].features_extractor).to(device)
         assert isinstance(extractor, NormalisedMlp)
-        self.look, self._looks = extractor.seen, extractor.looks
+        self.look, self._looks, self._precision = extractor.seen, extractor.looks, extractor.precision
         self.activation = extractor.trunk[1]
         tables = [dict(_tensors(policy)) for policy in policies]
         self.tensors = {name: torch.stack([table[name].detach() for table in tables]).to(device)
@@ -49,8 +49,10 @@ class Network:
     def evaluate_seen(self, seen: Tensor) -> OnOff:
         """The same of (K, n, k) columns that `look` returned; see `rans.fast.policy.evaluate_seen`."""
         x = self._looks(seen, self._mean[:, None], self._variance[:, None])
-        for weight, bias in self._trunk:
-            x = self.activation(torch.baddbmm(bias[:, None], x, weight.mT))
+        with self._precision(x):
+            for weight, bias in self._trunk:
+                x = self.activation(torch.baddbmm(bias[:, None], x, weight.mT))
+        x = x.to(seen.dtype)
         # As `rans.fast.policy.evaluate_seen`: only the difference of a thruster's two logits matters.
         (weight, bias), (value_weight, value_bias) = self._actor, self._critic
         weight = torch.cat((weight[:, 1::2] - weight[:, 0::2], value_weight), dim=1)

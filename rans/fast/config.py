@@ -63,6 +63,8 @@ class PPOSettings:
     zoom: float = 0.0
     """Magnification of a second look at everything observed, for agents that hold millimetres (decision
     008). 0: none, which learns the rough way to go sooner."""
+    matmul: Literal["float32", "tf32", "bf16"] = "tf32"
+    """How a GPU multiplies matrices: with 24, 11 or, in hidden layers, 8 significant bits (docs/speed.md)."""
     initial_duty: float = 0.5
     """Probability that a thruster is open before anything is learnt. Agents that should rest with all
     valves shut find out about it sooner from a low one."""
@@ -74,6 +76,7 @@ class PPOSettings:
             _require(0 < getattr(self, name) < math.inf, name, getattr(self, name), "finite and > 0")
         for name in ("ent_coef", "vf_coef", "zoom"):
             _require(0 <= getattr(self, name) < math.inf, name, getattr(self, name), "finite and >= 0")
+        _require(self.matmul in ("float32", "tf32", "bf16"), "matmul", self.matmul, "float32, tf32 or bf16")
         _require(0 < self.initial_duty < 1, "initial_duty", self.initial_duty, "between 0 and 1")
         _require(0 <= self.anneal <= 1, "anneal", self.anneal, "between 0 and 1")
         for name in ("gamma", "gae_lambda"):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import AbstractContextManager, nullcontext
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -73,15 +74,16 @@ class NormalisedMlp(BaseFeaturesExtractor):
             as plain to see as a metre (decision 008). 0: no second look.
         symmetries: of the spacecraft, whose policy is then an `OnOffPolicy`: it sees every state from the
             one of its equivalent sides that has the goal ahead (decision 009).
+        bf16: whether on a GPU the hidden layers' products are of bfloat16.
     """
 
     def __init__(self, observation_space: gymnasium.spaces.Box, layers: Sequence[int] = (128, 128),
                  activation: str = "tanh", clip: float = 10.0, zoom: float = 0.0,
-                 symmetries: Symmetries | None = None) -> None:
+                 symmetries: Symmetries | None = None, bf16: bool = False) -> None:
         super().__init__(observation_space, layers[-1])
         self.body_frame = BodyFrame(observation_space.shape[0])
         width = self.body_frame.width
-        self.clip, self.zoom = clip, zoom
+        self.clip, self.zoom, self.bf16 = clip, zoom, bf16
         self.mean: Tensor
         self.variance: Tensor
         self.count: Tensor
@@ -105,7 +107,9 @@ class NormalisedMlp(BaseFeaturesExtractor):
 
     def features(self, seen: Tensor) -> Tensor:
         """Those of columns that `seen` returned."""
-        return self.trunk(self.looks(seen, self.mean, self.variance))
+        x = self.looks(seen, self.mean, self.variance)
+        with self.precision(x):
+            return self.trunk(x).to(x.dtype)
 
     def seen(self, observations: Tensor) -> tuple[Tensor, Tensor | None]:
         """Columns (N, k) in the body frame, and where in that view each thruster is, (N, thrusters).
@@ -117,6 +121,10 @@ class NormalisedMlp(BaseFeaturesExtractor):
             return torch.stack(columns, dim=1), None
         which = views.which(columns)
         return torch.stack(views.viewed(columns, which), dim=1), views.place[which]
+
+    def precision(self, x: Tensor) -> AbstractContextManager[Any]:
+        """In this context x is multiplied as `bf16` says."""
+        return torch.autocast("cuda", torch.bfloat16) if self.bf16 and x.is_cuda else nullcontext()
 
     @property
     def views(self) -> Symmetries | None:
@@ -185,7 +193,7 @@ class OnOff(NamedTuple):
 
 
 def network(layers: Sequence[int] = (64, 64), activation: str = "tanh", zoom: float = 0.0,
-            symmetries: Symmetries | None = None) -> dict[str, Any]:
+            symmetries: Symmetries | None = None, bf16: bool = False) -> dict[str, Any]:
     """SB3's ``policy_kwargs`` for one trunk shared by actor and critic, and Adam in one kernel.
 
     With symmetries the policy must be an `OnOffPolicy`.
@@ -193,7 +201,8 @@ def network(layers: Sequence[int] = (64, 64), activation: str = "tanh", zoom: fl
     return {
         "features_extractor_class": NormalisedMlp,
         "features_extractor_kwargs": {
-            "layers": layers, "activation": activation, "zoom": zoom, "symmetries": symmetries},
+            "layers": layers, "activation": activation, "zoom": zoom, "symmetries": symmetries,
+            "bf16": bf16},
         "net_arch": [],
         "optimizer_kwargs": {"fused": True, "eps": 1e-5},
     }

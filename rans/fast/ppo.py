@@ -34,7 +34,7 @@ class PPO(stable_baselines3.PPO):
     opens with ``stable_baselines3.PPO.load``. The update equals SB3's on the same minibatch. Different
     are: minibatches are whole environments, unshuffled; callbacks see neither ``infos`` nor ``dones``,
     and their ``on_step`` come after each rollout, one a step; defaults suit short episodes of many
-    environments. On a GPU, float32 matrix products use TF32, for the whole process.
+    environments. On a GPU, matrix products use TF32 unless told otherwise, for the whole process.
 
     Args:
         policy: as SB3.
@@ -51,6 +51,7 @@ class PPO(stable_baselines3.PPO):
         max_learning_rate: upper bound of the adapted step size.
         anneal: see `slow_down`, which `rans.fast.trainer.Trainer` calls and ``learn`` by itself does not.
         reward_scale: factor on every reward, so that values are of order one.
+        matmul: see `rans.fast.config.PPOSettings`; bf16 is for `policy_kwargs` to arrange.
         **settings: SB3's others, with its names and meanings.
 
     Raises:
@@ -62,10 +63,10 @@ class PPO(stable_baselines3.PPO):
                  batch_size: int | None = None, n_epochs: int = 4, gamma: float = 0.98, *,
                  max_grad_norm: float = 1.0, policy_kwargs: dict[str, Any] | None = None,
                  desired_kl: float | None = 0.016, max_learning_rate: float = 1e-2,
-                 anneal: float = 0.0, reward_scale: float = 0.1,
+                 anneal: float = 0.0, reward_scale: float = 0.1, matmul: str = "tf32",
                  _init_setup_model: bool = True, **settings: Any) -> None:
         self.desired_kl, self.max_learning_rate, self.anneal = desired_kl, max_learning_rate, anneal
-        self.reward_scale = reward_scale
+        self.reward_scale, self.matmul = reward_scale, matmul
         if _init_setup_model:  # SB3's `load` sets everything after an empty construction
             rollout = _engine_of(env).num_envs * n_steps
             batch_size = batch_size or (rollout // 4 if env.num_envs % 4 == 0 else rollout)
@@ -111,7 +112,7 @@ class PPO(stable_baselines3.PPO):
         """Fixed memory and fixed functions of one training iteration."""
         _check_sizes(engine, self.n_steps, self.batch_size)
         if self.device.type == "cuda":
-            torch.set_float32_matmul_precision("high")
+            torch.set_float32_matmul_precision("highest" if self.matmul == "float32" else "high")
         self.policy.to(engine.dtype)
         group = self.policy.optimizer.param_groups[0]
         group["lr"] = torch.tensor(float(group["lr"]), dtype=torch.float32, device=self.device)

@@ -246,7 +246,7 @@ def make_ppo(engine: Engine, settings: PPOSettings, seed: int) -> PPO:
 def architecture(craft: Spacecraft, settings: PPOSettings) -> dict[str, Any]:
     """The ``policy_kwargs`` of an `OnOffPolicy` with these settings."""
     return network(settings.layers, settings.activation, settings.zoom,
-                   symmetries(craft) if settings.symmetric else None)
+                   symmetries(craft) if settings.symmetric else None, bf16=settings.matmul == "bf16")
 
 
 def check_device(device: str) -> None:

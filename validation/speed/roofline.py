@@ -63,7 +63,7 @@ def step_work(engine: Engine) -> StepWork:
         TypeError: the task's functions do more than arithmetic on fields.
     """
     program = trace(engine._simulation, engine._episodes)
-    symbols = list(ordered([program.ended, *(store.value for store in program.always)]))
+    symbols = list(ordered([program.ended, *(store.value for store in program.going())]))
     operations = Counter(s.operation for s in symbols if s.operation not in _NO_OPERATIONS)
     return StepWork(tuple(_traffic(engine, program, set(symbols))), operations)
 
@@ -72,12 +72,12 @@ def _traffic(engine: Engine, program: Program, used: set[Symbol]) -> list[Traffi
     """By part, in the order of memory."""
     real, names = engine.dtype.itemsize, _memory_names(engine)
     sizes = [_BYTES.get(given.type, real) for given in program.memory]
-    kept = {store.row for store in program.always if store.array == "memory"}
+    kept = {store.row for store in program.going() if store.array == "memory"}
     memory = [Traffic(name, size * (given.symbol in used), size * (row in kept))
               for row, (name, size, given) in enumerate(zip(names, sizes, program.memory, strict=True))]
     commands = Traffic("action", sum(str(symbol.value).startswith("command") for symbol in used), 0)
     results = [Traffic(_result_name(program, store), 0, 1 if store.array == "flags" else real)
-               for store in program.always if store.array != "memory"]
+               for store in program.going() if store.array != "memory"]
     rows = [*memory, commands, *results]
     parts = [_sum(name, list(group)) for name, group in groupby(rows, lambda row: row.name)]
     return [part for part in parts if part.read + part.written > 0]

@@ -67,10 +67,11 @@ class Kernel:
         """Hold the thrusters for one control period, see `rans.fast.engine.Engine.step`."""
         action, count, shape = self._readable(action), self._count, self._program.shape
         reals = torch.empty((shape.reals, count), dtype=self._real, device=self._device)
+        final = torch.empty((count, shape.width), dtype=self._real, device=self._device)
         flags = torch.empty((len(Shape.FLAGS), count), dtype=torch.bool, device=self._device)
-        tensors = (action, *self._seed, reals, flags, *self._inputs)
+        tensors = (action, *self._seed, reals, final, flags, *self._inputs)
         self._launch(action.dtype, [tensor.data_ptr() for tensor in tensors], (count, self._stride))
-        return _step(shape, reals, flags)
+        return _step(shape, reals, final, flags)
 
     def _launch(self, action: torch.dtype, pointers: list[int], numbers: tuple[int, int]) -> None:
         with torch.cuda.device(self._device):
@@ -87,7 +88,7 @@ class Kernel:
         return action if action.data_ptr() % 16 == 0 else action.clone()
 
 
-def _step(shape: Shape, reals: Tensor, flags: Tensor) -> Step:
+def _step(shape: Shape, reals: Tensor, final: Tensor, flags: Tensor) -> Step:
     terms = shape.width + shape.terms
     terminated, truncated, reached = flags
     return Step(
@@ -95,7 +96,7 @@ def _step(shape: Shape, reals: Tensor, flags: Tensor) -> Step:
         reward=reals[terms],
         terminated=terminated,
         truncated=truncated,
-        final_observation=reals[terms + 1:].T,
+        final_observation=final,
         reached=reached,
         terms=reals[shape.width:terms],
     )

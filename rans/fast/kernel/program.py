@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -31,7 +31,8 @@ class Input:
 class Store:
     """A number for each spacecraft that a step leaves behind."""
 
-    array: Literal["memory", "reals", "flags"]
+    array: Literal["memory", "reals", "flags", "final"]
+    """"final": of final observations, each row of which lies together in memory, as only few are written."""
     row: int
     value: Symbol
 
@@ -49,15 +50,16 @@ class Shape:
 
     @property
     def reals(self) -> int:
-        """Number of rows: observation, terms, reward, final observation."""
-        return 2 * self.width + self.terms + 1
+        """Number of rows: observation, terms, reward."""
+        return self.width + self.terms + 1
 
 
 @dataclass(frozen=True)
 class Program:
     """What a step computes from "command_0" ..., "memory_0" ..., "setting_0" ..., "low", "high" and "stride".
 
-    Starts and goals are drawn for few spacecraft a step, so they are apart: most need not compute them.
+    Starts and goals are drawn for every spacecraft, and chosen where an episode ended: few need them, but a
+    branch in which those few draw theirs alone takes longer (docs/speed.md).
     """
 
     memory: tuple[Input, ...]
@@ -67,11 +69,15 @@ class Program:
     ended: Symbol
     """Where an episode ends."""
     always: tuple[Store, ...]
-    """What to store everywhere, as if no episode ended."""
+    """What to store everywhere."""
     at_end: tuple[Store, ...]
-    """What else to store where an episode ended, after that."""
+    """What else to store where an episode ended."""
     shape: Shape
     """Of the results."""
+
+    def going(self) -> list[Store]:
+        """What is stored where no episode ends, with no more than that needs."""
+        return _given(self.always, self.ended, value=False)
 
 
 def trace(simulation: Simulation, episodes: Episodes) -> Program:
@@ -100,21 +106,22 @@ def trace(simulation: Simulation, episodes: Episodes) -> Program:
         *_rows("flags", (getattr(outcome, name) for name in Shape.FLAGS)),
     ]
     going, begun = (_given(stores, ended, value) for value in (False, True))
+    stays = [s.array == "memory" and s.value is memory[s.row].symbol for s in going]
     return Program(
         memory=memory,
         settings=tuple(settings),
         ended=ended,
-        always=tuple(s for s in going if s.array != "memory" or s.value is not memory[s.row].symbol),
+        always=tuple(store for store, same in zip(stores, stays, strict=True) if not same),
         at_end=(
-            *_rows("reals", outcome.final_observation, len(first)),
-            *(new for new, old in zip(begun, going, strict=True) if new.value is not old.value),
+            *_rows("final", outcome.final_observation),
+            *(new for new, same in zip(begun, stays, strict=True) if same),
         ),
         shape=shape,
     )
 
 
-def _rows(array: Any, values: Any, start: int = 0) -> Iterator[Store]:
-    return (Store(array, row, Symbol.constant(value)) for row, value in enumerate(values, start))
+def _rows(array: Any, values: Any) -> Iterator[Store]:
+    return (Store(array, row, Symbol.constant(value)) for row, value in enumerate(values))
 
 
 def _remembered(episodes: Episodes) -> tuple[tuple[Input, ...], Episodes]:
@@ -149,7 +156,7 @@ def _with_symbols(setting: Any, found: list[Input]) -> Any:
     return changed
 
 
-def _given(stores: list[Store], condition: Symbol, value: bool) -> list[Store]:
+def _given(stores: Sequence[Store], condition: Symbol, value: bool) -> list[Store]:
     """The stores where a condition is known."""
     values = substituted([s.value for s in stores], {condition: Symbol.constant(value)})
     return [Store(s.array, s.row, new) for s, new in zip(stores, values, strict=True)]

@@ -29,8 +29,8 @@ _BYTES = {"unsigned char": 1, "float": 4, "double": 8}
 def source(program: Program, thrusters: int, action: Action, real: Real) -> str:
     """CUDA C++ of a kernel ``step``.
 
-    Its arguments are the action, the seed's low and high word, the results' reals and flags, the memory, the
-    settings, the number of spacecraft and the stride of their episodes' numbers.
+    Its arguments are the action, the seed's low and high word, the results' reals, final observations and
+    flags, the memory, the settings, the number of spacecraft and the stride of their episodes' numbers.
 
     Args:
         program: what to compute.
@@ -39,7 +39,8 @@ def source(program: Program, thrusters: int, action: Action, real: Real) -> str:
         real: what reals are.
     """
     arguments = (
-        f"const {action}* action", "const int* low_at", "const int* high_at", "real* reals", "bool* flags",
+        f"const {action}* action", "const int* low_at", "const int* high_at",
+        "real* reals", "real* final", "bool* flags",
         *(f"{given.type}* {given.symbol.value}_at" for given in (*program.memory, *program.settings)),
         "const int count", "const int stride")
     return "\n".join((
@@ -87,9 +88,14 @@ class _Writer:
     def _stores(self, stores: Iterable[Store]) -> Iterator[str]:
         for store in stores:
             yield from self._values([store.value])
-            place = (f"memory_{store.row}_at[i]" if store.array == "memory"
-                     else f"{store.array}[{store.row} * rows + i]")
-            yield f"{place} = {self._operand(store.value)};"
+            yield f"{self._place(store)} = {self._operand(store.value)};"
+
+    def _place(self, store: Store) -> str:
+        if store.array == "memory":
+            return f"memory_{store.row}_at[i]"
+        if store.array == "final":
+            return f"final[size_t(i) * {self._program.shape.width} + {store.row}]"
+        return f"{store.array}[{store.row} * rows + i]"
 
     def _values(self, roots: Iterable[Symbol]) -> Iterator[str]:
         """Lines that give names to the roots and to what they are made of."""
