@@ -42,27 +42,30 @@ _TWIST = {**_VELOCITY, "fine_spin_weight": 1.0, "fine_spin_scale": 0.01}
 
 RECIPES: dict[str, Recipe] = {
     "go-to-pose-2d": Recipe(
-        "go-to-pose", _PLATFORM, {**_HOLD, "rest_attitude": 0.035, "thrust_weight": 0.2}, _SHARP,
-        20_000_000),
+        "go-to-pose", _PLATFORM, {**_HOLD, "rest_attitude": 0.035, "thrust_weight": 0.13}, _SHARP,
+        25_000_000, (Ramp("thrust_weight", 0.05, 15_000_000, shape="geometric"),)),
     "go-to-pose-2d-fast": Recipe(
         "go-to-pose", _PLATFORM, {**_HOLD, "rest_attitude": 0.035}, _SHARP, 8_000_000),
     "go-to-pose-2d-thrifty": Recipe(
         "go-to-pose", _PLATFORM,
-        {"fine_weight": 2.5, "fine_position_scale": 0.03, "fine_attitude_scale": 0.03,
-         "rest_position": 0.025, "rest_attitude": 0.05, "thrust_weight": 11.0},
-        replace(_STILL, gamma=0.995, reward_scale=0.03), 60_000_000,
-        (Ramp("thrust_weight", 0.1, 42_000_000, shape="geometric"),)),
+        {"fine_weight": 2.5, "fine_position_scale": 0.015, "fine_attitude_scale": 0.015,
+         "rest_position": 0.04, "rest_attitude": 0.07, "thrust_weight": 10.8},
+        replace(_STILL, gamma=0.995, reward_scale=0.03), 81_250_000,
+        (Ramp("thrust_weight", 0.1, 56_812_500, shape="geometric"),)),
     "go-to-pose-2d-shared": Recipe(
         "go-to-pose", _SHARED,
         {"fine_weight": 1.0, "fine_position_scale": 0.006, "fine_attitude_scale": 0.006,
-         "rest_position": 0.007, "rest_attitude": 0.012, "thrust_weight": 0.1}, _STILL, 30_000_000),
+         "rest_position": 0.007, "rest_attitude": 0.01, "thrust_weight": 0.2}, _STILL, 40_000_000,
+        (Ramp("fine_weight", 0.3, 25_000_000, 2_500_000, "geometric"),)),
     "go-to-position-2d-shared": Recipe(
-        "go-to-position", _SHARED, {**_HOLD, "rest_spin": 0.03, "thrust_weight": 0.06}, _STILL, 15_000_000),
+        "go-to-position", _SHARED, {**_HOLD, "rest_spin": 0.03, "thrust_weight": 0.15}, _STILL, 25_000_000,
+        (Ramp("thrust_weight", 0.06, 15_000_000, 5_000_000, "geometric"),)),
     "track-velocity-2d": Recipe("track-velocity", _PLATFORM, _VELOCITY, replace(_PLANE, symmetric=False)),
-    "track-twist-2d-shared": Recipe("track-twist", _SHARED, _TWIST, _STILL, 10_000_000),
+    "track-twist-2d-shared": Recipe("track-twist", _SHARED, _TWIST, _STILL, 10_000_000,
+                                    (Ramp("thrust_weight", 0.01, 5_000_000, 1_250_000, "geometric"),)),
     "go-to-pose-3d": Recipe(
-        "go-to-pose", _FLYER, {"fine_weight": 1.5, "rest_position": 0.005, "rest_attitude": 0.005,
-                               "thrust_weight": 0.01}, replace(_SHARP, layers=_WIDE), 20_000_000),
+        "go-to-pose", _FLYER, {"fine_weight": 1.5, "rest_position": 0.01, "rest_attitude": 0.02,
+                               "thrust_weight": 0.04}, replace(_SHARP, layers=_WIDE), 20_000_000),
     "go-to-position-3d": Recipe(
         "go-to-position", _FLYER,
         {"fine_weight": 0.5, "rest_position": 0.007, "rest_spin": 0.03, "thrust_weight": 0.05,
@@ -84,7 +87,8 @@ def recipe(name: str, device: str) -> TrainConfig:
     given = RECIPES[name]
     large = not device.startswith("cpu")
     times = _LONGER if large else 1
-    ramps = tuple(replace(ramp, duration=ramp.duration * times) for ramp in given.curriculum)
+    ramps = tuple(replace(ramp, duration=ramp.duration * times, begin=ramp.begin * times)
+                  for ramp in given.curriculum)
     return TrainConfig(given.task, task_class(given.task)(**given.settings), given.spacecraft,
                        replace(given.ppo, **_LARGE) if large else given.ppo, curriculum=ramps, device=device,
                        total_timesteps=given.total_timesteps * times, report_interval=64, solved_share=None)
