@@ -42,6 +42,8 @@ class Scaling:
     """Control periods between updates of 4 epochs with 4 minibatches."""
     layers: tuple[int, ...] = (128, 128)
     """Units of the network's hidden layers."""
+    matmul: Literal["float32", "tf32", "bf16"] = "tf32"
+    """See `rans.fast.config.PPOSettings`."""
     iterations: int = 30
     """Of rollout and update in each of 5 repeats, of which the median counts."""
     device: Literal["cuda", "cpu"] = "cuda"
@@ -74,7 +76,7 @@ class Scaling:
     def _rate(self, world: World) -> float:
         total = self.n_envs * world.size
         settings = PPOSettings(n_envs=total, n_steps=self.n_steps, batch_size=total * self.n_steps // 4,
-                               layers=self.layers)
+                               layers=self.layers, matmul=self.matmul)
         engine = Engine(load_spacecraft("floating-platform"), GoToPose(), self.n_envs, device=self.device,
                         world=world)
         model = make_ppo(engine, settings, seed=0)

@@ -65,6 +65,7 @@ def changed(place: str, value: Any) -> dict[str, Any]:
     ("ppo.gamma", "0.9", r"config\.ppo\.gamma: expected float, got '0\.9'"),
     ("ppo.gamma", True, "expected float, got True"),
     ("ppo.activation", "gelu", r"config\.ppo\.activation: gelu not in"),
+    ("ppo.matmul", "fp8", r"config\.ppo\.matmul: fp8 not in"),
     ("ppo.layers", 64, r"config\.ppo\.layers: expected a table or a list"),
     ("ppo.layers", [64, "64"], r"config\.ppo\.layers\[1\]: expected int, got '64'"),
     ("ppo", 3, r"config\.ppo: expected a table or a list"),

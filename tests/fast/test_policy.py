@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -13,7 +13,10 @@ from stable_baselines3.common.policies import ActorCriticPolicy
 from torch import Tensor
 
 from rans.dynamics import PlanarState, SpatialState
+from rans.fast.config import PPOSettings
+from rans.fast.engine import Engine
 from rans.fast.policy import BodyFrame, NormalisedMlp, OnOff, evaluate, expect_duty
+from rans.fast.trainer import make_ppo
 from rans.fields import Heading, Quat, Vec2, Vec3
 from rans.spaces import action_space, observation_space
 from rans.tasks import GoToPose, observation
@@ -180,6 +183,26 @@ def test_second_look_is_steep_at_zero_and_flat_far_away() -> None:
     # 0.02 less its cube's third, which is 2.7e-6; 20 times 3 is as far as tanh goes.
     torch.testing.assert_close(second[:, 2], torch.tensor([0.0, 0.02, 1.0], dtype=torch.float64),
                                rtol=0, atol=3e-6)
+
+
+def outputs_of(matmul: Literal["tf32", "bf16"], device: str) -> Tensor:
+    """Values of a trainer's network with the same weights and observations."""
+    settings = PPOSettings(n_envs=64, batch_size=2048, layers=(32, 32), matmul=matmul)
+    model = make_ppo(Engine(PLATFORM, GoToPose(), 64, device=device), settings, seed=0)
+    with torch.no_grad():
+        return evaluate(model.policy, seen(PLATFORM, 64).float().to(device)).value
+
+
+def test_a_cpu_knows_no_bf16() -> None:
+    assert torch.equal(outputs_of("bf16", "cpu"), outputs_of("tf32", "cpu"))
+
+
+@pytest.mark.gpu
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA device")
+def test_bf16_rounds_the_hidden_layers() -> None:
+    """To 8 significant bits, of numbers of order one."""
+    difference = (outputs_of("bf16", "cuda") - outputs_of("tf32", "cuda")).abs().max()
+    assert 1e-5 < difference < 2e-2
 
 
 def test_untrained_policies_open_thrusters_as_often_as_asked() -> None:

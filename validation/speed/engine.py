@@ -41,6 +41,7 @@ def engine_rate(craft: Spacecraft, task: Task, num_envs: int, clock: Clock, band
         generated: see `Engine`.
     """
     engine = Engine(craft, task, num_envs, device=clock.device, compiled=compiled, generated=generated)
+    engine.stagger()  # as in training: in every step some episodes end
     action = _action(engine)
     step = graphed(lambda: engine.step(action).reward, torch.device(clock.device))
     seconds, warm_up = clock.time(step)

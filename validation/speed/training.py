@@ -17,7 +17,7 @@ from rans.spacecraft_file import load_spacecraft
 from rans.tasks import GoToPose, Task
 from validation.speed.measurement import Clock, Measurement, one_thread
 
-LARGE = PPOSettings(n_envs=16_384, n_steps=16, batch_size=65_536, layers=(128, 128))
+LARGE = PPOSettings(n_envs=65_536, n_steps=16, batch_size=262_144, layers=(128, 128), matmul="bf16")
 """What keeps a large GPU busy; the presets, which need fewer steps, do not."""
 
 
@@ -48,7 +48,7 @@ def trainer_rate(craft: Spacecraft, task: Task, settings: PPOSettings, clock: Cl
     rollout, layers = settings.n_envs * settings.n_steps, "x".join(map(str, settings.layers))
     name = f"PPO, {craft.name}, {settings.n_envs:,} x {settings.n_steps}"
     return Measurement("training", name, rollout / seconds / 1e6, "M steps/s", warm_up,
-                       f"environments x steps; network {layers}, {settings.n_epochs} epochs")
+                       f"environments x steps; {layers}, {settings.n_epochs} epochs, {settings.matmul}")
 
 
 def train_until_solved(settings: PPOSettings, device: str) -> Success:
