@@ -15,8 +15,9 @@ from torch import Tensor
 from rans.fast.batched_network import Network
 from rans.fast.graph import fused, graphed
 from rans.fast.members import MembersEngine
+from rans.fast.policy import set_precision
 from rans.fast.ppo import MIN_LEARNING_RATE, PPO
-from rans.fast.rollout import Batch, gae, in_view
+from rans.fast.rollout import Batch, gae, in_view, remember, slots
 
 
 class Coefficients(NamedTuple):
@@ -67,8 +68,7 @@ class BatchedPPO:
     def __init__(self, starts: Sequence[Start], device: torch.device) -> None:
         models = [start.model for start in starts]
         first, engines = models[0], [model.env.engine for model in models]  # type: ignore[union-attr]
-        if device.type == "cuda":
-            torch.set_float32_matmul_precision("highest" if first.matmul == "float32" else "high")
+        set_precision(first.matmul, device)
         self.members, self.each, self.device = len(models), engines[0].num_envs, device
         self.engine = MembersEngine(engines[0].craft, [engine.task for engine in engines], self.each,
                                     engines[0].timing, device=device, dtype=engines[0].dtype)
@@ -89,7 +89,7 @@ class BatchedPPO:
         device = self.device
         self._act, self._gae, self._losses = fused(act, device), fused(gae, device), fused(losses, device)
         self._descend, self._see = fused(_Adam.step, device), fused(Network.update_statistics, device)
-        self._show = fused(shown, device)
+        self._show, self._remember = fused(shown, device), fused(remember, device)
         self.collect = graphed(self._collect, device)
         self.update = graphed(self._update, device)
 
@@ -102,14 +102,10 @@ class BatchedPPO:
     def _collect(self) -> Tensor:
         """Let every member fly its environments; the rewards (T, K n)."""
         observation, memory = self.engine.observe(), self._rollout
-        for t in range(self.n_steps):
-            action, log_prob, value = self._act(self.network, observation, self._uniform())
-            step = self.engine.step(action)
-            memory.observation[t], memory.action[t] = observation, action
-            memory.log_prob[t], memory.value[t] = log_prob, value
-            memory.reward[t], memory.truncated[t] = step.reward, step.truncated
-            memory.ended[t] = step.truncated | step.terminated
-            memory.cut.copy_(torch.where(step.truncated[:, None], step.final_observation, memory.cut))
+        for slot in memory.slots:
+            acted = self._act(self.network, observation, self._uniform())
+            step = self.engine.step(acted[0])
+            self._remember(observation, acted, step, slot, memory.cut)
             observation = step.observation
         return memory.reward
 
@@ -176,6 +172,7 @@ class _Rollout:
         self.observation, self.action = new(steps, count, width), new(steps, count, thrusters)
         self.log_prob, self.value, self.reward = (new(steps, count) for _ in range(3))
         self.ended, self.truncated, self.cut = new(steps, count), new(steps, count), new(count, width)
+        self.slots = slots(self)
 
 
 class _Adam:

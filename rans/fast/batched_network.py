@@ -22,6 +22,7 @@ class Network:
     """
 
     def __init__(self, policies: Sequence[ActorCriticPolicy], device: torch.device) -> None:
+        # A copy: its tables must lie on the device, and the policy itself must not move.
         extractor = copy.deepcopy(policies[0].features_extractor).to(device)
         assert isinstance(extractor, NormalisedMlp)
         self.look, self._looks, self._precision = extractor.seen, extractor.looks, extractor.precision

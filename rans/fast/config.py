@@ -76,7 +76,6 @@ class PPOSettings:
             _require(0 < getattr(self, name) < math.inf, name, getattr(self, name), "finite and > 0")
         for name in ("ent_coef", "vf_coef", "zoom"):
             _require(0 <= getattr(self, name) < math.inf, name, getattr(self, name), "finite and >= 0")
-        _require(self.matmul in ("float32", "tf32", "bf16"), "matmul", self.matmul, "float32, tf32 or bf16")
         _require(0 < self.initial_duty < 1, "initial_duty", self.initial_duty, "between 0 and 1")
         _require(0 <= self.anneal <= 1, "anneal", self.anneal, "between 0 and 1")
         for name in ("gamma", "gae_lambda"):

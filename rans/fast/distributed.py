@@ -65,8 +65,9 @@ class World:
         """Random numbers in [0, 1) for (T, rows, ...) of this process's rows; all must draw as often."""
         if self.size == 1:
             return torch.rand_like(mine)
-        shape = (len(mine), self.size * mine.shape[1], *mine.shape[2:])
-        return torch.rand(shape, dtype=mine.dtype, device=mine.device)[:, self.rank::self.size]
+        shape = (self.size * mine.shape[1], *mine.shape[2:])
+        return torch.stack([self.mine(torch.rand(shape, dtype=mine.dtype, device=mine.device))
+                            for _ in range(len(mine))])
 
     def average(self, tensor: Tensor) -> Tensor:
         """Mean over the processes, which all must ask for."""

@@ -69,7 +69,7 @@ class Engine:
             runs the same source on NumPy, two to six times faster than uncompiled torch for 4,096 to
             128 spacecraft, and without a compiler.
         generated: whether on a GPU the step is the kernel of docs/decisions/007-generated-kernel.md, up to
-            five times as fast as torch.compile's, which stands in where it cannot be made.
+            twice as fast as torch.compile's, which stands in where it cannot be made.
         world: the processes among which the batch is divided; ``num_envs`` are this one's.
 
     Raises:

@@ -16,10 +16,12 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import Tensor, nn
 from torch.nn import functional
 
+from rans.errors import ConfigError
 from rans.fast.distributed import ALONE, World
 from rans.fast.symmetry import Symmetries
 from rans.fields import Field
 
+PRECISIONS = ("float32", "tf32", "bf16")
 ACTIVATIONS: dict[str, type[nn.Module]] = {"tanh": nn.Tanh, "elu": nn.ELU, "relu": nn.ReLU}
 
 
@@ -208,6 +210,18 @@ def network(layers: Sequence[int] = (64, 64), activation: str = "tanh", zoom: fl
     }
 
 
+def set_precision(matmul: str, device: torch.device) -> None:
+    """Let a GPU multiply matrices of float32 like this, see `rans.fast.config.PPOSettings`; process-wide.
+
+    Raises:
+        ConfigError: there is no such precision.
+    """
+    if matmul not in PRECISIONS:
+        raise ConfigError(f"matmul must be {', '.join(PRECISIONS[:-1])} or {PRECISIONS[-1]}, got {matmul!r}.")
+    if device.type == "cuda":
+        torch.set_float32_matmul_precision("highest" if matmul == "float32" else "high")
+
+
 @torch.no_grad()
 def expect_duty(policy: ActorCriticPolicy, duty: float) -> None:
     """Let an untrained policy open each thruster with this probability, not every other time."""
@@ -223,7 +237,10 @@ def evaluate(policy: ActorCriticPolicy, observations: Tensor) -> OnOff:
 
 
 def look(policy: ActorCriticPolicy, observations: Tensor) -> tuple[Tensor, Tensor | None]:
-    """What the policy is shown of observations (N, width), see `NormalisedMlp.seen`; no weight matters."""
+    """What the policy is shown of observations (N, width), see `NormalisedMlp.seen`.
+
+    That does not depend on its weights, so one look serves a whole update.
+    """
     extractor = policy.features_extractor
     return extractor.seen(observations) if isinstance(extractor, NormalisedMlp) else (observations, None)
 

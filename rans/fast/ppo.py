@@ -17,7 +17,7 @@ from rans.fast.distributed import World
 from rans.fast.engine import Engine
 from rans.fast.graph import fused, graphed
 from rans.fast.loss import Losses, ppo_loss
-from rans.fast.policy import NormalisedMlp, network
+from rans.fast.policy import NormalisedMlp, network, set_precision
 from rans.fast.rollout import Batch, Rollout, minibatches
 from rans.fast.sb3 import SB3VecEnv
 
@@ -51,7 +51,8 @@ class PPO(stable_baselines3.PPO):
         max_learning_rate: upper bound of the adapted step size.
         anneal: see `slow_down`, which `rans.fast.trainer.Trainer` calls and ``learn`` by itself does not.
         reward_scale: factor on every reward, so that values are of order one.
-        matmul: see `rans.fast.config.PPOSettings`; bf16 is for `policy_kwargs` to arrange.
+        matmul: see `rans.fast.config.PPOSettings`; with ``policy_kwargs`` of your own, bf16 needs
+            ``network(bf16=True)``.
         **settings: SB3's others, with its names and meanings.
 
     Raises:
@@ -73,7 +74,8 @@ class PPO(stable_baselines3.PPO):
             _check_sizes(_engine_of(env), n_steps, batch_size)
         super().__init__(policy, env, learning_rate,  # type: ignore[arg-type]
                          n_steps, batch_size or n_steps, n_epochs, gamma,
-                         max_grad_norm=max_grad_norm, policy_kwargs=policy_kwargs or network(),
+                         max_grad_norm=max_grad_norm,
+                         policy_kwargs=policy_kwargs or network(bf16=matmul == "bf16"),
                          _init_setup_model=False, **settings)
         if _init_setup_model:
             self._setup_model()
@@ -111,8 +113,7 @@ class PPO(stable_baselines3.PPO):
     def _prepare(self, engine: Engine) -> None:
         """Fixed memory and fixed functions of one training iteration."""
         _check_sizes(engine, self.n_steps, self.batch_size)
-        if self.device.type == "cuda":
-            torch.set_float32_matmul_precision("highest" if self.matmul == "float32" else "high")
+        set_precision(self.matmul, self.device)
         self.policy.to(engine.dtype)
         group = self.policy.optimizer.param_groups[0]
         group["lr"] = torch.tensor(float(group["lr"]), dtype=torch.float32, device=self.device)
@@ -222,7 +223,7 @@ class PPO(stable_baselines3.PPO):
         return [x.detach() for x in (*losses, norm)]
 
     def _step_down(self, loss: Tensor) -> Tensor:
-        """One step of the optimiser; the gradient's norm. All gradients are one vector on the way."""
+        """One step of the optimiser; the norm of the gradients, which processes exchange as one message."""
         weights = [p for p in self.policy.parameters() if p.requires_grad]
         found = torch.autograd.grad(loss, weights, allow_unused=True)
         used = [(weight, gradient) for weight, gradient in zip(weights, found, strict=True)

@@ -74,7 +74,8 @@ RECIPES: dict[str, Recipe] = {
     "track-velocity-3d": Recipe(
         "track-velocity", _FLYER, _VELOCITY, replace(_PLANE, symmetric=False, layers=_WIDE)),
     "track-twist-3d-shared": Recipe(
-        "track-twist", _FLYER_SHARED, _TWIST, replace(_STILL, layers=_WIDE), 6_000_000),
+        "track-twist", _FLYER_SHARED, {**_TWIST, "fine_weight": 0.8, "thrust_weight": 0.015},
+        replace(_STILL, layers=_WIDE), 6_000_000),
 }
 """By the agent's name."""
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from stable_baselines3.common.policies import ActorCriticPolicy
@@ -38,6 +38,12 @@ class Slot(NamedTuple):
     truncated: Tensor
 
 
+def slots(memory: Any) -> list[Slot]:
+    """Those of every step, of memory whose fields have the names of `Slot`'s."""
+    fields = [getattr(memory, name) for name in Slot._fields]
+    return [Slot(*step) for step in zip(*fields, strict=True)]
+
+
 class Rollout:
     """T steps of N environments, in memory that never moves (a CUDA graph writes into it).
 
@@ -52,9 +58,7 @@ class Rollout:
         self.observation, self.action = new(n_steps, count, width), new(n_steps, count, thrusters)
         self.log_prob, self.value, self.reward = (new(n_steps, count) for _ in range(3))
         self.ended, self.truncated = new(n_steps, count), new(n_steps, count)
-        self._slots = [Slot(*fields) for fields in zip(
-            self.observation, self.action, self.log_prob, self.value, self.reward, self.ended,
-            self.truncated, strict=True)]
+        self.slots = slots(self)
         self.cut = new(count, width)
         """Last observation of an episode that time cut off. An episode is no shorter than a rollout,
         so there is one a rollout at most."""
@@ -62,7 +66,7 @@ class Rollout:
         """Mean over the environments of each reward term, summed over the steps."""
         self.reached = new()
         """Number of episodes cut off by time within the task's tolerances."""
-        self._act, self._remember = fused(act, engine.device), fused(remember, engine.device)
+        self._act, self._remember = fused(act, engine.device), fused(remember_and_count, engine.device)
         self._show, self._advantage = fused(shown, engine.device), fused(gae, engine.device)
 
     @torch.no_grad()
@@ -70,7 +74,7 @@ class Rollout:
         """Let the policy's random actions fly every environment for T steps."""
         observation = engine.observe()
         totals = self.terms.zero_(), self.reached.zero_()
-        for uniform, slot in zip(engine.world.uniform_like(self.action), self._slots, strict=True):
+        for uniform, slot in zip(engine.world.uniform_like(self.action), self.slots, strict=True):
             acted = self._act(policy, observation, uniform)
             step = engine.step(acted[0])
             self._remember(observation, acted, step, slot, self.cut, *totals)
@@ -106,8 +110,16 @@ def act(policy: ActorCriticPolicy, observation: Tensor, uniform: Tensor) -> tupl
     return action, output.log_prob(action), output.value
 
 
-def remember(observation: Tensor, acted: tuple[Tensor, Tensor, Tensor], step: Step, slot: Slot, cut: Tensor,
-             terms: Tensor, reached: Tensor) -> None:
+def remember_and_count(observation: Tensor, acted: tuple[Tensor, Tensor, Tensor], step: Step, slot: Slot,
+                       cut: Tensor, terms: Tensor, reached: Tensor) -> None:
+    """As `remember`; ``terms`` and ``reached`` are those of `Rollout`, changed in place."""
+    remember(observation, acted, step, slot, cut)
+    terms += step.terms.mean(dim=1)
+    reached += (step.truncated & step.reached).sum()
+
+
+def remember(observation: Tensor, acted: tuple[Tensor, Tensor, Tensor], step: Step, slot: Slot,
+             cut: Tensor) -> None:
     """Write one step of all environments into the rollout's memory.
 
     Args:
@@ -115,16 +127,12 @@ def remember(observation: Tensor, acted: tuple[Tensor, Tensor, Tensor], step: St
         acted: what `act` said.
         step: what followed.
         slot: where to keep them.
-        cut: see `Rollout`, as are the others.
-        terms: to be added to.
-        reached: to be added to.
+        cut: that of `Rollout`, changed in place.
     """
     ended = step.truncated | step.terminated
     for place, value in zip(slot, (observation, *acted, step.reward, ended, step.truncated), strict=True):
         place.copy_(value)
     cut.copy_(torch.where(step.truncated[:, None], step.final_observation, cut))
-    terms += step.terms.mean(dim=1)
-    reached += (step.truncated & step.reached).sum()
 
 
 def shown(policy: ActorCriticPolicy, observation: Tensor, action: Tensor) -> tuple[Tensor, Tensor]:

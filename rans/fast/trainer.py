@@ -187,7 +187,7 @@ class Trainer:
         cuda = torch.cuda.get_rng_state() if self.config.device.startswith("cuda") else None
         return {
             "policy": self.model.policy.state_dict(),
-            "symmetric": self.config.ppo.symmetric,
+            "network": self._network(),
             "optimizer": self.model.policy.optimizer.state_dict(),
             "engine": self.engine.save_state(),
             "generator": torch.get_rng_state(),
@@ -196,6 +196,10 @@ class Trainer:
             "seconds": self.seconds,
             "solved_in_a_row": self._solved_in_a_row,
         }
+
+    def _network(self) -> str:
+        """What decides what the weights mean, and nothing that may change while training goes on."""
+        return ", ".join(f"{name} {getattr(self.config.ppo, name)}" for name in _ARCHITECTURE)
 
     def resume(self) -> None:
         """Continue from the run's checkpoint, bit-identically on a CPU; without one, from the start.
@@ -214,9 +218,9 @@ class Trainer:
 
     def _restore(self, saved: dict[str, Any]) -> None:
         try:
-            symmetric = saved.get("symmetric", False)
-            if symmetric != self.config.ppo.symmetric:  # weights of the same shapes that mean something else
-                raise ValueError(f"ppo.symmetric was {str(symmetric).lower()}")
+            # Weights of the same shapes may mean something else.
+            if (network := saved.get("network")) != self._network():
+                raise ValueError(f"its network was another one, {network or 'of an older version'}")
             self.model.restore(saved["policy"], saved["optimizer"], saved["steps"])
             self.engine.load_state(saved["engine"])
             torch.set_rng_state(saved["generator"].cpu())

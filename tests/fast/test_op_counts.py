@@ -16,10 +16,11 @@ import torch
 from torch.fx import GraphModule
 from torch.utils._python_dispatch import TorchDispatchMode
 
+from rans.fast.engine import Engine
 from rans.fast.loss import ppo_loss
 from rans.fast.ppo import PPO
-from rans.fast.rollout import act, gae, minibatches
-from tests.fast.engines import FLYER, PLATFORM
+from rans.fast.rollout import act, gae, minibatches, remember_and_count, shown
+from tests.fast.engines import FLYER, NEAR, PLATFORM, SHORT
 from tests.fast.training import sb3_twin, tiny_ppo
 
 SLACK = 1.1
@@ -56,11 +57,13 @@ def updates(craft: Any = PLATFORM, **settings: Any) -> int:
     return operations(trained(craft, **settings).update).total()
 
 
-@pytest.mark.parametrize(("craft", "counted"), [(PLATFORM, 52), (FLYER, 79)], ids=["plane", "space"])
-def test_a_step_of_a_rollout(craft: Any, counted: int) -> None:
+@pytest.mark.parametrize(("craft", "plain", "symmetric"), [(PLATFORM, 52, 89), (FLYER, 79, 296)],
+                         ids=["plane", "space"])
+def test_a_step_of_a_rollout(craft: Any, plain: int, symmetric: int) -> None:
     """Without the engine's own, which steps on NumPy here."""
-    model = trained(craft)
-    assert operations(model.collect).total() / model.n_steps <= SLACK * counted
+    for used, counted in ((False, plain), (True, symmetric)):
+        model = trained(craft, symmetric=used)
+        assert operations(model.collect).total() / model.n_steps <= SLACK * counted
 
 
 @pytest.mark.parametrize(("craft", "counted"), [(PLATFORM, 103), (FLYER, 103)], ids=["plane", "space"])
@@ -71,10 +74,16 @@ def test_a_minibatch(craft: Any, counted: int) -> None:
     assert (two - one) / 2 <= SLACK * counted
 
 
-def test_what_comes_once_an_update() -> None:
-    """Advantages, observation statistics and the step size; a further step adds three operations of `gae`."""
-    once = 2 * updates(n_epochs=1) - updates(n_epochs=2)
-    assert once <= SLACK * 136
+@pytest.mark.parametrize(("craft", "plain", "symmetric"), [(PLATFORM, 135, 212), (FLYER, 189, 626)],
+                         ids=["plane", "space"])
+def test_what_comes_once_an_update(craft: Any, plain: int, symmetric: int) -> None:
+    """Advantages, what the policy sees, its statistics and the step size."""
+    for used, counted in ((False, plain), (True, symmetric)):
+        once = 2 * updates(craft, n_epochs=1, symmetric=used) - updates(craft, n_epochs=2, symmetric=used)
+        assert once <= SLACK * counted
+
+
+def test_a_further_step_of_a_rollout_adds_three_operations_of_gae() -> None:
     assert updates(n_steps=16, batch_size=128) - updates(n_steps=8, batch_size=64) == 3 * 8
 
 
@@ -110,7 +119,7 @@ def test_stable_baselines3_needs_more_than_twice_as_many() -> None:
 
 def test_compiled_functions_are_one_graph_each() -> None:
     """What a GPU's compiler is given: no break, and no more nodes than they have."""
-    model, nodes = trained(), []
+    model, nodes = trained(symmetric=True), []
 
     def backend(graph: GraphModule, _: Any) -> Any:
         nodes.append(sum(node.op.startswith("call") for node in graph.graph.nodes))
@@ -119,12 +128,18 @@ def test_compiled_functions_are_one_graph_each() -> None:
     engine: Any = model.env.engine  # type: ignore[union-attr]
     rollout = model._rollout
     batch = rollout.batch(engine, model.policy, 0.98, 0.95, 0.1)
+    acted = act(model.policy, rollout.observation[0], torch.rand_like(rollout.action[0]))
+    step = Engine(PLATFORM, NEAR, engine.num_envs, SHORT).step(acted[0].detach())
+    kept = rollout.slots[0], rollout.cut, rollout.terms, rollout.reached
     calls: list[tuple[Callable[..., object], tuple[Any, ...]]] = [
         (ppo_loss, (model.policy, minibatches(batch, 2)[0], 0.2, 0.0, 0.5, True)),
         (act, (model.policy, rollout.observation[0], torch.rand_like(batch.action[0]))),
+        (remember_and_count, (rollout.observation[0], tuple(x.detach() for x in acted), step, *kept)),
+        (shown, (model.policy, rollout.observation.flatten(0, 1), rollout.action.flatten(0, 1))),
         (gae, (rollout.reward, rollout.value, rollout.ended, rollout.value[0], 0.98, 0.95)),
     ]
     for function, arguments in calls:
         torch.compile(function, fullgraph=True, dynamic=False, backend=backend)(*arguments)
     assert len(nodes) == len(calls)
-    assert all(count <= SLACK * counted for count, counted in zip(nodes, (79, 55, 51), strict=True)), nodes
+    most = (55, 107, 16, 78, 51)
+    assert all(count <= SLACK * counted for count, counted in zip(nodes, most, strict=True)), nodes

@@ -13,9 +13,10 @@ from stable_baselines3.common.policies import ActorCriticPolicy
 from torch import Tensor
 
 from rans.dynamics import PlanarState, SpatialState
+from rans.errors import ConfigError
 from rans.fast.config import PPOSettings
 from rans.fast.engine import Engine
-from rans.fast.policy import BodyFrame, NormalisedMlp, OnOff, evaluate, expect_duty
+from rans.fast.policy import BodyFrame, NormalisedMlp, OnOff, evaluate, expect_duty, set_precision
 from rans.fast.trainer import make_ppo
 from rans.fields import Heading, Quat, Vec2, Vec3
 from rans.spaces import action_space, observation_space
@@ -188,13 +189,19 @@ def test_second_look_is_steep_at_zero_and_flat_far_away() -> None:
 def outputs_of(matmul: Literal["tf32", "bf16"], device: str) -> Tensor:
     """Values of a trainer's network with the same weights and observations."""
     settings = PPOSettings(n_envs=64, batch_size=2048, layers=(32, 32), matmul=matmul)
-    model = make_ppo(Engine(PLATFORM, GoToPose(), 64, device=device), settings, seed=0)
+    policy: Any = make_ppo(Engine(PLATFORM, GoToPose(), 64, device=device), settings, seed=0).policy
+    assert policy.features_extractor.bf16 == (matmul == "bf16")
     with torch.no_grad():
-        return evaluate(model.policy, seen(PLATFORM, 64).float().to(device)).value
+        return evaluate(policy, seen(PLATFORM, 64).float().to(device)).value
 
 
 def test_a_cpu_knows_no_bf16() -> None:
     assert torch.equal(outputs_of("bf16", "cpu"), outputs_of("tf32", "cpu"))
+
+
+def test_only_known_precisions() -> None:
+    with pytest.raises(ConfigError, match="matmul must be float32, tf32 or bf16, got 'fp8'"):
+        set_precision("fp8", torch.device("cpu"))
 
 
 @pytest.mark.gpu

@@ -9,6 +9,7 @@ from stable_baselines3.common.callbacks import ConvertCallback
 from torch import Tensor
 
 from rans.fast.engine import Engine
+from rans.fast.policy import evaluate_seen
 from rans.fast.ppo import PPO
 from rans.fast.rollout import Batch, Rollout, gae, minibatches
 from tests.fast.engines import PLATFORM, both_crafts
@@ -131,6 +132,21 @@ def test_what_a_rollout_remembers() -> None:
     torch.testing.assert_close(rollout.terms, terms, rtol=0, atol=0)
     assert rollout.reached == reached > 0
     torch.testing.assert_close(batch.target, batch.advantage + rollout.value)
+
+
+@both_crafts
+def test_an_unchanged_policy_finds_its_own_probabilities(craft: Any) -> None:
+    """Whatever side it saw the state from: those of the actions flown, and of their thrusters in the view."""
+    model = tiny_ppo(craft, symmetric=True, dtype=torch.float64)
+    scatter(model.policy)
+    model.collect()
+    batch = model._rollout.batch(model.env.engine, model.policy, 0.98, 0.95, 0.1)  # type: ignore[union-attr]
+    with torch.no_grad():
+        output = evaluate_seen(model.policy, batch.seen.flatten(0, 1))
+    log_prob = output.log_prob(batch.action.flatten(0, 1))
+    # Sums of float64 in another order.
+    torch.testing.assert_close(log_prob, batch.log_prob.flatten(), rtol=0, atol=1e-10)
+    assert not torch.equal(batch.action, model._rollout.action)
 
 
 @pytest.mark.parametrize("count", [1, 2, 4])

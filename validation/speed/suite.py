@@ -54,7 +54,7 @@ def measurements(crafts: Sequence[Spacecraft], task_name: str, task: Task, sizes
         for num_envs in sizes:
             yield engine_rate(craft, task, num_envs, clock, bandwidth.value, spend.compiled)
             if clock.on_gpu:
-                yield engine_rate(craft, task, num_envs, clock, bandwidth.value, generated=True)
+                yield engine_rate(craft, task, num_envs, clock, bandwidth.value, generated=False)
         yield memory_per_environment(craft, task, max(sizes), clock)
     for craft in crafts:
         yield trainer_rate(craft, task, preset(task_name, craft.dimension, clock.device), clock)

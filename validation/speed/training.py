@@ -46,9 +46,10 @@ def trainer_rate(craft: Spacecraft, task: Task, settings: PPOSettings, clock: Cl
 
         seconds, warm_up = clock.time(iteration)
     rollout, layers = settings.n_envs * settings.n_steps, "x".join(map(str, settings.layers))
+    matmul = settings.matmul if clock.on_gpu else "float32"
     name = f"PPO, {craft.name}, {settings.n_envs:,} x {settings.n_steps}"
     return Measurement("training", name, rollout / seconds / 1e6, "M steps/s", warm_up,
-                       f"environments x steps; {layers}, {settings.n_epochs} epochs, {settings.matmul}")
+                       f"environments x steps; {layers}, {settings.n_epochs} epochs, {matmul}")
 
 
 def train_until_solved(settings: PPOSettings, device: str) -> Success:

@@ -1,4 +1,4 @@
-"""One step of an engine as a straight-line program, and a second one for the episodes that end in it."""
+"""One step of an engine as a straight-line program, and what else is stored where an episode ends."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Store:
     """A number for each spacecraft that a step leaves behind."""
 
     array: Literal["memory", "reals", "flags", "final"]
-    """"final": of final observations, each row of which lies together in memory, as only few are written."""
+    """"final": final observations, stored row by row, because few spacecraft write theirs."""
     row: int
     value: Symbol
 

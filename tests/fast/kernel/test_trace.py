@@ -108,7 +108,7 @@ def count(program: Program) -> tuple[int, int]:
 
 
 def moved(program: Program, action_bytes: int) -> int:
-    """Bytes a step reads and writes where no episode ends, in float32."""
+    """Bytes a step must read and write where no episode ends, in float32."""
     size = {"real": 4, "int": 4, "signed char": 1}
     used = set(ordered([program.ended, *(store.value for store in program.going())]))
     read = sum(size[given.type] for given in program.memory if given.symbol in used)
@@ -136,7 +136,7 @@ def test_no_program_grows_unseen(craft: Spacecraft, single: tuple[int, int], mul
 
 
 @both_crafts
-def test_only_ends_draw_random_numbers(craft: Spacecraft) -> None:
+def test_what_goes_on_needs_no_random_numbers(craft: Spacecraft) -> None:
     program = traced(craft, GoToPose())
     going = set(ordered([program.ended, *(store.value for store in program.going())]))
     assert not {s.value for s in going if s.operation == "input"} & {"low", "high", "stride"}
