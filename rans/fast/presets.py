@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from rans.fast.config import PPOSettings
 from rans.tasks import TASKS
 
@@ -11,8 +13,12 @@ _GPU = PPOSettings(n_envs=512, batch_size=8192, layers=(128, 128))
 _GPU_SPACE = PPOSettings(n_envs=2048, n_steps=32, batch_size=16_384, layers=(256, 256))
 _BY_BODY = {(2, "cpu"): _CPU, (3, "cpu"): _CPU_SPACE, (2, "cuda"): _GPU, (3, "cuda"): _GPU_SPACE}
 
+_PLAIN = ("track-velocity", "track-twist", "multi-task")
+"""Tasks to which one side for all does harm (decision 009)."""
+
 PRESETS: dict[tuple[str, int, str], PPOSettings] = {
-    (task, *body): settings for task in TASKS for body, settings in _BY_BODY.items()
+    (task, *body): replace(settings, symmetric=task not in _PLAIN)
+    for task in TASKS for body, settings in _BY_BODY.items()
 }
 """By task, dimension and kind of device."""
 
