@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, Literal, get_args, get_origin
 
 import cattrs
 
@@ -181,7 +181,7 @@ def _strict(value: Any, kind: type) -> Any:
     return value
 
 
-def _say(error: BaseException, _: type | None) -> str:
+def _say(error: BaseException, kind: Any) -> str:
     if isinstance(error, RansError):
         return str(error).rstrip(".")
     if isinstance(error, cattrs.ForbiddenExtraKeysError):
@@ -190,4 +190,7 @@ def _say(error: BaseException, _: type | None) -> str:
         return f"the key {error} is missing"
     if isinstance(error, TypeError):
         return "expected a table or a list of values, such as [0.5, 4.5]"
+    if get_origin(kind) is Literal:
+        given, _, _ = str(error).partition(" not in ")  # "gelu not in literal ..."
+        return f"expected {' or '.join(map(repr, get_args(kind)))}, got {given!r}"
     return str(error)

@@ -219,8 +219,8 @@ class Trainer:
     def _restore(self, saved: dict[str, Any]) -> None:
         try:
             # Weights of the same shapes may mean something else.
-            if (network := saved.get("network")) != self._network():
-                raise ValueError(f"its network was another one, {network or 'of an older version'}")
+            if (network := saved.get("network", "not noted by older versions")) != self._network():
+                raise ValueError(f"its network is another one ({network})")
             self.model.restore(saved["policy"], saved["optimizer"], saved["steps"])
             self.engine.load_state(saved["engine"])
             torch.set_rng_state(saved["generator"].cpu())

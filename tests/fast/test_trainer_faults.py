@@ -69,9 +69,9 @@ def test_a_full_disk(tmp_path: Path, failing: str, monkeypatch: pytest.MonkeyPat
 def test_a_checkpoint_of_another_config(tmp_path: Path) -> None:
     tiny_trainer(tmp_path / "run").train(ignore, after(1))
     table = json.loads((tmp_path / "run" / "config.json").read_text())
-    for key, value, message in (("layers", [8, 8], r"its network was another one, layers \(16, 16\)"),
+    for key, value, message in (("layers", [8, 8], r"its network is another one \(layers \(16, 16\)"),
                                 ("n_envs", 32, "saved state is not one of 32"),
-                                ("symmetric", False, "its network was another one, .* symmetric True")):
+                                ("symmetric", False, "its network is another one .*symmetric True")):
         changed = table | {"ppo": table["ppo"] | {key: value}}
         (tmp_path / "run" / "config.json").write_text(json.dumps(changed))
         with pytest.raises(ConfigError, match=message) as caught:
