@@ -1,18 +1,22 @@
-"""Plain Stable-Baselines3 PPO on our environment, with the task, network and settings of our own trainer."""
+"""Plain Stable-Baselines3 PPO on our environment, with the task, layers and settings of our own trainer.
+
+Its policy is its own, a distribution object a thruster, and knows nothing of the spacecraft's symmetry.
+"""
 
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from typing import Any
 
 import torch
 from stable_baselines3 import PPO
+from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.vec_env import VecEnvWrapper
 from stopwatch import options, say, steps_per_second
 
 from rans.fast.config import PPOSettings
 from rans.fast.engine import Engine
-from rans.fast.policy import OnOffPolicy
 from rans.fast.presets import preset
 from rans.fast.sb3 import SB3VecEnv
 from rans.fast.selection import Selection
@@ -47,7 +51,7 @@ def main() -> None:
     """Measure and print."""
     given = options()
     torch.set_num_threads(1)  # as our trainer does
-    settings = preset("go-to-pose", _CRAFT.dimension, given.device)
+    settings = replace(preset("go-to-pose", _CRAFT.dimension, given.device), symmetric=False)
     rollout = settings.n_envs * settings.n_steps
     model = _model(settings, given.device)
     rate = steps_per_second(lambda: model.learn(rollout, reset_num_timesteps=False), rollout, given.seconds)
@@ -61,7 +65,7 @@ def _model(settings: PPOSettings, device: str) -> PPO:
     env = _Scaled(SB3VecEnv(Engine(_CRAFT, _TASK, settings.n_envs, device=device)), settings.reward_scale)
     names = ("n_steps", "batch_size", "n_epochs", "learning_rate", "gamma", "gae_lambda", "clip_range",
              "ent_coef", "vf_coef", "max_grad_norm")
-    return PPO(OnOffPolicy, env, policy_kwargs=architecture(_CRAFT, settings), seed=0, device=device,
+    return PPO(ActorCriticPolicy, env, policy_kwargs=architecture(_CRAFT, settings), seed=0, device=device,
                **{name: getattr(settings, name) for name in names})
 
 
