@@ -18,7 +18,7 @@ import torch
 import tyro
 from rich.console import Console
 
-from rans.fast.config import PPOSettings
+from rans.fast.config import PPOSettings, Precision
 from rans.fast.distributed import World, join
 from rans.fast.engine import Engine
 from rans.fast.trainer import make_ppo
@@ -42,8 +42,8 @@ class Scaling:
     """Control periods between updates of 4 epochs with 4 minibatches."""
     layers: tuple[int, ...] = (128, 128)
     """Units of the network's hidden layers."""
-    matmul: Literal["float32", "tf32", "bf16"] = "tf32"
-    """See `rans.fast.config.PPOSettings`."""
+    matmul: Precision = "tf32"
+    """Of the network's products."""
     iterations: int = 30
     """Of rollout and update in each of 5 repeats, of which the median counts."""
     device: Literal["cuda", "cpu"] = "cuda"

@@ -14,6 +14,9 @@ from rans.fast.curriculum import Numbers, Ramp, check_ramps
 from rans.tasks import Task, task_class
 from rans.timing import Timing
 
+Precision = Literal["float32", "tf32", "bf16"]
+"""Of a GPU's matrix products: 24, 11 or, in hidden layers, 8 significant bits (docs/speed.md)."""
+
 
 @dataclass(frozen=True)
 class PPOSettings:
@@ -63,8 +66,8 @@ class PPOSettings:
     zoom: float = 0.0
     """Magnification of a second look at everything observed, for agents that hold millimetres (decision
     008). 0: none, which learns the rough way to go sooner."""
-    matmul: Literal["float32", "tf32", "bf16"] = "tf32"
-    """How a GPU multiplies matrices: with 24, 11 or, in hidden layers, 8 significant bits (docs/speed.md)."""
+    matmul: Precision = "tf32"
+    """How a GPU multiplies matrices; a CPU always does in float32."""
     initial_duty: float = 0.5
     """Probability that a thruster is open before anything is learnt. Agents that should rest with all
     valves shut find out about it sooner from a low one."""

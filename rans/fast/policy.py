@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, get_args
 
 import gymnasium
 import torch
@@ -17,11 +17,11 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from rans.errors import ConfigError
+from rans.fast.config import Precision
 from rans.fast.distributed import ALONE, World
 from rans.fast.symmetry import Symmetries
 from rans.fields import Field
 
-PRECISIONS = ("float32", "tf32", "bf16")
 ACTIVATIONS: dict[str, type[nn.Module]] = {"tanh": nn.Tanh, "elu": nn.ELU, "relu": nn.ReLU}
 
 
@@ -211,13 +211,13 @@ def network(layers: Sequence[int] = (64, 64), activation: str = "tanh", zoom: fl
 
 
 def set_precision(matmul: str, device: torch.device) -> None:
-    """Let a GPU multiply matrices of float32 like this, see `rans.fast.config.PPOSettings`; process-wide.
+    """Let a GPU multiply matrices of float32 like this, see `rans.fast.config.Precision`; process-wide.
 
     Raises:
         ConfigError: there is no such precision.
     """
-    if matmul not in PRECISIONS:
-        raise ConfigError(f"matmul must be {', '.join(PRECISIONS[:-1])} or {PRECISIONS[-1]}, got {matmul!r}.")
+    if matmul not in get_args(Precision):
+        raise ConfigError(f"matmul must be one of {', '.join(get_args(Precision))}, got {matmul!r}.")
     if device.type == "cuda":
         torch.set_float32_matmul_precision("highest" if matmul == "float32" else "high")
 

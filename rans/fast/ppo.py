@@ -51,7 +51,7 @@ class PPO(stable_baselines3.PPO):
         max_learning_rate: upper bound of the adapted step size.
         anneal: see `slow_down`, which `rans.fast.trainer.Trainer` calls and ``learn`` by itself does not.
         reward_scale: factor on every reward, so that values are of order one.
-        matmul: see `rans.fast.config.PPOSettings`; with ``policy_kwargs`` of your own, bf16 needs
+        matmul: see `rans.fast.config.Precision`; with ``policy_kwargs`` of your own, bf16 needs
             ``network(bf16=True)``.
         **settings: SB3's others, with its names and meanings.
 

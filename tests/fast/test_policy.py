@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ from torch import Tensor
 
 from rans.dynamics import PlanarState, SpatialState
 from rans.errors import ConfigError
-from rans.fast.config import PPOSettings
+from rans.fast.config import PPOSettings, Precision
 from rans.fast.engine import Engine
 from rans.fast.policy import BodyFrame, NormalisedMlp, OnOff, evaluate, expect_duty, set_precision
 from rans.fast.trainer import make_ppo
@@ -186,7 +186,7 @@ def test_second_look_is_steep_at_zero_and_flat_far_away() -> None:
                                rtol=0, atol=3e-6)
 
 
-def outputs_of(matmul: Literal["tf32", "bf16"], device: str) -> Tensor:
+def outputs_of(matmul: Precision, device: str) -> Tensor:
     """Values of a trainer's network with the same weights and observations."""
     settings = PPOSettings(n_envs=64, batch_size=2048, layers=(32, 32), matmul=matmul)
     policy: Any = make_ppo(Engine(PLATFORM, GoToPose(), 64, device=device), settings, seed=0).policy
@@ -200,7 +200,7 @@ def test_a_cpu_knows_no_bf16() -> None:
 
 
 def test_only_known_precisions() -> None:
-    with pytest.raises(ConfigError, match="matmul must be float32, tf32 or bf16, got 'fp8'"):
+    with pytest.raises(ConfigError, match="matmul must be one of float32, tf32, bf16, got 'fp8'"):
         set_precision("fp8", torch.device("cpu"))
 
 
