@@ -48,14 +48,17 @@ RECIPES: dict[str, Recipe] = {
         "go-to-pose", _PLATFORM, {**_HOLD, "rest_attitude": 0.035}, _SHARP, 8_000_000),
     "go-to-pose-2d-thrifty": Recipe(
         "go-to-pose", _PLATFORM,
-        {"fine_weight": 2.5, "fine_position_scale": 0.015, "fine_attitude_scale": 0.015,
-         "rest_position": 0.04, "rest_attitude": 0.07, "thrust_weight": 10.8},
-        replace(_STILL, gamma=0.995, reward_scale=0.03), 81_250_000,
-        (Ramp("thrust_weight", 0.1, 56_812_500, shape="geometric"),)),
+        {"spawn_distance": (2.0, 4.3), "fine_weight": 2.5, "fine_position_scale": 0.015,
+         "fine_attitude_scale": 0.015, "misaligned_weight": 20.0, "rest_position": 0.04,
+         "rest_attitude": 0.07, "thrust_weight": 9.0, "spin_weight": 3.0},
+        replace(_STILL, gamma=0.995, reward_scale=0.03), 75_000_000,
+        tuple(Ramp(price, start, 52_500_000, shape="geometric") for price, start in
+              (("thrust_weight", 0.1), ("spin_weight", 0.1), ("misaligned_weight", 0.3)))),
     "go-to-pose-2d-shared": Recipe(
         "go-to-pose", _SHARED,
         {"fine_weight": 1.0, "fine_position_scale": 0.006, "fine_attitude_scale": 0.006,
-         "rest_position": 0.007, "rest_attitude": 0.01, "thrust_weight": 0.2}, _STILL, 40_000_000,
+         "rest_position": 0.007, "rest_attitude": 0.01, "thrust_weight": 0.175, "spin_weight": 0.08},
+        _STILL, 40_000_000,
         (Ramp("fine_weight", 0.3, 25_000_000, 2_500_000, "geometric"),)),
     "go-to-position-2d-shared": Recipe(
         "go-to-position", _SHARED, {**_HOLD, "rest_spin": 0.03, "thrust_weight": 0.15}, _STILL, 25_000_000,

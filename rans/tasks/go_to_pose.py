@@ -44,6 +44,9 @@ class GoToPose(SingleTask):
     """Error at which the narrow position reward has fallen to 1/e, m."""
     fine_attitude_scale: float = 0.02
     """Error at which the narrow attitude reward has fallen to 1/e, rad."""
+    misaligned_weight: float = 0.0
+    """Weight of what is lost at the goal's place in a wrong attitude, by the narrow measures: for agents
+    that should correct their place without turning away, however little they would save by it."""
     rest_position: float = 0.0
     """Distance below which no reward is left to gain by firing, m."""
     rest_attitude: float = 0.0
@@ -118,6 +121,8 @@ class GoToPose(SingleTask):
             **({"fine position": near(self.fine_position_scale) * self.fine_weight,
                 "fine attitude": aligned(self.fine_attitude_scale) * self.fine_weight}
                if is_used(self.fine_weight) else {}),
+            **({"misaligned": near(self.fine_position_scale) * (aligned(self.fine_attitude_scale) - 1.0)
+                * self.misaligned_weight} if is_used(self.misaligned_weight) else {}),
             **self.prices(state, command, previous),
         }
 

@@ -68,6 +68,20 @@ def test_reward() -> None:
     assert [terms["position"], terms["attitude"]] == pytest.approx([0.3678794] * 2, abs=1e-7)
 
 
+def test_a_wrong_attitude_costs_at_the_goals_place_only() -> None:
+    """Weight 8: at the place, ln 2 scales off in attitude, 8 (1 - 1/2) = 4; ln 2 scales off the place too, 2."""
+    task = GoToPose(misaligned_weight=8.0, fine_position_scale=0.1, fine_attitude_scale=0.2)
+    cost = lambda x, angle: task.reward(  # noqa: E731
+        PlanarState(Vec2(x, 0.0), Heading(angle), Vec2(0.0, 0.0), 0.0),
+        PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0), (0.0,), (0.0,))["misaligned"]
+    half = math.log(2.0)
+    assert cost(0.0, 0.2 * half) == pytest.approx(-4.0)
+    assert cost(0.1 * half, -0.2 * half) == pytest.approx(-2.0)
+    assert cost(0.1 * half, 0.0) == 0.0
+    assert cost(5.0, math.pi) == pytest.approx(0.0, abs=1e-15)
+    assert "misaligned" not in GoToPose().reward(PLANAR, PLANAR_GOAL, (1.0,), (0.0,))
+
+
 @pytest.mark.parametrize(("distance", "angle", "expected"), [
     (0.049, 4.9, True), (0.051, 0.0, False), (0.0, 5.1, False), (0.0, -5.1, False), (0.0, 355.1, True),
 ])
