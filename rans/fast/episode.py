@@ -98,9 +98,8 @@ class Simulation:
         terminated = task.failed(state, goal)
         truncated = (steps >= self.timing.episode_steps) & ~terminated
         ended = terminated | truncated
-        number = where(ended, episodes.number + stride, episodes.number)
-        arrived = Episodes(state, goal, steps, number, command if episodes.previous else ())
-        after = self._restart(ended, arrived, seed)
+        arrived = Episodes(state, goal, steps, episodes.number, command if episodes.previous else ())
+        after = self._restart(ended, arrived, seed, episodes.number + stride)
         return after, Outcome(
             observation=observation(task, after.state, after.goal),
             final_observation=observation(task, state, goal),
@@ -111,14 +110,15 @@ class Simulation:
             reached=task.reached(state, goal),
         )
 
-    def _restart(self, ended: Field, arrived: Episodes, seed: tuple[Field, Field]) -> Episodes:
-        start, goal = self.begin(seed, arrived.number)
+    def _restart(self, ended: Field, arrived: Episodes, seed: tuple[Field, Field], number: Field) -> Episodes:
+        """Where an episode ended, the one of this number."""
+        start, goal = self.begin(seed, number)
         choose = lambda new, old: old if new is old else where(ended, new, old)  # noqa: E731
         return Episodes(
             state=map_leaves(choose, start, arrived.state),
             goal=map_leaves(lambda new, old: old if isinstance(old, float) else choose(new, old),
                             goal, arrived.goal),
             steps=where(ended, arrived.steps * 0, arrived.steps),
-            number=arrived.number,
+            number=where(ended, number, arrived.number),
             previous=tuple(where(ended, valve * 0, valve) for valve in arrived.previous),
         )
