@@ -69,7 +69,7 @@ def test_reward() -> None:
 
 
 def test_a_wrong_attitude_costs_at_the_goals_place_only() -> None:
-    """Weight 8: at the place, ln 2 scales off in attitude, 8 (1 - 1/2) = 4; ln 2 scales off the place too, 2."""
+    """Weight 8; ln 2 scales off in attitude, 8 (1 - 1/2) = 4; ln 2 scales off the place too, half of it."""
     task = GoToPose(misaligned_weight=8.0, fine_position_scale=0.1, fine_attitude_scale=0.2)
     cost = lambda x, angle: task.reward(  # noqa: E731
         PlanarState(Vec2(x, 0.0), Heading(angle), Vec2(0.0, 0.0), 0.0),
