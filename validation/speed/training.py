@@ -52,12 +52,14 @@ def trainer_rate(craft: Spacecraft, task: Task, settings: PPOSettings, clock: Cl
                        f"environments x steps; {layers}, {settings.n_epochs} epochs, {matmul}")
 
 
-def train_until_solved(settings: PPOSettings, device: str) -> Success:
-    """One training of 3DoF go-to-pose as ``rans train`` does it, seed 0."""
+def train_until_solved(settings: PPOSettings, device: str, spacecraft: str = "floating-platform",
+                       seed: int = 0, report_interval: int = TrainConfig.report_interval) -> Success:
+    """One training of go-to-pose as ``rans train`` does it."""
     with tempfile.TemporaryDirectory() as folder, one_thread():
-        config = TrainConfig("go-to-pose", GoToPose(), "floating-platform", settings, device=device)
+        config = TrainConfig("go-to-pose", GoToPose(), spacecraft, settings, seed=seed, device=device,
+                             report_interval=report_interval)
         run = RunFolder(Path(folder) / "run")
         run.begin(config, "rans benchmark")
-        trainer = Trainer(config, load_spacecraft(config.spacecraft), run)
+        trainer = Trainer(config, load_spacecraft(spacecraft), run)
         trainer.train(lambda _: None)
     return Success(trainer.solved, trainer.seconds, trainer.warm_up, trainer.model.num_timesteps)

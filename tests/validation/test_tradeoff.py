@@ -1,0 +1,45 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import validation.speed.tradeoff as tradeoff
+from rans.fast.config import TrainConfig
+from rans.fast.presets import preset
+from validation.speed.tradeoff import Tradeoff, Trained, tradeoff_figure
+from validation.speed.training import Success
+
+
+def test_only_the_number_of_environments_differs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """And with it minibatches and iterations between reports, so that both hold as many steps as before."""
+    asked: list[tuple[Any, ...]] = []
+
+    def stand_in(*arguments: Any) -> Success:
+        asked.append(arguments)
+        return Success(True, 2.0, 0.0, 3_000_000)
+
+    monkeypatch.setattr(tradeoff, "train_until_solved", stand_in)
+    Tradeoff(num_envs=(64, 256), seeds=2, output=tmp_path / "x.json").run()
+    usual = preset("go-to-pose", 2, "cpu")
+    rollout = usual.n_envs * usual.n_steps
+    assert [(a[0].n_envs, a[3]) for a in asked] == [(64, 0), (64, 1), (256, 0), (256, 1)]
+    for settings, device, spacecraft, _, interval in asked:
+        assert (device, spacecraft) == ("cpu", "floating-platform")
+        assert settings.n_envs * settings.n_steps == 4 * settings.batch_size
+        assert interval * settings.n_envs * settings.n_steps == TrainConfig.report_interval * rollout
+    rows = json.loads((tmp_path / "x.json").read_text())["trainings"]
+    assert rows[2] == {"num_envs": 256, "seed": 0, "solved": True, "seconds": 2.0, "warm_up": 0.0,
+                       "steps": 3_000_000}
+    assert (tmp_path / "x.svg").read_text().startswith("<?xml")
+
+
+def test_the_figure_joins_medians_and_shows_what_was_not_solved() -> None:
+    ends = {32: (5.0, 9.0, 7.0), 128: (3.0, 4.0, 8.0)}
+    figure = tradeoff_figure("", [Trained(count, seed, Success(seconds < 9.0, seconds, 0.0, 10**6))
+                                  for count, found in ends.items() for seed, seconds in enumerate(found)])
+    line, *marks = figure.axes[0].lines
+    assert [(x, y) for x, y in line.get_xydata()] == [(32, 7.0), (128, 4.0)]  # type: ignore[union-attr]
+    assert [mark.get_fillstyle() for mark in marks].count("none") == 1
