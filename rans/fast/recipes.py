@@ -66,6 +66,10 @@ RECIPES: dict[str, Recipe] = {
     "track-velocity-2d": Recipe("track-velocity", _PLATFORM, _VELOCITY, replace(_PLANE, symmetric=False)),
     "track-twist-2d-shared": Recipe("track-twist", _SHARED, _TWIST, _STILL, 10_000_000,
                                     (Ramp("thrust_weight", 0.01, 5_000_000, 1_250_000, "geometric"),)),
+    "track-velocity-heading-2d": Recipe(
+        "track-velocity-heading", _PLATFORM, {"fine_scale": 0.02}, _PLANE, 12_000_000),
+    "multi-task-2d": Recipe("multi-task", _PLATFORM, {}, replace(_PLANE, symmetric=False, layers=_WIDE),
+                            24_000_000),
     "go-to-pose-3d": Recipe(
         "go-to-pose", _FLYER, {"fine_weight": 1.5, "rest_position": 0.01, "rest_attitude": 0.02,
                                "thrust_weight": 0.04}, replace(_SHARP, layers=_WIDE), 20_000_000),
@@ -79,6 +83,10 @@ RECIPES: dict[str, Recipe] = {
     "track-twist-3d-shared": Recipe(
         "track-twist", _FLYER_SHARED, {**_TWIST, "fine_weight": 0.8, "thrust_weight": 0.015},
         replace(_STILL, layers=_WIDE), 6_000_000),
+    "track-velocity-heading-3d": Recipe(
+        "track-velocity-heading", _FLYER, {"fine_scale": 0.02}, replace(_PLANE, layers=_WIDE), 8_000_000),
+    "multi-task-3d": Recipe("multi-task", _FLYER, {}, replace(_PLANE, symmetric=False, layers=_WIDE),
+                            16_000_000),
 }
 """By the agent's name."""
 

@@ -10,6 +10,7 @@ import heapq
 import itertools
 import math
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -99,25 +100,26 @@ def least_fuel(lattice: Lattice, start: PlanarState, goal: PlanarState, steps: i
         effort: when to stop.
 
     Raises:
-        ConfigError: see `Relaxation`.
+        ConfigError: see `Relaxation`; or no on/off controller can be in the goal set at that time.
     """
     _check_steps(steps)
     began, cap = time.monotonic(), 8.0 * _grain(lattice)
     relaxation, root = _root(lattice, start, goal, goal_set, steps, cap)
-    lower = level = lattice.next_fuel(root.best.value, relaxation.net)
+    lower = first = lattice.next_fuel(root.best.value, relaxation.net)
     nodes, open_levels, outcome = 0, 0, _Outcome()
-    while open_levels < effort.levels and math.isfinite(level):
+    for level in _levels(lattice, relaxation.net, first, _everything(lattice, steps)):
         if level > (relaxation.cap or 0.0):
             relaxation, root = _root(lattice, start, goal, goal_set, steps, level)
         outcome = _decide(relaxation, root, level, effort)
         nodes += outcome.nodes
-        if outcome.commands is not None:
-            break
         open_levels += not outcome.excluded
+        if outcome.commands is not None or open_levels == effort.levels:
+            break
         if open_levels == 0:
             lower = lattice.fuel_above(level, relaxation.net)
-        level = lattice.next_fuel(level + 0.5 * _grain(lattice), relaxation.net)
     found = outcome.commands
+    if open_levels == 0:
+        raise _unreachable(lattice, steps)
     upper = math.inf if found is None else fuel(lattice.craft, found, lattice.period)
     return Certificate(lower, upper, found, root.best.value, nodes, time.monotonic() - began)
 
@@ -176,16 +178,34 @@ def _grain(lattice: Lattice) -> float:
 def _root(lattice: Lattice, start: PlanarState, goal: PlanarState, goal_set: GoalSet, steps: int,
           cap: float) -> tuple[Relaxation, Ascent]:
     """The relaxation with a cap on fuel that its own bound does not exclude."""
-    everything = steps * lattice.period * sum(thruster.force for thruster in lattice.craft.thrusters)
+    everything = _everything(lattice, steps)
     while True:
         relaxation = Relaxation(lattice, start, goal, goal_set, steps, min(cap, everything))
         root = _ascent_from_straight(relaxation, cap)
         if root.best.value <= cap:
             return relaxation, root
         if cap >= everything:
-            raise ConfigError(f"no on/off controller can reach the goal set in {steps} control periods "
-                              f"of {lattice.period:g} s; the usual cause is too short a time.")
+            raise _unreachable(lattice, steps)
         cap *= 1.5
+
+
+def _levels(lattice: Lattice, net: set[int], level: float, most: float) -> Iterator[float]:
+    """Fuels to decide about, from this one on; the last is all there is, N s."""
+    while level < most:
+        yield level
+        level = lattice.next_fuel(level + 0.5 * _grain(lattice), net)
+    yield most
+
+
+def _everything(lattice: Lattice, steps: int) -> float:
+    """Fuel of all thrusters open all the time, and a rounding error of it, N s."""
+    forces = sum(thruster.force for thruster in lattice.craft.thrusters)
+    return steps * lattice.period * forces * (1.0 + 1e-12)
+
+
+def _unreachable(lattice: Lattice, steps: int) -> ConfigError:
+    return ConfigError(f"no on/off controller can reach the goal set in {steps} control periods of "
+                       f"{lattice.period:g} s; the usual cause is too short a time.")
 
 
 def _ascent_from_straight(relaxation: Relaxation, target: float) -> Ascent:

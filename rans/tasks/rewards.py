@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from rans.fields import Field, absolute, exp, sqrt, where
+from rans.fields import Field, absolute, exp, sqrt
 
 
 def nearness(error: Field, scale: float, rest: float = 0.0) -> Field:
@@ -19,7 +19,8 @@ def nearness(error: Field, scale: float, rest: float = 0.0) -> Field:
             shape is moved out by so much.
     """
     if is_used(rest):
-        error = where(error > rest, error - rest, error * 0.0)
+        beyond = error - rest
+        error = 0.5 * (beyond + absolute(beyond))  # no `where`: optimisers round absolute values off
     return exp(error * (-1.0 / scale))
 
 

@@ -78,6 +78,14 @@ def test_least_fuel_against_brute_force(name: str, seed: int) -> None:
         assert answer.lower == pytest.approx(answer.upper)
 
 
+def test_a_goal_that_only_throttled_thrust_reaches_in_time_is_out_of_reach() -> None:
+    """5 mm in two periods: two pulses forth and back go 8 mm or not at all, and 1.6 N are no help."""
+    rest = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
+    goal = PlanarState(Vec2(0.005, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
+    with pytest.raises(ConfigError, match="reach the goal set in 2 control periods"):
+        least_fuel(Lattice(PLATFORM, PERIOD), rest, goal, 2, GoalSet(1e-6, 1e-6, 0.03))
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_without_patience_bounds_hold(seed: int) -> None:
     """Whatever time leaves open counts as not excluded."""

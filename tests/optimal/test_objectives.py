@@ -8,8 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from rans.evaluation.contestants import contestant
 from rans.fields import map_leaves
-from rans.flight import Flight, scenarios
+from rans.flight import Flight, fly, scenarios
 from rans.optimal.objectives import (
     MaximumReward,
     MinimumEnergy,
@@ -120,3 +121,17 @@ def test_the_cost_is_the_tasks_own_return() -> None:
     other = replace(flight, states=map_leaves(lambda x: x[:, None], solved(
         PLATFORM, guessed, case.start, case.goal, task).states))
     assert total > sum(float(term.sum()) for term in other.rewards().values())
+
+
+@pytest.mark.parametrize("name", ["go-to-pose-2d-fast", "go-to-pose-2d-thrifty", "go-to-pose-2d-shared"])
+def test_the_return_of_agents_that_rest_has_an_optimum(name: str) -> None:
+    """Rests and narrow rewards have corners where the trajectory ends; no agent gets more than it."""
+    run = contestant(f"pretrained:{name}")
+    task, period = run.task.for_evaluation(), run.timing.control_period
+    starts = scenarios(task, run.craft, 11, 1)
+    flight = fly(run.craft, task, run.controller, starts, run.timing)
+    objective = MaximumReward(run.timing.episode_steps * period, period)
+    case = scenario(task, 2, 11, 0)
+    trajectory = solved(run.craft, objective, case.start, case.goal, task)
+    achieved = sum(float(term.sum()) for term in flight.rewards().values())
+    assert 0.8 * -trajectory.cost < achieved < -trajectory.cost

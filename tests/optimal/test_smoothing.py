@@ -12,6 +12,7 @@ from rans.dynamics import PlanarState, SpatialState
 from rans.fields import Heading, Quat, Vec2, Vec3, leaves, map_leaves
 from rans.optimal.smoothing import ROUNDING, rounded
 from rans.tasks import TASKS
+from rans.tasks.rewards import nearness
 
 X, Y = ca.SX.sym("x"), ca.SX.sym("y")  # type: ignore[call-arg]
 NORM = ca.Function("norm", [X, Y], [ca.sqrt(X * X + Y * Y), ca.fabs(X - 2 * Y) * 3.0])
@@ -49,3 +50,14 @@ def test_rewards_have_gradients_at_the_goal(name: str, dimension: int) -> None:
     assert np.isfinite(np.array(smooth.jacobian()(here, command, 0)[0])).all()
     # a quaternion's w loses the radius, which turns nothing
     assert float(smooth(here, command)) == pytest.approx(float(raw(here, command)), abs=ROUNDING * 1e-9)
+
+
+@given(distance=st.floats(0.0, 0.2))
+def test_a_rest_has_a_gradient_at_its_edge(distance: float) -> None:
+    """Half a radius early at most; the reward inside is that at the goal but for as much."""
+    exact = ca.Function("near", [X], [nearness(X, 0.05, rest=0.04)])
+    smooth = rounded(exact, 0.01)
+    assert np.isfinite(float(smooth.jacobian()(distance, 0)))
+    assert abs(np.log(float(smooth(distance)) / float(exact(distance)))) <= 0.005 / 0.05 + 1e-12
+    edge = float(smooth.jacobian()(0.04, 0))
+    assert -1.0 / 0.05 < edge < 0.0  # between that inside, 0, and that outside

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
+from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from rans.evaluation import panels
 from rans.evaluation.comparison.protocol import Entry
@@ -85,14 +85,15 @@ def _draw_certified(axes: Axes, comparison: Comparison) -> None:
 
 
 def _draw_relaxed(axes: Axes, comparison: Comparison, starts: Sequence[int]) -> None:
-    points = []
+    points, lost = [], False
     for rows in comparison.relaxed.values():
         chosen = [rows[k] for k in starts if rows[k].solved]
         if chosen and isinstance(chosen[0].objective, MinimumTime | MinimumFuel):
+            lost = lost or len(chosen) < len(starts)
             points.append([np.median([getattr(row, key) for row in chosen]) for key in ("arrival", "thrust")])
     if points:
         axes.plot(*np.transpose(points), linestyle="", marker="x", color=INK,
-                  label="relaxed thrust, exact goal (no controller)")
+                  label=f"relaxed thrust, exact goal (no controller{', where found' if lost else ''})")
 
 
 def _draw_sweep(axes: Axes, comparison: Comparison, starts: Sequence[int]) -> None:
@@ -126,37 +127,41 @@ def _bars(estimate: Estimate) -> np.ndarray:
 
 @styled
 def gap_histograms(gaps: dict[str, dict[str, np.ndarray]], questions: Sequence[str]) -> Figure:
-    """How far above the certified bounds the flights from each start are.
+    """How far above the certified bounds the flights from each start are: a row of bars a contestant.
 
     Args:
         gaps: see `rans.evaluation.comparison.tables.gaps`.
         questions: those to draw, a panel each.
     """
-    figure = Figure(figsize=(12.0, 3.9), layout="constrained")
-    grid = figure.subplots(1, len(questions), squeeze=False)[0]
+    names = list(dict.fromkeys(name for question in questions for name in gaps[question]))
+    figure = Figure(figsize=(12.0, 1.3 + 0.5 * len(names)), layout="constrained")
+    grid = figure.subplots(1, len(questions), squeeze=False, sharey=True)[0]
     for axes, question in zip(grid, questions, strict=True):
-        _histogram(axes, gaps[question])
-        label(axes, question, "times the certified bound", "starts")
-    handles, names = grid[0].get_legend_handles_labels()
-    figure.legend(handles, names, loc="outside lower center", ncols=len(names))
+        _histograms(axes, gaps[question], names)
+        label(axes, question, "times the certified bound", "")
     return figure
 
 
-def _histogram(axes: Axes, ratios: dict[str, np.ndarray]) -> None:
+def _histograms(axes: Axes, ratios: dict[str, np.ndarray], names: Sequence[str]) -> None:
+    """Who stands where: everybody's bars are at their own values; the highest of a panel fills its row."""
     finite = np.concatenate([r[np.isfinite(r)] for r in ratios.values()])
     top = max(1.2, 1.02 * float(finite.max(initial=1.0)))
     edges = np.linspace(1.0, top, 21)
     width = edges[1] - edges[0]
     never = top + 1.5 * width
-    counted = [np.where(np.isfinite(r), np.minimum(r, top), never) for r in ratios.values()]
-    colours = [INK if name == "best found" else _look(k)[0] for k, name in enumerate(ratios)]
     bins = [*edges, never - width / 2, never + width / 2]
-    axes.hist(counted, bins=bins, color=colours, label=list(ratios), rwidth=0.9)
-    axes.yaxis.set_major_locator(MaxNLocator(integer=True))
+    counts = {name: np.histogram(np.where(np.isfinite(r), r, never), bins)[0] for name, r in ratios.items()}
+    highest = max(1, *(count.max() for count in counts.values()))
+    for k, name in enumerate(names):
+        if name in counts:
+            colour = INK if name == "best found" else _look(k)[0]
+            axes.bar(bins[:-1], 0.85 * counts[name] / highest, np.diff(bins), -k, color=colour, align="edge")
+        axes.axhline(-k, color=GREY, linewidth=0.6)
+    axes.set_yticks([0.35 - k for k in range(len(names))], names)
     ticks = [float(x) for x in axes.get_xticks() if 1.0 <= x <= top]
     axes.set_xticks([*ticks, never], [*(f"{x:g}" for x in ticks), "not\nthere"])
-    axes.set_xlim(1.0 - width / 2, never + width)
-    axes.grid(axis="x", visible=False)
+    axes.set(xlim=(1.0 - width / 2, never + width), ylim=(0.9 - len(names), 1.0))
+    axes.grid(axis="y", visible=False)
 
 
 @styled

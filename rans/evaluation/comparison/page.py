@@ -21,7 +21,8 @@ TEXT = (
     "time within the task's tolerances and, for a pose or position, at rest (5 cm/s, 5 degrees/s); settling "
     "is when the errors enter their tolerances for good. Thrust-time is force times open time, summed over "
     "the thrusters. Who never gets there counts as infinitely late. Medians and means stand with 95 % "
-    "bootstrap intervals over starts. Certified bounds hold for every on/off controller at this rate; "
+    "bootstrap intervals over starts, settled and failed with Wilson's, latency with the middle 90 % of the "
+    "actions. Certified bounds hold for every on/off controller at this rate; "
     "relaxed optima may throttle, know the future and are only locally optimal."
 )
 """The protocol in short; docs/comparison.md has all of it."""
@@ -85,8 +86,11 @@ def _told(name: str, row: tables.Scores) -> str:
 
 
 def _plane(comparison: Comparison) -> Section:
-    text = ("Left of the line and below the bars no controller can be. The bounds hold at the "
-            "marked times; the dotted line only guides the eye.") if comparison.certified_starts() else ""
+    text = (
+        "Left of the line no controller's median can be. The bars are medians of what each start needs at "
+        "least to be there at the marked time: from no start does less suffice, but who is quick from some "
+        "starts and late from others may have a median below a bar. The dotted line only guides the eye."
+    ) if comparison.certified_starts() else ""
     return Section("Time and thrust", text, (), [_picture(
         figures.plane(comparison), "Time and thrust-time to the goal set, with 95 % intervals.")])
 
@@ -105,7 +109,8 @@ def _gaps(comparison: Comparison) -> Iterator[Section]:
         best = float(np.median(upper))
         bounds.append([question, float(np.median(lower)), best if np.isfinite(best) else None, closed])
     text = (f"From {len(starts)} starts, times the certified lower bound: 1 cannot be beaten. Thrust-time by "
-            "a time counts for flights that are in the goal set at that time; in brackets how many are.")
+            "a time counts for flights that are in the goal set at that time, in brackets how many; it is "
+            "infinite for the others.")
     shown = [question for k, question in enumerate(gaps) if k in (0, len(gaps) // 2, len(gaps) - 1)]
     yield Section("Gaps to the certified bounds", text, [
         Table(("contestant", *gaps), rows, "Median multiple of the bound"),
@@ -115,10 +120,10 @@ def _gaps(comparison: Comparison) -> Iterator[Section]:
 
 
 def _middle(ratios: np.ndarray | None) -> str | None:
-    if ratios is None:
+    if ratios is None or not ratios.size:
         return None
-    there = ratios[np.isfinite(ratios)]
-    return f"{np.median(there):.3g} ({len(there)})" if there.size else "never (0)"
+    middle, there = np.median(ratios), int(np.isfinite(ratios).sum())
+    return f"{f'{middle:.3g}' if np.isfinite(middle) else 'never'} ({there} of {len(ratios)})"
 
 
 def _starts(comparison: Comparison) -> Iterator[Section]:
@@ -154,10 +159,13 @@ def _errors(comparison: Comparison) -> Section:
 def _returns(comparison: Comparison) -> Section:
     text = ("Latency is the processor time of one action for one observation, median and middle 90 % over "
             "the first fifth of a few flights.")
-    if tables.best_returns(comparison) is not None:
-        text += (" The return is the task's own reward; 100 % is its relaxed optimum, which may throttle.")
-    picture = _picture(figures.shares_and_latency(tables.scoreboard(comparison)), "Return and latency.")
-    return Section("Return and latency", text, (), [picture])
+    title, optimum = "Latency", tables.best_returns(comparison)
+    if optimum is not None:
+        title, known = "Return and latency", np.isfinite(optimum)
+        text += (f" The return is the task's own reward, from {known.sum()} of {len(known)} starts; 100 % is "
+                 "its relaxed optimum from there, which may throttle.")
+    picture = _picture(figures.shares_and_latency(tables.scoreboard(comparison)), f"{title}.")
+    return Section(title, text, (), [picture])
 
 
 def _differences(comparison: Comparison) -> Iterator[Section]:

@@ -77,11 +77,15 @@ def _tuning(spec: str) -> str:
     if is_user_policy(spec):
         return "not known"
     folder = pretrained_folder(name) if kind == "pretrained" else Path(spec)
-    card = folder / "card.json"
-    rows = [read_json(card)["training"]] if card.exists() else RunFolder(folder).metrics()
-    if not rows:
+    card, run = folder / "card.json", RunFolder(folder)
+    if card.exists():
+        training = read_json(card)["training"]
+    elif rows := run.metrics():
+        training = {**rows[-1], "device": run.config().device}
+    else:
         return "training: not known"
-    return f"training: {rows[-1]['steps'] / 1e6:.3g} M steps, {rows[-1]['seconds']:.3g} s"
+    device = "a GPU" if training["device"].startswith("cuda") else "a CPU"
+    return f"training: {training['steps'] / 1e6:,.1f} M steps, {training['seconds']:.3g} s on {device}"
 
 
 def simple_controller(name: str, protocol: Protocol) -> Contestant:

@@ -38,7 +38,7 @@ def scores(entry: Entry, bootstrap: Bootstrap, optimum: np.ndarray | None = None
     Args:
         entry: N flights.
         bootstrap: over N starts.
-        optimum: returns of the relaxed reward optimum, (N,), if known.
+        optimum: see `best_returns`.
     """
     settled = share(np.isfinite(entry.settling))
     found = {"settled, %": _scaled(settled, 100.0)}
@@ -51,7 +51,9 @@ def scores(entry: Entry, bootstrap: Bootstrap, optimum: np.ndarray | None = None
         factor, unit = DISPLAY[name]
         found[f"{name} error, {unit}"] = bootstrap.mean(factor * error)
     if optimum is not None:
-        found[RETURN] = _scaled(bootstrap.ratio(entry.returns, optimum), 100.0)
+        known = np.isfinite(optimum)
+        ratio = Bootstrap(int(known.sum())).ratio(entry.returns[known], optimum[known])
+        found[RETURN] = _scaled(ratio, 100.0)
     found["latency, ms"] = _latency(entry)
     return found
 
@@ -73,10 +75,11 @@ def scoreboard(comparison: Comparison) -> dict[str, Scores]:
 
 
 def best_returns(comparison: Comparison) -> np.ndarray | None:
-    """Returns of the relaxed reward optimum from every start; None unless all are known."""
+    """Returns of the relaxed reward optimum, (N,), NaN where none was found; None if nowhere."""
     for rows in comparison.relaxed.values():
-        if isinstance(rows[0].objective, MaximumReward) and all(row.solved for row in rows):
-            return np.array([row.total for row in rows])
+        totals = np.array([row.total for row in rows])
+        if isinstance(rows[0].objective, MaximumReward) and np.isfinite(totals).any():
+            return totals
     return None
 
 

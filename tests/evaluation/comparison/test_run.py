@@ -14,14 +14,16 @@ from rans.errors import ConfigError
 from rans.evaluation.bounds import Bound
 from rans.evaluation.comparison import run
 from rans.evaluation.comparison.certified import certify
-from rans.evaluation.comparison.page import TEXT, page
+from rans.evaluation.comparison.figures import gap_histograms
+from rans.evaluation.comparison.page import TEXT, _middle, page
 from rans.evaluation.comparison.protocol import Protocol, arrived
 from rans.evaluation.comparison.roster import SWEEP, protocol_of
 from rans.evaluation.comparison.run import Comparison, fill
-from rans.evaluation.comparison.tables import best_returns, differences, gaps, scoreboard, to_json
+from rans.evaluation.comparison.tables import RETURN, best_returns, differences, gaps, scoreboard, to_json
 from rans.evaluation.report import comparison_section
 from rans.fields import map_leaves
 from rans.flight import fly
+from rans.optimal.objectives import MaximumReward
 from rans.spacecraft_file import load_spacecraft
 from rans.tasks import GoToPose
 from rans.timing import Timing
@@ -154,6 +156,35 @@ def test_relaxed_optima(comparison: Comparison) -> None:
     assert best is not None
     for entry in (*comparison.entries, *comparison.curve):
         assert (entry.returns < best).all()
+
+
+def test_a_start_without_optimum_costs_nobody_the_return(comparison: Comparison) -> None:
+    """The share is that of the other starts."""
+    name, rows = next((name, rows) for name, rows in comparison.relaxed.items()
+                      if isinstance(rows[0].objective, MaximumReward))
+    lost = [replace(rows[0], solved=False, total=math.nan), *rows[1:]]
+    without = replace(comparison, relaxed={**comparison.relaxed, name: lost})
+    entry, best = comparison.entries[0], np.array([row.total for row in rows])
+    found = scoreboard(without)[entry.name][RETURN].value
+    assert found == pytest.approx(100 * entry.returns[1:].sum() / best[1:].sum())
+    assert found != pytest.approx(scoreboard(comparison)[entry.name][RETURN].value)
+    assert "from 3 of 4 starts" in page(without).html()
+
+
+def test_bars_of_the_gaps_stand_at_their_own_values() -> None:
+    """One contestant's 1.5 and 2 beside another's 1 and 3: nobody is moved to make room for the other."""
+    figure = gap_histograms({"time": {"a": np.array([1.5, 2.0]), "b": np.array([1.0, 3.0, np.inf])}}, ["time"])
+    axes = figure.axes[0]
+    drawn = [[bar.get_x() + bar.get_width() / 2 for bar in row if bar.get_height()] for row in axes.containers]
+    assert drawn[0] == pytest.approx([1.5, 2.0], abs=0.06)  # within a bar's width
+    assert drawn[1][:2] == pytest.approx([1.0, 3.0], abs=0.06)
+    assert len(drawn[1]) == 3 and drawn[1][2] > 3.0
+
+
+def test_medians_of_gaps_count_who_is_not_there() -> None:
+    assert _middle(np.array([1.5, np.inf, 1.2])) == "1.5 (2 of 3)"
+    assert _middle(np.array([1.5, np.inf, np.inf])) == "never (1 of 3)"
+    assert _middle(None) is _middle(np.array([])) is None
 
 
 def test_files_for_others(comparison: Comparison) -> None:
