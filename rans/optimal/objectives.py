@@ -33,6 +33,8 @@ class Path:
     """s."""
     goal: Any
     """(leaves of the state,)."""
+    corner: Any = None
+    """Radius by which corners are to be rounded off (`rans.optimal.smoothing`); None: not at all."""
 
 
 class Objective(Protocol):
@@ -63,13 +65,8 @@ class Objective(Protocol):
         """s; None where the optimiser chooses it."""
         ...
 
-    def cost(self, path: Path, smooth: bool) -> Any:
-        """What to minimise.
-
-        Args:
-            path: symbols of the trajectory.
-            smooth: whether corners are to be rounded off (`rans.optimal.smoothing`).
-        """
+    def cost(self, path: Path) -> Any:
+        """What to minimise, of a trajectory's symbols."""
         ...
 
 
@@ -108,7 +105,7 @@ class _GivenTime(ABC):
         return max(1, round(self.horizon / self.control_period))
 
     @abstractmethod
-    def cost(self, path: Path, smooth: bool) -> Any:
+    def cost(self, path: Path) -> Any:
         """See `Objective`."""
 
 
@@ -122,7 +119,7 @@ class MinimumFuel(_GivenTime):
     kind = "minimum fuel"
     measure = "fuel N s"
 
-    def cost(self, path: Path, smooth: bool) -> Any:
+    def cost(self, path: Path) -> Any:
         """Thrust times time, summed over the thrusters, N s."""
         return path.period * ca.dot(_forces(path.craft), ca.sum2(path.commands))
 
@@ -137,7 +134,7 @@ class MinimumEnergy(_GivenTime):
     kind = "minimum energy"
     measure = "energy N^2 s"
 
-    def cost(self, path: Path, smooth: bool) -> Any:
+    def cost(self, path: Path) -> Any:
         """The integral of the sum of the thrusters' squared forces, N^2 s."""
         return path.period * ca.dot(_forces(path.craft) ** 2, ca.sum2(path.commands**2))
 
@@ -160,7 +157,7 @@ class QuadraticTracking(_GivenTime):
         """See `Objective`."""
         return "free"
 
-    def cost(self, path: Path, smooth: bool) -> Any:
+    def cost(self, path: Path) -> Any:
         """The integral of |residual - target|^2 + weight |commands|^2 over time, s."""
         (state, goal), arguments = _symbols(path)
         target = path.task.residual_target(state_dimension(state))
@@ -188,7 +185,7 @@ class MaximumReward(_GivenTime):
         """See `Objective`."""
         return "free"
 
-    def cost(self, path: Path, smooth: bool) -> Any:
+    def cost(self, path: Path) -> Any:
         """Minus the return: the sum of all terms of `Task.reward` over all steps."""
         (state, goal), arguments = _symbols(path)
         now, before = ([ca.SX.sym("u") for _ in path.craft.thrusters] for _ in range(2))  # type: ignore[call-arg]
@@ -196,8 +193,11 @@ class MaximumReward(_GivenTime):
         stage = ca.Function("reward", [*arguments, ca.vertcat(*now), ca.vertcat(*before)],
                             [sum(terms.values())])
         previous = ca.horzcat(ca.MX(len(now), 1), path.commands[:, :-1])
-        mapped = (rounded(stage) if smooth else stage).map(self.intervals)
-        return -ca.sum2(mapped(path.states, _each_step(path), path.commands, previous))
+        given = [path.states, _each_step(path), path.commands, previous]
+        if path.corner is not None:
+            stage = rounded(stage, ca.SX.sym("corner"))  # type: ignore[call-arg]
+            given.append(ca.repmat(path.corner, 1, self.intervals))
+        return -ca.sum2(stage.map(self.intervals)(*given))
 
 
 @dataclass(frozen=True)
@@ -221,7 +221,7 @@ class MinimumTime:
         if self.intervals < 1:
             raise ConfigError(f"minimum time: intervals must be >= 1, got {self.intervals}.")
 
-    def cost(self, path: Path, smooth: bool) -> Any:
+    def cost(self, path: Path) -> Any:
         """Time of arrival, s."""
         return self.intervals * path.period
 

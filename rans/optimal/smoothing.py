@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import casadi as ca
 
-ROUNDING = 1e-2
-"""Of arguments in SI units: of lengths 1 cm, of speeds 1 cm/s. Rounded by a tenth of that, problems take
-up to four times the iterations, some in space do not end within 500, and returns are 0.03 % greater."""
+ROUNDINGS = (1e-2, 1e-3)
+"""Of arguments in SI units, of lengths 1 cm and 1 mm, to be solved one after the other. Problems rounded by
+the second alone take up to four times the iterations. The first alone costs agents with wide rewards 0.03 %
+of the return, those with narrow ones and a price of spin 10 to 30 %."""
 
 
-def rounded(function: ca.Function, radius: float = ROUNDING) -> ca.Function:
+def rounded(function: ca.Function, radius: float | ca.SX) -> ca.Function:
     """The same function of SX with differentiable square roots and absolute values.
 
     sqrt(x) becomes sqrt(x + r^2) - r and |x| becomes sqrt(x^2 + r^2) - r: smooth, zero at zero, and
@@ -17,7 +18,7 @@ def rounded(function: ca.Function, radius: float = ROUNDING) -> ca.Function:
 
     Args:
         function: of any number of dense arguments and results.
-        radius: r.
+        radius: r; a symbol becomes one more argument, after the function's own.
     """
     inputs = [ca.SX.sym(f"i{k}", function.sparsity_in(k)) for k in range(function.n_in())]  # type: ignore[call-arg]
     outputs = [ca.SX(function.sparsity_out(k)) for k in range(function.n_out())]
@@ -33,10 +34,10 @@ def rounded(function: ca.Function, radius: float = ROUNDING) -> ca.Function:
             work[sink[0]] = ca.SX(function.instruction_constant(k))
         else:
             work[sink[0]] = _apply(operation, [work[i] for i in source], radius)
-    return ca.Function(function.name(), inputs, outputs)
+    return ca.Function(function.name(), [*inputs, *([radius] if isinstance(radius, ca.SX) else [])], outputs)
 
 
-def _apply(operation: int, arguments: list[ca.SX], radius: float) -> ca.SX:
+def _apply(operation: int, arguments: list[ca.SX], radius: float | ca.SX) -> ca.SX:
     if operation == ca.OP_SQRT:
         return ca.sqrt(arguments[0] + radius**2) - radius
     if operation == ca.OP_FABS:

@@ -22,6 +22,7 @@ from rans.optimal.allocation import Allocation
 from rans.optimal.arrival import Arrival, aims
 from rans.optimal.guess import guess, needed_wrenches, transfer_time
 from rans.optimal.objectives import Objective, Path
+from rans.optimal.smoothing import ROUNDINGS
 from rans.scenario import scenario
 from rans.spacecraft import Spacecraft, controls_every_direction
 from rans.tasks.base import Task
@@ -82,6 +83,13 @@ def unsolved(objective: Objective, craft: Spacecraft, start: State, status: str)
                       nothing(count, len(craft.thrusters)), math.nan, 0, 0.0, 0)
 
 
+def _best(found: Sequence[Trajectory]) -> Trajectory:
+    """The cheapest of those solved, with the iterations and the time of all."""
+    best = min(found, key=lambda one: (not one.solved, one.cost))
+    return replace(best, iterations=sum(one.iterations for one in found),
+                   seconds=sum(one.seconds for one in found))
+
+
 class Transcription:
     """One kind of problem for one spacecraft and task, ready to be solved from any start.
 
@@ -133,11 +141,15 @@ class Transcription:
                        self._arrival.conditions(after[:, -1], goal)]
         if self._craft.thrust_sharing == "split":
             constraints.append(ca.sum1(commands).T)
-        path = Path(self._craft, self._task, after, commands, period, goal)
-        problem = {"x": variables, "p": ca.vertcat(start, goal), "g": ca.vertcat(*constraints),
-                   "f": self._objective.cost(path, smooth=True)}
+        corner = ca.MX.sym("corner")  # type: ignore[call-arg]
+        path = Path(self._craft, self._task, after, commands, period, goal, corner)
+        cost = self._objective.cost(path)
+        problem = {"x": variables, "p": ca.vertcat(start, goal, corner), "g": ca.vertcat(*constraints),
+                   "f": cost}
+        self._corners = ROUNDINGS if ca.depends_on(cost, corner) else ROUNDINGS[:1]
         self._solver = ca.nlpsol("trajectory", "ipopt", problem, _OPTIONS)
-        self._cost = ca.Function("cost", [variables, goal], [self._objective.cost(path, smooth=False)])
+        exact = self._objective.cost(replace(path, corner=None))
+        self._cost = ca.Function("cost", [variables, goal], [exact])
 
     def solve(self, start: State, goal: State, guesses: int = 1) -> Trajectory:
         """The best local optimum from some guesses.
@@ -164,20 +176,27 @@ class Transcription:
         attempts = [self._attempt(start, goal, number) for number in range(guesses)]
         if not any(attempt.solved for attempt in attempts):
             attempts.append(self._attempt(start, goal, guesses))
-        best = min(attempts, key=lambda attempt: (not attempt.solved, attempt.cost))
-        return replace(best, iterations=sum(a.iterations for a in attempts),
-                       seconds=sum(a.seconds for a in attempts), attempts=len(attempts))
+        return replace(_best(attempts), attempts=len(attempts))
 
     def _attempt(self, start: State, goal: State, number: int) -> Trajectory:
-        begun = time.perf_counter()
-        solution = self._solver(p=[*leaves(start), *leaves(goal)],
-                                **self._bounds_and_guess(start, goal, number))
+        """From one guess; what has corners is solved again with sharper ones, from the answer before."""
+        problem, found = self._bounds_and_guess(start, goal, number), []
+        for corner in self._corners:
+            begun = time.perf_counter()
+            solution = self._solver(p=[*leaves(start), *leaves(goal), corner], **problem)
+            found.append(self._trajectory(solution, start, goal, time.perf_counter() - begun))
+            if not found[-1].solved:
+                break
+            problem["x0"] = np.array(solution["x"]).ravel()
+        return _best(found)
+
+    def _trajectory(self, solution: dict[str, Any], start: State, goal: State, seconds: float) -> Trajectory:
         statistics = self._solver.stats()
         variables = np.array(solution["x"]).ravel()
         states, commands, period = self._unpack(variables, start)
         return Trajectory(self._objective.name, statistics["return_status"], statistics["success"],
                           float(self._cost(variables, leaves(goal))), states, commands, period,
-                          statistics["iter_count"], time.perf_counter() - begun)
+                          statistics["iter_count"], seconds)
 
     def _bounds_and_guess(self, start: State, goal: State, number: int) -> dict[str, np.ndarray]:
         count, (_, forces, width) = self._objective.intervals, self._rows

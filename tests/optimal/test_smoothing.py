@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from rans.dynamics import PlanarState, SpatialState
 from rans.fields import Heading, Quat, Vec2, Vec3, leaves, map_leaves
-from rans.optimal.smoothing import ROUNDING, rounded
+from rans.optimal.smoothing import ROUNDINGS, rounded
 from rans.tasks import TASKS
 from rans.tasks.rewards import nearness
 
@@ -25,8 +25,14 @@ def test_never_more_than_the_radius_too_small(x: float, y: float) -> None:
     assert 0 <= 3 * abs(x - 2 * y) - size <= 0.03 + 1e-12
 
 
+def test_a_radius_that_is_a_symbol_is_one_more_argument() -> None:
+    radius = ca.SX.sym("r")  # type: ignore[call-arg]
+    assert [float(x) for x in rounded(NORM, radius)(3.0, 4.0, 0.2)] == pytest.approx(
+        [float(x) for x in rounded(NORM, 0.2)(3.0, 4.0)], rel=1e-14)
+
+
 def test_zero_stays_zero() -> None:
-    norm, size = rounded(NORM)(0.0, 0.0)
+    norm, size = rounded(NORM, 0.01)(0.0, 0.0)
     assert float(norm) == pytest.approx(0.0, abs=1e-15)
     assert float(size) == pytest.approx(0.0, abs=1e-15)
 
@@ -44,12 +50,12 @@ def test_rewards_have_gradients_at_the_goal(name: str, dimension: int) -> None:
     u = [commands[i] for i in range(4)]
     terms = task.reward(state, rest, (u[0], u[1]), (u[2], u[3]))
     raw = ca.Function("reward", [ca.vertcat(*leaves(state)), commands], [sum(terms.values())])
-    smooth = rounded(raw)
+    smooth = rounded(raw, ROUNDINGS[0])
     here, command = list(leaves(rest)), [0.5, 0.5, 0.5, 0.5]
     assert np.isnan(np.array(raw.jacobian()(here, command, 0)[0])).any()
     assert np.isfinite(np.array(smooth.jacobian()(here, command, 0)[0])).all()
     # a quaternion's w loses the radius, which turns nothing
-    assert float(smooth(here, command)) == pytest.approx(float(raw(here, command)), abs=ROUNDING * 1e-9)
+    assert float(smooth(here, command)) == pytest.approx(float(raw(here, command)), abs=ROUNDINGS[0] * 1e-9)
 
 
 @given(distance=st.floats(0.0, 0.2))

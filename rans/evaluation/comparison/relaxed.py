@@ -21,6 +21,10 @@ from rans.optimal.pool import each
 from rans.scenario import Scenario
 
 
+_GUESSES = 2
+"""For the greatest reward, whose local optima are many: turning either way round."""
+
+
 @dataclass(frozen=True)
 class Relaxed:
     """One optimum from one start; NaN for what an unsolved problem does not have."""
@@ -62,8 +66,8 @@ def solve(protocol: Protocol, objective: Objective, workers: int | None = None,
         workers: processes, by default one per processor.
         progress: called once per start.
     """
-    found = optima(protocol.craft, protocol.task, objective, protocol.starts, workers=workers,
-                   progress=progress)
+    guesses = _GUESSES if isinstance(objective, MaximumReward) else 1
+    found = optima(protocol.craft, protocol.task, objective, protocol.starts, guesses, workers, progress)
     return [_scored(protocol, objective, one, scenario)
             for one, scenario in zip(found, each(protocol.starts), strict=True)]
 
