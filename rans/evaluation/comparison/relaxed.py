@@ -20,7 +20,6 @@ from rans.optimal.objectives import MaximumReward, MinimumFuel, MinimumTime, Obj
 from rans.optimal.pool import each
 from rans.scenario import Scenario
 
-
 _GUESSES = 2
 """For the greatest reward, whose local optima are many: turning either way round."""
 
