@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from rans.fields import Vec2, Vec3
 from rans.spacecraft import Spacecraft
+from rans.tasks import Task, drawn
 
 _BODY, _EDGE, _NOZZLE, _FLAME = "#DCE6F0", "#1F2933", "#52606D", "#E69F00"
 _GRID, _SHADOW, _TRAIL, _GOAL = "#E4E7EB", "#B8C0CA", "#0072B2", "#009E73"
@@ -21,6 +22,9 @@ _BODY_AXES = ("#D55E00", "#009E73", "#0072B2")
 
 _SMOOTHING = 2
 """Frames are drawn this many times larger and averaged down, which smooths edges."""
+
+_SECONDS = 2.0
+"""A velocity's arrow is as long as the way of so many seconds."""
 
 _AZIMUTH, _ELEVATION = math.radians(-60.0), math.radians(25.0)
 """Where space is looked at from."""
@@ -30,18 +34,22 @@ class Scene:
     """Draws frames of one spacecraft: from above in the plane, obliquely in space.
 
     The view is an orthographic projection, so a sphere is a disc; the body is drawn as one of its
-    outer radius, with its great circles in space. The view holds the goal, the craft and its trail.
-    Grid lines are 1 m apart; in space they lie in the plane z = z of the goal, and a thin line drops
-    from the craft onto it. The body's axes x, y, z are red, green, blue; the goal is green, on top.
+    outer radius, with its great circles in space. The view holds the craft, its trail and the place to
+    go to. Grid lines are 1 m apart; in space they lie in the plane z = z of that place, or of the start,
+    and a thin line drops from the craft onto it. The body's axes x, y, z are red, green, blue.
+
+    The goal is green, on top: a ring with axes for a pose, a dot for a position, longer axes on the craft
+    for an attitude alone, an arrow for a velocity, beside a blue one for the craft's own.
 
     Args:
         craft: the spacecraft.
+        task: decides what the goal is.
         width: of a frame, pixels.
         height: of a frame, pixels.
     """
 
-    def __init__(self, craft: Spacecraft, width: int = 640, height: int = 480) -> None:
-        self.craft = craft
+    def __init__(self, craft: Spacecraft, task: Task, width: int = 640, height: int = 480) -> None:
+        self.craft, self.task = craft, task
         self.width, self.height = width, height
         self._view = _view(craft.dimension)
         self._nozzles = np.array([t.position for t in craft.thrusters]) - craft.centre_of_mass
@@ -61,8 +69,10 @@ class Scene:
         Returns:
             (height, width, 3) uint8: red, green, blue.
         """
-        (here, turn), (target, target_turn) = _pose(state), _pose(goal)
+        (here, turn), (place, wanted_turn) = _pose(state), _pose(goal)
+        wanted = drawn(self.task, goal).tolerances()
         way = [np.resize([*point, 0.0], 3) for point in trail] + [here]
+        target = place if "position" in wanted else way[0]
         self._look_at([*way, target])
         image = Image.new("RGB", (self.width * _SMOOTHING, self.height * _SMOOTHING), "white")
         draw = ImageDraw.Draw(image)
@@ -71,8 +81,10 @@ class Scene:
         if self.craft.dimension == 3:
             self._line(draw, [here, np.array([here[0], here[1], target[2]])], _SHADOW, 1.0)
         self._draw_craft(draw, here, turn, np.asarray(command, dtype=float))
-        self._disc(draw, target, None, _GOAL)
-        self._draw_axes(draw, target, target_turn, (True, False), _GOAL)
+        self._draw_goal(draw, target if "position" in wanted else here, wanted_turn, wanted)
+        if "velocity" in wanted:
+            self._arrow(draw, here, _vector(state.v), _TRAIL)
+            self._arrow(draw, here, _vector(goal.v), _GOAL)
         return np.asarray(image.reduce(_SMOOTHING))
 
     def _look_at(self, points: list[np.ndarray]) -> None:
@@ -93,10 +105,33 @@ class Scene:
               width: float) -> None:
         draw.line(self._pixels(points), fill=colour, width=round(width * _SMOOTHING), joint="curve")
 
-    def _disc(self, draw: ImageDraw.ImageDraw, centre: np.ndarray, fill: str | None, edge: str) -> None:
-        radius = self.craft.radius * self._scale
+    def _disc(self, draw: ImageDraw.ImageDraw, centre: np.ndarray, fill: str | None, edge: str,
+              size: float = 1.0) -> None:
+        radius = size * self.craft.radius * self._scale
         place = self._pixels([centre])[0]
         draw.circle(place, radius, fill=fill, outline=edge, width=round(1.5 * _SMOOTHING))
+
+    def _draw_goal(self, draw: ImageDraw.ImageDraw, place: np.ndarray, turn: np.ndarray,
+                   wanted: Collection[str]) -> None:
+        """A place, a pose or an attitude, whichever of them the task bounds the errors of."""
+        if "attitude" in wanted:
+            self._draw_axes(draw, place, turn, (True, False), _GOAL, 1.5 if "position" in wanted else 2.3)
+        if {"position", "attitude"} <= set(wanted):
+            self._disc(draw, place, None, _GOAL)
+        elif "position" in wanted:
+            self._disc(draw, place, _GOAL, _GOAL, 0.25)
+
+    def _arrow(self, draw: ImageDraw.ImageDraw, start: np.ndarray, velocity: np.ndarray, colour: str) -> None:
+        """From here as far as this velocity in W goes in two seconds."""
+        (x, y), (tip_x, tip_y) = self._pixels([start, start + _SECONDS * velocity])
+        length = math.hypot(tip_x - x, tip_y - y)
+        if length < 2.0 * _SMOOTHING:
+            return
+        along, head = np.array([tip_x - x, tip_y - y]) / length, min(8.0 * _SMOOTHING, length)
+        neck, side = np.array([tip_x, tip_y]) - head * along, 0.45 * head * np.array([-along[1], along[0]])
+        draw.line([(x, y), (neck[0], neck[1])], fill=colour, width=round(2.5 * _SMOOTHING))
+        corners = [(float(a), float(b)) for a, b in (neck + side, neck - side)]
+        draw.polygon([(tip_x, tip_y), *corners], fill=colour)
 
     def _draw_grid(self, draw: ImageDraw.ImageDraw, target: np.ndarray) -> None:
         """Lines of whole metres; in the plane they run out of the picture."""
@@ -111,12 +146,12 @@ class Scene:
         draw.text(corner, "grid 1 m", fill=_NOZZLE, font=self._font)
 
     def _draw_axes(self, draw: ImageDraw.ImageDraw, centre: np.ndarray, turn: np.ndarray,
-                   sides: tuple[bool, ...], colour: str | None = None) -> None:
+                   sides: tuple[bool, ...], colour: str | None = None, length: float = 1.5) -> None:
         """The heading, or in space the body axes that point to the viewer (True) or away (False)."""
         count = 1 if self.craft.dimension == 2 else 3
         for axis, own in zip(turn.T[:count], _BODY_AXES, strict=False):
             if bool(axis @ self._view[2] >= 0.0) in sides:
-                self._line(draw, [centre, centre + 1.5 * self.craft.radius * axis], colour or own, 2.5)
+                self._line(draw, [centre, centre + length * self.craft.radius * axis], colour or own, 2.5)
 
     def _draw_great_circles(self, draw: ImageDraw.ImageDraw, centre: np.ndarray,
                             turn: np.ndarray) -> None:
@@ -171,6 +206,11 @@ def _pose(state: Any) -> tuple[np.ndarray, np.ndarray]:
         axis = vector(*np.eye(dimension)[column])
         turn[:dimension, column] = state.attitude.rotate(axis).columns()
     return position, turn
+
+
+def _vector(vector: Vec2 | Vec3) -> np.ndarray:
+    """Of W, (3,)."""
+    return np.resize([*vector.columns(), 0.0], 3)
 
 
 def draw_layout(craft: Spacecraft) -> Figure:

@@ -127,7 +127,7 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
         if self._scene is None:
             from rans.drawing import Scene
 
-            self._scene = Scene(self.craft)
+            self._scene = Scene(self.craft, self.task)
         return self._scene.render(self._state, self._goal, self._command, self._trail)
 
     def _show(self) -> None:

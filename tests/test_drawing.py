@@ -13,9 +13,20 @@ from rans.dynamics import PlanarState, SpatialState
 from rans.fields import Heading, Quat, Vec2, Vec3
 from rans.spacecraft import Spacecraft
 from rans.spacecraft_file import load_spacecraft
+from rans.tasks import (
+    GoToPose,
+    GoToPosition,
+    MultiTask,
+    SingleTask,
+    TrackVelocity,
+    TrackVelocityHeading,
+    drawn,
+)
+from rans.tasks.multi_task import PlanarGoal
 
-BODY, FLAME, TRAIL = (220, 230, 240), (230, 159, 0), (0, 114, 178)
+BODY, FLAME, TRAIL, GOAL = (220, 230, 240), (230, 159, 0), (0, 114, 178), (0, 158, 115)
 PLATFORM, FLYER = load_spacecraft("floating-platform"), load_spacecraft("free-flyer")
+TASK = GoToPose()
 FAR = 3.0  # m; the view then holds start and goal side by side
 
 
@@ -51,20 +62,20 @@ def centre(frame: np.ndarray, colour: tuple[int, int, int]) -> np.ndarray:
 
 @pytest.mark.parametrize(("craft", "state"), [(PLATFORM, planar()), (FLYER, spatial())])
 def test_frame_is_an_image(craft: Spacecraft, state: Any) -> None:
-    frame = Scene(craft, 320, 200).render(state, state, shut(craft))
+    frame = Scene(craft, TASK, 320, 200).render(state, state, shut(craft))
     assert (frame.shape, frame.dtype) == ((200, 320, 3), np.uint8)
     assert len(spots(frame, BODY)) > 100
 
 
 def test_equal_states_give_equal_frames() -> None:
-    first, second = Scene(PLATFORM), Scene(PLATFORM)
+    first, second = Scene(PLATFORM, TASK), Scene(PLATFORM, TASK)
     second.render(planar(4.0, 2.0), planar(), opened(PLATFORM, 3))  # leaves no trace
     arguments = (planar(1.0, 1.0, 0.3), planar(), opened(PLATFORM, 1), [(2.0, 2.0)])
     np.testing.assert_array_equal(first.render(*arguments), second.render(*arguments))
 
 
 def test_world_x_is_right_and_y_is_up() -> None:
-    scene, goal = Scene(PLATFORM), planar()
+    scene, goal = Scene(PLATFORM, TASK), planar()
     right = centre(scene.render(planar(FAR, 0.0), goal, shut(PLATFORM)), BODY)
     left = centre(scene.render(planar(-FAR, 0.0), goal, shut(PLATFORM)), BODY)
     up = centre(scene.render(planar(0.0, FAR), goal, shut(PLATFORM)), BODY)
@@ -77,7 +88,7 @@ def test_world_x_is_right_and_y_is_up() -> None:
 
 
 def test_only_open_thrusters_have_flames() -> None:
-    scene = Scene(PLATFORM)
+    scene = Scene(PLATFORM, TASK)
     assert not len(spots(scene.render(planar(), planar(FAR), shut(PLATFORM)), FLAME))
     full = spots(scene.render(planar(), planar(FAR), opened(PLATFORM, 2)), FLAME)
     half = spots(scene.render(planar(), planar(FAR), opened(PLATFORM, 2, 0.5)), FLAME)
@@ -87,7 +98,7 @@ def test_only_open_thrusters_have_flames() -> None:
 @pytest.mark.parametrize("index", range(8))
 @pytest.mark.parametrize("heading", [0.0, 1.1, -2.5])
 def test_flames_leave_against_the_force(index: int, heading: float) -> None:
-    frame = Scene(PLATFORM).render(planar(angle=heading), planar(FAR), opened(PLATFORM, index))
+    frame = Scene(PLATFORM, TASK).render(planar(angle=heading), planar(FAR), opened(PLATFORM, index))
     found = centre(frame, FLAME) - centre(frame, BODY)
     thruster = PLATFORM.thrusters[index]
     # From the nozzle's mouth a third of the flame's length on: 0.3 r + 1.1 r / 3.
@@ -98,16 +109,47 @@ def test_flames_leave_against_the_force(index: int, heading: float) -> None:
     assert abs((angle + math.pi) % math.tau - math.pi) < 0.15
 
 
+def goal_of(task: SingleTask, angle: float) -> np.ndarray:
+    """Green pixels from the craft's middle at (3, 0); the goal is at the origin and moves to +y."""
+    goal = PlanarState(Vec2(0.0, 0.0), Heading(angle), Vec2(0.0, 0.7), 0.0)
+    frame = Scene(PLATFORM, task).render(planar(FAR), goal, shut(PLATFORM), [(0.0, 0.0)])
+    return spots(frame, GOAL) - centre(frame, BODY)
+
+
+def test_the_goal_is_what_the_task_wants() -> None:
+    pose, dot = goal_of(GoToPose(), math.pi / 2), goal_of(GoToPosition(), math.pi / 2)
+    np.testing.assert_allclose(pose[:, 0].mean(), dot[:, 0].mean(), atol=5)
+    assert dot[:, 0].max() < -200  # where the goal is
+    assert np.ptp(pose[:, 1]) > 4 * np.ptp(dot[:, 1])  # of a body's size and longer against a dot
+    way = goal_of(TrackVelocity(), math.pi / 2)
+    assert abs(way[:, 0]).max() < 12  # an arrow up from the craft, and nothing where it started
+    assert way[:, 1].max() > 60
+    heading = goal_of(TrackVelocityHeading(), math.pi)
+    assert heading[:, 0].min() < -40  # an axis to the left, too, but no ring at the start
+    assert heading[:, 0].min() > -150
+
+
+def test_a_multi_task_shows_the_goal_it_drew() -> None:
+    task = MultiTask(tasks=("go-to-pose", "track-velocity"))
+    for part in task.parts().values():
+        goal = PlanarGoal(Vec2(0.0, 0.0), Heading(0.5), Vec2(0.0, 0.7), 0.0, float(part.flag))
+        assert drawn(task, goal) == part
+        np.testing.assert_array_equal(
+            Scene(PLATFORM, task).render(planar(FAR), goal, shut(PLATFORM)),
+            Scene(PLATFORM, part).render(planar(FAR), goal, shut(PLATFORM)))
+    assert drawn(TASK, planar()) is TASK
+
+
 def test_the_trail_is_drawn_and_fits_the_frame() -> None:
     trail = [(10.0, 10.0), (10.0, -10.0)]
-    frame = Scene(PLATFORM).render(planar(), planar(), shut(PLATFORM), trail)
+    frame = Scene(PLATFORM, TASK).render(planar(), planar(), shut(PLATFORM), trail)
     found = spots(frame, TRAIL)
     assert np.ptp(found[:, 1]) > 300  # the leg from y = 10 to y = -10 fills most of the 480 rows
-    assert not len(spots(Scene(PLATFORM).render(planar(), planar(), shut(PLATFORM)), TRAIL))
+    assert not len(spots(Scene(PLATFORM, TASK).render(planar(), planar(), shut(PLATFORM)), TRAIL))
 
 
 def test_space_is_seen_with_z_up() -> None:
-    scene, goal = Scene(FLYER), spatial()
+    scene, goal = Scene(FLYER, TASK), spatial()
     above = centre(scene.render(spatial(z=FAR), goal, shut(FLYER)), BODY)
     below = centre(scene.render(spatial(z=-FAR), goal, shut(FLYER)), BODY)
     assert above[1] - below[1] > 150
@@ -117,7 +159,7 @@ def test_space_is_seen_with_z_up() -> None:
 def test_the_body_hides_what_is_behind_it() -> None:
     # Thruster 2 pushes up at (x, y), so its flame points down; seen from azimuth -60 degrees, the
     # anchor at 45 degrees is behind the sphere, the one at 315 degrees before it.
-    frames = [Scene(FLYER).render(spatial(), spatial(x=FAR), opened(FLYER, index)) for index in (2, 14)]
+    frames = [Scene(FLYER, TASK).render(spatial(), spatial(x=FAR), opened(FLYER, index)) for index in (2, 14)]
     behind, before = (len(spots(frame, FLAME)) for frame in frames)
     assert behind < before
 

@@ -31,7 +31,7 @@ class Film:
 
         self._engine = engine
         self._count = engine.num_envs if render_mode == "rgb_array" else min(engine.num_envs, _SHOWN)
-        self._scene, self._window = Scene(engine.craft, _WIDTH, _HEIGHT), None
+        self._scene, self._window = Scene(engine.craft, engine.task, _WIDTH, _HEIGHT), None
         if render_mode == "human":
             from rans.window import Window
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from rans.errors import ConfigError
 from rans.tasks.base import SingleTask, Task, observation, observation_columns, observation_width
 from rans.tasks.go_to_pose import GoToPose
@@ -50,8 +52,15 @@ def parts(task: Task) -> dict[str, Task]:
     return {next(name for name, kind in TASKS.items() if isinstance(task, kind)): task}
 
 
+def drawn(task: Task, goal: Any) -> Task:
+    """The task that one goal, of numbers, belongs to: itself, or the part a multi-task drew."""
+    if not isinstance(task, MultiTask):
+        return task
+    return next(part for part in task.parts().values() if part.flag == round(float(goal.flag)))
+
+
 __all__ = [
     "GYMNASIUM_IDS", "TASKS", "GoToPose", "GoToPosition", "MultiTask", "SingleTask", "Task", "TrackTwist",
-    "TrackVelocity", "TrackVelocityHeading", "observation", "observation_columns", "observation_width",
-    "parts", "task_class",
+    "TrackVelocity", "TrackVelocityHeading", "drawn", "observation", "observation_columns",
+    "observation_width", "parts", "task_class",
 ]

@@ -106,7 +106,7 @@ def test_frames_of_many_are_those_of_each(name: str) -> None:
     check_fresh(envs, [0, 1, 2])
     single: Any = gymnasium.make(name, render_mode="rgb_array", task=NEAR, timing=QUICK).unwrapped
     single.reset(seed=7)
-    scene = Scene(single.craft, 320, 240)
+    scene = Scene(single.craft, NEAR, 320, 240)
     commands = actions(single.craft, 3, 6)
     for command in commands[:5]:
         _, _, terminated, truncated, _ = envs.step(command)
@@ -121,7 +121,7 @@ def test_frames_of_many_are_those_of_each(name: str) -> None:
 
 def check_fresh(envs: Any, episodes: list[int]) -> None:
     """The frames show starts, with nothing behind them and no flame."""
-    scene = Scene(envs.engine.craft, 320, 240)
+    scene = Scene(envs.engine.craft, NEAR, 320, 240)
     for frame, episode in zip(envs.render(), episodes, strict=True):
         chosen = scenario(NEAR, envs.engine.craft.dimension, 7, episode)
         shut = np.zeros(len(envs.engine.craft.thrusters))
