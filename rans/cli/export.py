@@ -27,9 +27,13 @@ class Export:
         """Print what was written."""
         from rans.errors import ConfigError
         from rans.evaluation.export import export
+        from rans.pretrained import pretrained_folder
 
         if self.episodes < 1:
             raise ConfigError(f"--episodes must be >= 1, got {self.episodes}.")
+        kind, _, name = str(self.run_folder).partition(":")
+        if kind == "pretrained":
+            raise ConfigError(f"{name} comes with RANS as an export writes it, in {pretrained_folder(name)}.")
         export(self.run_folder, self.output, self.episodes)
         size = sum(file.stat().st_size for file in self.output.iterdir() if file.is_file())
         print(f"{self.output} holds the agent and its card, {size / 1000:.0f} kB.")

@@ -10,7 +10,7 @@ from rans.evaluation.agent import LoadedRun, load_agent
 from rans.evaluation.protocols import Conditions, ProtocolName, under_protocol
 from rans.evaluation.user_policies import is_user_policy, user_policy
 from rans.flight import Controller
-from rans.pretrained import pretrained_folder
+from rans.pretrained import pretrained_folder, pretrained_names
 from rans.spacecraft_file import load_spacecraft
 from rans.tasks import task_class
 from rans.tasks.multi_task import MultiTask
@@ -84,6 +84,9 @@ def _parse(spec: str) -> tuple[str, str, str]:
         return kind, name, part
     if ":" in spec and not Path(spec).exists():
         raise ConfigError(f"there is no contestant {spec!r}; known are {FORMS}.")
+    if spec in pretrained_names() and not Path(spec).exists():
+        raise ConfigError(f"there is no run folder {spec!r}; the agent of this name that comes with RANS is "
+                          f"pretrained:{spec}.")
     return "", spec, part
 
 

@@ -191,7 +191,7 @@ def follow(craft: Spacecraft, task: Task, tracker: Controller, planner: LookAhea
                           f"{tracker.name} was trained for, got {planner.speed:g}.")
     if planner.path.dimension > craft.dimension:
         raise ConfigError(f"the path {planner.path.name} is spatial, but {craft.name} moves in a plane; "
-                          "give a path of two columns, x and y.")
+                          "give a path of x and y only, such as the circle.")
     if planner.path.dimension < craft.dimension:
         planner = replace(planner, path=planner.path.in_space())
     guided = Guided(tracker, task, planner)

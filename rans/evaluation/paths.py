@@ -157,12 +157,17 @@ def read_path(file: FilePath) -> Path:
     """
     try:
         rows = list(csv.reader(file.read_text("utf-8-sig").splitlines()))
-    except (OSError, ValueError, csv.Error) as error:
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"cannot read {file}: it is not text in UTF-8.") from error
+    except (OSError, csv.Error) as error:
         raise ConfigError(f"cannot read {file}: {error}.") from error
     numbered = [(line, row) for line, row in enumerate(rows, start=1) if any(map(str.strip, row))]
     if numbered and not any(_is_number(cell) for cell in numbered[0][1]):
         del numbered[0]
     points = _distinct([_point(file, line, row, numbered[0][1]) for line, row in numbered])
+    if len(points) < 2:
+        raise ConfigError(f"{file} must hold at least two different points, one x,y or x,y,z (m) a line, got "
+                          f"{len(points)}.")
     closed = len(points) > 3 and points[0] == points[-1]
     length = sum(math.dist(a, b) for a, b in pairwise(points))
     if not _SHORTEST <= length <= _LONGEST:

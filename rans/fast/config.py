@@ -191,6 +191,8 @@ def _say(error: BaseException, kind: Any) -> str:
         return f"unknown key {', '.join(sorted(map(repr, error.extra_fields)))}"
     if isinstance(error, KeyError):
         return f"the key {error} is missing"
+    if isinstance(error, AttributeError):  # cattrs asks whatever it is given for its keys
+        return 'expected a table, such as {"key": value}'
     if isinstance(error, TypeError):
         return "expected a table or a list of values, such as [0.5, 4.5]"
     if get_origin(kind) is Literal:

@@ -45,8 +45,9 @@ class GoToPose(SingleTask):
     fine_attitude_scale: float = 0.02
     """Error at which the narrow attitude reward has fallen to 1/e, rad."""
     misaligned_weight: float = 0.0
-    """Weight of what is lost at the goal's place in a wrong attitude, by the narrow measures: for agents
-    that should correct their place without turning away, however little they would save by it."""
+    """Weight of what is lost at the goal's place in a wrong attitude, nearness in position times what is
+    missing of nearness in attitude, both narrow: for agents that should not turn away from the goal's
+    attitude to correct their position, though it would save thrust."""
     rest_position: float = 0.0
     """Distance below which no reward is left to gain by firing, m."""
     rest_attitude: float = 0.0

@@ -77,6 +77,7 @@ def test_results_stay_inside_their_folder() -> None:
     ("pretraned:x", "there is no contestant 'pretraned:x'; known are a run folder, pretrained:NAME"),
     ("lqr:", "there is no contestant 'lqr:'"),
     ("nowhere", "nowhere is not a run folder"),
+    ("go-to-pose-2d", "no run folder 'go-to-pose-2d'; the agent .* is pretrained:go-to-pose-2d"),
     ("sb3:mine.zip", "sb3:mine.zip knows no task: .*, as in rans compare RUN sb3:mine.zip"),
 ])
 def test_who_is_not_there_is_one_sentence(spec: str, said: str) -> None:

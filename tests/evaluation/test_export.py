@@ -81,6 +81,11 @@ def test_it_comes_with_rans_by_name(shipped: Path, monkeypatch: pytest.MonkeyPat
     assert "settling time" in text
 
 
+def test_what_comes_with_the_package_is_exported_already(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["export", "pretrained:go-to-pose-2d", "--output", "again"]) == 2
+    assert "go-to-pose-2d comes with RANS as an export writes it" in " ".join(capsys.readouterr().err.split())
+
+
 def test_what_cannot_be_exported_is_one_sentence(run: Path, shipped: Path, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="is the run itself"):
         export(run, run)

@@ -213,9 +213,10 @@ def test_a_file(text: str, length: float, closed: bool, dimension: int, tmp_path
 
 
 @pytest.mark.parametrize(("text", "said"), [
-    ("", r"must be 0.1 to 5000 m long, got 0 m"),
-    ("x,y\n", r"must be 0.1 to 5000 m long, got 0 m"),
-    ("1,2\n1,2\n", r"must be 0.1 to 5000 m long, got 0 m"),
+    ("", r"at least two different points, .* got 0\."),
+    ("x,y\n", r"at least two different points, .* got 0\."),
+    ("1,2\n1,2\n", r"at least two different points, .* got 1\."),
+    ("0,0\n0.05,0\n", r"must be 0.1 to 5000 m long, got 0.05 m"),
     ("0,0\n6000,0\n", r"got 6000 m; are the coordinates in metres\?"),
     ("x,y\n0,0\n1,here\n", r"line 3: expected a number within \+-10000 m, got 'here'"),
     ("x,y\n0,0\n1,\n", r"line 3: expected a number within \+-10000 m, got ''"),
@@ -234,6 +235,12 @@ def test_a_bad_file_is_a_sentence(text: str, said: str, tmp_path: FilePath) -> N
         read_path(file)
     assert str(file) in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_a_file_of_bytes_is_a_sentence(tmp_path: FilePath) -> None:
+    (tmp_path / "path.csv").write_bytes(b"0,0\n\x80,1\n")
+    with pytest.raises(ConfigError, match=r"path\.csv: it is not text in UTF-8\."):
+        read_path(tmp_path / "path.csv")
 
 
 @given(st.binary(max_size=200))

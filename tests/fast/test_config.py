@@ -70,6 +70,8 @@ def changed(place: str, value: Any) -> dict[str, Any]:
     ("ppo.layers", [64, "64"], r"config\.ppo\.layers\[1\]: expected int, got '64'"),
     ("ppo", 3, r"config\.ppo: expected a table or a list"),
     ("settings", None, "settings: expected a table or a list"),
+    ("settings", "{", "settings: expected a table, such as"),
+    ("curriculum", ["spawn_distance"], r"config\.curriculum\[0\]: expected a table, such as"),
     ("settings.spawn_distance", [1.0], r"settings\.spawn_distance: Not enough values"),
     ("settings.fail_distance", 1.0, r"settings: fail_distance must exceed the farthest start"),
     ("timing.control_period", -0.2, r"config\.timing: control_period must be a finite number > 0"),
