@@ -64,13 +64,14 @@ class Evaluate:
         ready_folder(output_folder(self.contestant))
         flights = self._fly(run)
         measured = {name: measure(flight) for name, flight in flights.items()}
+        console = Console()
         for metrics in measured.values():
-            Console().print(metrics.table())
+            console.print(metrics.table(console.width))
         results: dict[str, Any] = {name: metrics.to_json() for name, metrics in measured.items()}
         passed = True
         if self.engine == "both":
             comparison = compare_engines(flights["fast"], flights["drake"])
-            Console().print(comparison.table())
+            console.print(comparison.table())
             results["both"], passed = comparison.to_json(), comparison.passed
         print(f"Written to {self._write(results, next(iter(flights.values())))}.")
         return passed

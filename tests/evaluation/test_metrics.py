@@ -202,6 +202,16 @@ def test_table_reads_without_a_terminal() -> None:
     assert "85 / 25 / 15 %" in text  # PT5, PT2 and PT1 share a line
 
 
+def test_a_narrow_terminal_breaks_no_figure() -> None:
+    console = Console(file=io.StringIO(), width=80)
+    console.print(measure(two_episodes()).table(console.width))
+    text = console.file.getvalue()  # type: ignore[attr-defined]
+    assert "85 / 25 / 15 %" in text
+    assert "…" not in text
+    assert "within all tolerances" not in text
+    assert "A terminal of 110 columns or more" in text
+
+
 def test_spatial_flight() -> None:
     craft, task = load_spacecraft("free-flyer"), GoToPose(spawn_distance=(3.0, 4.0))
 
