@@ -155,7 +155,7 @@ def _all_agents() -> Table:
     cards = [pretrained_card(name) for name in pretrained_names()]
     return _table("Agents (pretrained:NAME)", ("name", "task", "spacecraft", "solved"), [
         (card["name"], card["task"], card["spacecraft"], "\n".join(
-            f"{values['solved'][0]:g} % {part}" for part, values in card["evaluation"]["own"].items()))
+            f"{values['solved'][0]:.4g} % {part}".rstrip() for part, values in card["evaluation"]["own"].items()))
         for card in cards])
 
 
@@ -243,6 +243,8 @@ def _table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]]) ->
 
     table = Table(*columns, title=title, title_justify="left")
     table.columns[0].no_wrap = True
+    for column in table.columns[1:]:
+        column.overflow = "fold"  # no end of a long word is lost
     for row in rows:
         table.add_row(*row)
     return table
