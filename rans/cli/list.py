@@ -10,7 +10,7 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from tyro import conf
 
@@ -153,10 +153,15 @@ def _all_agents() -> Table:
     from rans.pretrained import pretrained_card, pretrained_names
 
     cards = [pretrained_card(name) for name in pretrained_names()]
-    return _table("Agents (pretrained:NAME)", ("name", "task", "spacecraft", "solved"), [
-        (card["name"], card["task"], card["spacecraft"], "\n".join(
-            f"{values['solved'][0]:.4g} % {part}".rstrip() for part, values in card["evaluation"]["own"].items()))
-        for card in cards])
+    return _table("Agents (pretrained:NAME)", ("name", "spacecraft", "solved"), [
+        (card["name"], card["spacecraft"], _solved(card)) for card in cards])
+
+
+def _solved(card: dict[str, Any]) -> str:
+    """Share of episodes; of a multi-task agent those of its worst and its best task."""
+    shares = [values["solved"][0] for values in card["evaluation"]["own"].values()]
+    low, high = min(shares), max(shares)
+    return f"{low:.4g} %" if low == high else f"{low:.4g} to {high:.4g} %"
 
 
 def _agent_details(name: str) -> Iterable[str | Table]:

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from rans.cli import main
-from rans.cli.list import layout_text
+from rans.cli.list import _solved, layout_text
 from rans.spacecraft import Spacecraft, Thruster
 from rans.spacecraft_file import load_spacecraft, spacecraft_names
 from rans.tasks import GYMNASIUM_IDS, TASKS, GoToPose, observation_columns
@@ -38,6 +38,13 @@ def test_everything_is_listed(capsys: pytest.CaptureFixture[str]) -> None:
     text = listed(capsys)
     for name in (*spacecraft_names(), *TASKS, *(i for ids in GYMNASIUM_IDS.values() for i in ids)):
         assert name in text
+
+
+def test_an_agent_of_several_tasks_is_as_good_as_its_worst_and_best() -> None:
+    card = {"evaluation": {"own": {"a": {"solved": [99.02, 98.0, 99.5, "%"]},
+                                   "b": {"solved": [100.0, 100.0, 100.0, "%"]}}}}
+    assert _solved(card) == "99.02 to 100 %"
+    assert _solved({"evaluation": {"own": {"": {"solved": [99.8765, 99.0, 100.0, "%"]}}}}) == "99.88 %"
 
 
 @pytest.mark.parametrize("name", spacecraft_names())
