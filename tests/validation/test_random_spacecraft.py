@@ -45,7 +45,7 @@ def test_a_few_dozen(dimension: Literal[2, 3]) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("dimension", "examples"), [(2, 220), (3, 60)])
+@pytest.mark.parametrize(("dimension", "examples"), [(2, 240), (3, 40)])
 def test_hundreds(dimension: Literal[2, 3], examples: int) -> None:
     any_spacecraft(dimension, examples)()
 
