@@ -73,7 +73,9 @@ class Scene:
         wanted = drawn(self.task, goal).tolerances()
         way = [np.resize([*point, 0.0], 3) for point in trail] + [here]
         target = place if "position" in wanted else way[0]
-        self._look_at([*way, target])
+        arrows = ((state.v, _TRAIL), (goal.v, _GOAL)) if "velocity" in wanted else ()
+        tips = [(here + _SECONDS * _vector(velocity), colour) for velocity, colour in arrows]
+        self._look_at([*way, target, *(tip for tip, _ in tips)])
         image = Image.new("RGB", (self.width * _SMOOTHING, self.height * _SMOOTHING), "white")
         draw = ImageDraw.Draw(image)
         self._draw_grid(draw, target)
@@ -82,9 +84,8 @@ class Scene:
             self._line(draw, [here, np.array([here[0], here[1], target[2]])], _SHADOW, 1.0)
         self._draw_craft(draw, here, turn, np.asarray(command, dtype=float))
         self._draw_goal(draw, target if "position" in wanted else here, wanted_turn, wanted)
-        if "velocity" in wanted:
-            self._arrow(draw, here, _vector(state.v), _TRAIL)
-            self._arrow(draw, here, _vector(goal.v), _GOAL)
+        for tip, colour in tips:
+            self._arrow(draw, here, tip, colour)
         return np.asarray(image.reduce(_SMOOTHING))
 
     def _look_at(self, points: list[np.ndarray]) -> None:
@@ -121,9 +122,9 @@ class Scene:
         elif "position" in wanted:
             self._disc(draw, place, _GOAL, _GOAL, 0.25)
 
-    def _arrow(self, draw: ImageDraw.ImageDraw, start: np.ndarray, velocity: np.ndarray, colour: str) -> None:
-        """From here as far as this velocity in W goes in two seconds."""
-        (x, y), (tip_x, tip_y) = self._pixels([start, start + _SECONDS * velocity])
+    def _arrow(self, draw: ImageDraw.ImageDraw, start: np.ndarray, tip: np.ndarray, colour: str) -> None:
+        """From one point of W to another; none where they are the same."""
+        (x, y), (tip_x, tip_y) = self._pixels([start, tip])
         length = math.hypot(tip_x - x, tip_y - y)
         if length < 2.0 * _SMOOTHING:
             return

@@ -129,6 +129,16 @@ def test_the_goal_is_what_the_task_wants() -> None:
     assert heading[:, 0].min() > -150
 
 
+def test_arrows_end_within_the_frame() -> None:
+    """However the way was that led here: fast along it, both ways."""
+    for speed in (0.75, -0.75):
+        there = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(speed, 0.0), 0.0)
+        frame = Scene(PLATFORM, TrackVelocity()).render(planar(FAR), there, shut(PLATFORM), [(0.0, 0.0)])
+        found = spots(frame, GOAL)
+        assert len(found) > 50
+        assert 2 < found[:, 0].min() < found[:, 0].max() < 637
+
+
 def test_a_multi_task_shows_the_goal_it_drew() -> None:
     task = MultiTask(tasks=("go-to-pose", "track-velocity"))
     for part in task.parts().values():

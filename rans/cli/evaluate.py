@@ -57,7 +57,7 @@ class Evaluate:
 
         from rans.evaluation.contestants import contestant, output_folder
         from rans.evaluation.engines import compare_engines
-        from rans.evaluation.measure import measure
+        from rans.evaluation.measure import ROOM, measure
         from rans.files import ready_folder
 
         run = contestant(self.contestant, self.protocol)
@@ -65,6 +65,8 @@ class Evaluate:
         flights = self._fly(run)
         measured = {name: measure(flight) for name, flight in flights.items()}
         console = Console()
+        if not console.is_terminal:
+            console.width = max(console.width, ROOM)  # files have room
         for metrics in measured.values():
             console.print(metrics.table(console.width))
         results: dict[str, Any] = {name: metrics.to_json() for name, metrics in measured.items()}

@@ -20,9 +20,9 @@ RESAMPLES = 1000
 """Bootstrap resamples: the ends of a 95 % interval then rest on 25 resamples each."""
 
 COLUMNS = ("metric", "value", "95 % interval", "meaning")
-_ROOM = 110
-"""Columns of a terminal in which all of these stand without broken words."""
 """Headings of `Metrics.lines`."""
+ROOM = 110
+"""Columns of a terminal in which all of these stand without broken words."""
 
 
 @dataclass(frozen=True)
@@ -91,12 +91,12 @@ class Metrics:
         for (group, _, _), rows in itertools.groupby(self.rows, lambda r: (r.group, r.meaning, r.unit)):
             yield group, _line(tuple(rows))
 
-    def table(self, width: int = _ROOM) -> Table:
+    def table(self, width: int = ROOM) -> Table:
         """A table for a terminal of so many columns; a narrow one is not told what each metric means."""
-        shown = COLUMNS if width >= _ROOM else COLUMNS[:-1]
+        shown = COLUMNS if width >= ROOM else COLUMNS[:-1]
         table = Table(*shown, title=self.title(), title_justify="left", caption_justify="left")
         if len(shown) < len(COLUMNS):
-            table.caption = f"A terminal of {_ROOM} columns or more shows what each of them means."
+            table.caption = f"A terminal of {ROOM} columns or more shows what each of them means."
         for column in table.columns[1:3]:
             column.no_wrap = True
         for group, lines in itertools.groupby(self.lines(), lambda line: line[0]):
