@@ -125,7 +125,10 @@ def test_the_cost_is_the_tasks_own_return() -> None:
 
 @pytest.mark.parametrize("name", ["go-to-pose-2d-fast", "go-to-pose-2d-thrifty", "go-to-pose-2d-shared"])
 def test_the_return_of_agents_that_rest_has_an_optimum(name: str) -> None:
-    """Rests and narrow rewards have corners where the trajectory ends; no agent gets more than it."""
+    """Rests and narrow rewards have corners where the trajectory ends; no agent gets more than it.
+
+    From this start agents get 85 to 99 % of it. With corners rounded by 1 cm alone the thrifty one got more.
+    """
     run = contestant(f"pretrained:{name}")
     task, period = run.task.for_evaluation(), run.timing.control_period
     starts = scenarios(task, run.craft, 11, 1)
@@ -134,4 +137,4 @@ def test_the_return_of_agents_that_rest_has_an_optimum(name: str) -> None:
     case = scenario(task, 2, 11, 0)
     trajectory = solved(run.craft, objective, case.start, case.goal, task)
     achieved = sum(float(term.sum()) for term in flight.rewards().values())
-    assert 0.8 * -trajectory.cost < achieved < -trajectory.cost
+    assert 0.8 * -trajectory.cost < achieved < -trajectory.cost  # far less: of another problem

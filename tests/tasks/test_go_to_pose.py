@@ -79,11 +79,10 @@ def test_a_wrong_attitude_costs_at_the_goals_place_only() -> None:
     assert cost(0.1 * half, -0.2 * half) == pytest.approx(-2.0)
     assert cost(0.1 * half, 0.0) == 0.0
     assert cost(5.0, math.pi) == pytest.approx(0.0, abs=1e-15)
-    # in space a third of a turn, 2.0944 rad, less the rest; 3 m off the place, less the rest
-    wide = GoToPose(misaligned_weight=8.0, fine_position_scale=2.0, fine_attitude_scale=1.0,
-                    rest_position=1.0, rest_attitude=0.0944)
-    expected = -8.0 * math.exp(-(3.0 - 1.0) / 2.0) * (1.0 - math.exp(-(2 * math.pi / 3 - 0.0944)))
-    assert wide.reward(SPATIAL, SPATIAL_GOAL, (0.0,), (0.0,))["misaligned"] == pytest.approx(expected)
+    # In space 3 m and a third of a turn off; beyond the rests 2 m and 2 rad, ln 2 scales each: -8 / 2 / 2.
+    spatial = GoToPose(misaligned_weight=8.0, fine_position_scale=2.0 / half, fine_attitude_scale=2.0 / half,
+                       rest_position=1.0, rest_attitude=2 * math.pi / 3 - 2.0)
+    assert spatial.reward(SPATIAL, SPATIAL_GOAL, (0.0,), (0.0,))["misaligned"] == pytest.approx(-2.0)
     assert "misaligned" not in GoToPose().reward(PLANAR, PLANAR_GOAL, (1.0,), (0.0,))
 
 

@@ -36,6 +36,32 @@ def test_only_the_number_of_environments_differs(tmp_path: Path, monkeypatch: py
     assert (tmp_path / "x.svg").read_text().startswith("<?xml")
 
 
+def test_an_interrupt_loses_no_training_that_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    ends = iter([Success(True, 2.0, 0.0, 10**6)])
+
+    def stand_in(*_: Any) -> Success:
+        if (end := next(ends, None)) is None:
+            raise KeyboardInterrupt
+        return end
+
+    monkeypatch.setattr(tradeoff, "train_until_solved", stand_in)
+    monkeypatch.setattr("sys.argv", ["tradeoff", "--num-envs", "64", "--output", str(tmp_path / "x.json")])
+    assert tradeoff.main() == 130
+    assert len(json.loads((tmp_path / "x.json").read_text())["trainings"]) == 1
+
+
+@pytest.mark.parametrize(("given", "said"), [
+    (["--num-envs", "66"], "--num-envs must be multiples of 4, the number of minibatches, got 66."),
+    (["--seeds", "0"], "--seeds must be >= 1, got 0."),
+    (["--spacecraft", "nobody"], "nobody"),
+])
+def test_wrong_values_are_sentences(given: list[str], said: str, monkeypatch: pytest.MonkeyPatch,
+                                    capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr("sys.argv", ["tradeoff", *given])
+    assert tradeoff.main() == 2
+    assert said in capsys.readouterr().err
+
+
 def test_the_figure_joins_medians_and_shows_what_was_not_solved() -> None:
     ends = {32: (5.0, 9.0, 7.0), 128: (3.0, 4.0, 8.0)}
     figure = tradeoff_figure("", [Trained(count, seed, Success(seconds < 9.0, seconds, 0.0, 10**6))

@@ -6,6 +6,7 @@ Run as ``python -m validation.speed.tradeoff``; minutes on a GPU, about five on 
 from __future__ import annotations
 
 import statistics
+import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -17,11 +18,13 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullLocator
 from rich.console import Console
 
+from rans.errors import ConfigError, RansError
 from rans.evaluation.figures import styled, svg
 from rans.evaluation.panels import BLUE, GREY, INK, label
 from rans.fast.config import PPOSettings, TrainConfig
 from rans.fast.presets import preset
-from rans.files import environment, write_json, write_text
+from rans.fast.trainer import check_device
+from rans.files import environment, ready_folder, write_json, write_text
 from rans.spacecraft_file import load_spacecraft
 from validation.speed.training import Success, train_until_solved
 
@@ -55,13 +58,28 @@ class Tradeoff:
     """What was measured; the figure is beside it, as .svg."""
 
     def run(self) -> list[Trained]:
-        """Print a line a training, and write both files."""
+        """Print a line a training, and write both files after each.
+
+        Raises:
+            ConfigError: a number or the device is wrong, or the disk refused.
+        """
         settings = preset("go-to-pose", load_spacecraft(self.spacecraft).dimension, self.device)
         sizes = self.num_envs or tuple(int(share * settings.n_envs) for share in _SIZES)
-        trained = []
+        if self.seeds < 1:
+            raise ConfigError(f"--seeds must be >= 1, got {self.seeds}.")
+        if wrong := [count for count in sizes if count < 1 or count % _MINIBATCHES]:
+            raise ConfigError(f"--num-envs must be multiples of {_MINIBATCHES}, the number of minibatches, "
+                              f"got {wrong[0]}.")
+        check_device(self.device)
+        ready_folder(self.output.parent)
+        trained: list[Trained] = []
         for one in self._train(settings, sizes):
             trained.append(one)
             Console().print(f"{one.num_envs:6,} environments, seed {one.seed}: {_said(one.success)}")
+            self._write(settings, trained)
+        return trained
+
+    def _write(self, settings: PPOSettings, trained: Sequence[Trained]) -> None:
         about = environment()
         write_json(self.output, {"environment": about, "settings": asdict(settings),
                                  "spacecraft": self.spacecraft, "device": self.device,
@@ -69,7 +87,6 @@ class Tradeoff:
         hardware = about.get("gpu") if self.device == "cuda" else f"{about['processor']}, one core"
         write_text(self.output.with_suffix(".svg"),
                    svg(tradeoff_figure(f"go-to-pose, {self.spacecraft}, {hardware}", trained)))
-        return trained
 
     def _train(self, settings: PPOSettings, sizes: Sequence[int]) -> Iterator[Trained]:
         interval = TrainConfig.report_interval * settings.n_envs
@@ -117,5 +134,17 @@ def _against_size(axes: Axes, trained: Sequence[Trained], values: Sequence[float
     axes.set_ylim(bottom=0.0)
 
 
+def main() -> int:
+    """Run the study; 2 if it could not, 130 if it was interrupted, which loses no training that ended."""
+    try:
+        tyro.cli(Tradeoff).run()
+    except RansError as error:
+        print(f"tradeoff: {error}", file=sys.stderr)  # noqa: T201
+        return 2
+    except KeyboardInterrupt:
+        return 130
+    return 0
+
+
 if __name__ == "__main__":
-    tyro.cli(Tradeoff).run()
+    raise SystemExit(main())
