@@ -90,7 +90,7 @@ class Engine:
         self.craft, self.task, self.timing = craft, task, timing or Timing()
         self.num_envs, self.dtype, self.device = num_envs, dtype, torch.device(device)
         self.compiled = self.device.type == "cuda" if compiled is None else compiled
-        self.world, self._stride = world, num_envs * world.size
+        self.world = world
         self.observation_width = observation_width(craft.dimension)
         fields = field_dtype(self.device, dtype, self.compiled)
         self._on_numpy = not isinstance(fields, torch.dtype)
@@ -100,6 +100,7 @@ class Engine:
         step = _step_tensors
         self._step = torch.compile(step, fullgraph=True, dynamic=False) if self.compiled else step
         self._seed: tuple[Any, Any] = (self._int32(0), self._int32(0))
+        self._numbers = self._first_numbers(), num_envs * world.size
         self._episodes: Episodes = self._allocate(seed)
         self._kernel = self._generated() if generated else None
         self.reset(seed)
@@ -133,14 +134,14 @@ class Engine:
         Returns:
             Observation (N, width).
         """
-        number = self._episodes.number
+        simulation, clock = self._simulation, self._episodes.clock
         if seed is None:
-            number += self._stride
+            self._write(clock, simulation.next_episode(clock))
         else:
             self._set_seed(seed_words(seed))
-            self._write(number, self._count())
-        start, goal = self._simulation.begin(self._seed, number)
-        begun = Episodes(start, goal, steps=0, number=number, previous=(0,) * len(self._episodes.previous))
+            self._write(clock, 0)
+        start, goal = simulation.begin(self._seed, simulation.number(clock, self._numbers))
+        begun = Episodes(start, goal, clock, previous=(0,) * len(self._episodes.previous))
         for buffer, value in zip(self._buffers(), begun.memory(), strict=True):
             self._write(buffer, value)
         return self.observe()
@@ -149,8 +150,10 @@ class Engine:
         """Pretend the episodes started at random times, so that they do not all end together."""
         limit = self.timing.episode_steps
         steps = self.world.mine(
-            torch.randint(0, limit, (self._stride,), generator=generator, dtype=torch.int32))
-        self._write(self._episodes.steps, steps.numpy() if self._on_numpy else steps.to(self.device))
+            torch.randint(0, limit, (self._numbers[1],), generator=generator, dtype=torch.int32))
+        clock = self._episodes.clock
+        clock -= clock & self._simulation.last_step
+        clock += steps.numpy() if self._on_numpy else steps.to(self.device)
 
     def observe(self) -> Tensor:
         """The current observation, (N, width)."""
@@ -178,7 +181,7 @@ class Engine:
             return self._step_numpy(action)
         if self._kernel is not None:
             return self._kernel(action)
-        return self._step(self._simulation, self._episodes, action, self._seed, self._stride)
+        return self._step(self._simulation, self._episodes, action, self._seed, self._numbers)
 
     def _generated(self) -> Kernel | None:
         """The step as one generated kernel; without it torch's compiler makes several."""
@@ -187,7 +190,7 @@ class Engine:
         from rans.fast.kernel.launch import Kernel  # it needs `Step`
 
         try:
-            kernel = Kernel(self._simulation, self._episodes, self._seed, self._stride)
+            kernel = Kernel(self._simulation, self._episodes, self._seed, self.world)
             kernel.function(self.dtype)
         except Exception as error:  # no compiler, or a task of the user's that only torch understands
             warnings.warn(f"torch.compile makes this engine's step, which is slower: {error}", stacklevel=3)
@@ -196,7 +199,7 @@ class Engine:
 
     def _step_numpy(self, action: Tensor) -> Step:
         command = tuple(np.ascontiguousarray(action.numpy().T).astype(self._simulation.dtype))
-        after, outcome = self._simulation.step(self._episodes, command, self._seed, self._stride)
+        after, outcome = self._simulation.step(self._episodes, command, self._seed, self._numbers)
         for buffer, value in zip(self._buffers(), after.memory(), strict=True):
             self._write(buffer, value)
         return _results(outcome, lambda rows: torch.from_numpy(np.stack(rows)), torch.from_numpy)
@@ -229,7 +232,7 @@ class Engine:
             for tensor, word in zip(self._seed, words, strict=True):
                 tensor.fill_(word)
 
-    def _count(self) -> Any:
+    def _first_numbers(self) -> Any:
         numbers = self.world.rank, self.num_envs * self.world.size, self.world.size
         if self._on_numpy:
             return np.arange(*numbers, dtype=np.int32)
@@ -238,16 +241,14 @@ class Engine:
     def _allocate(self, seed: int) -> Episodes:
         """Buffers of the right shape; their content is written by `reset`."""
         self._set_seed(seed_words(seed))
-        number = self._count()
-        start, goal = self._simulation.begin(self._seed, number)
+        start, goal = self._simulation.begin(self._seed, self._numbers[0])
         where = {} if self._on_numpy else {"device": self.device}
         zeros: Any = np.zeros if self._on_numpy else torch.zeros
         buffer = lambda _: zeros(self.num_envs, dtype=self._simulation.dtype, **where)  # noqa: E731
         return Episodes(
             state=map_leaves(buffer, start),
             goal=map_leaves(lambda x: x if isinstance(x, float) else buffer(x), goal),
-            steps=self._count() * 0,
-            number=number,
+            clock=self._numbers[0] * 0,
             previous=self._shut() if self.task.watches_switching else (),
         )
 
@@ -267,10 +268,10 @@ class Engine:
 
 
 def _step_tensors(simulation: Simulation, episodes: Episodes, action: Tensor,
-                  seed: tuple[Tensor, Tensor], stride: int) -> Step:
+                  seed: tuple[Tensor, Tensor], numbers: tuple[Tensor, int]) -> Step:
     """One step on tensors, writing the episodes' buffers in place; this is what is compiled."""
     command = tuple(action[:, i].to(simulation.dtype) for i in range(action.shape[1]))
-    after, outcome = simulation.step(episodes, command, seed, stride)
+    after, outcome = simulation.step(episodes, command, seed, numbers)
     for buffer, value in zip(episodes.memory(), after.memory(), strict=True):
         buffer.copy_(value)
     return _results(outcome, torch.stack, lambda x: x)

@@ -25,17 +25,16 @@ class Episodes:
     """`State` of fields (N,)."""
     goal: Any
     """`State` of fields (N,), or of floats where the task's goal never varies."""
-    steps: Field
-    """Control periods since the episode's start, int32."""
-    number: Field
-    """Number of the episode: with the seed it decides start and goal, int32."""
+    clock: Field
+    """int32: control periods since the episode's start in the low bits, and above them how many episodes of
+    this environment have ended. Their count wraps around."""
     previous: tuple[Field, ...] = ()
     """The last command, one field per thruster, int8; empty where the task does not look at it."""
 
     def memory(self) -> list[Field]:
-        """Every field that varies, in a fixed order: state and goal, steps, number, last command."""
+        """Every field that varies, in a fixed order: state and goal, clock, last command."""
         goal = (x for x in leaves(self.goal) if not isinstance(x, float))
-        return [*leaves(self.state), *goal, self.steps, self.number, *self.previous]
+        return [*leaves(self.state), *goal, self.clock, *self.previous]
 
 
 @dataclass(frozen=True)
@@ -70,6 +69,20 @@ class Simulation:
     nodes: int = NODES
     """Of the quadrature in the plane (`rans.dynamics.advance`)."""
 
+    @property
+    def last_step(self) -> int:
+        """The greatest number of control periods that a clock holds, whose bits are all ones."""
+        return 2**self.timing.episode_steps.bit_length() - 1
+
+    def next_episode(self, clock: Field) -> Field:
+        """The clock at the start of the next episode."""
+        return (clock | self.last_step) + 1
+
+    def number(self, clock: Field, numbers: tuple[Field, Any]) -> Field:
+        """Number of the episode, for an environment whose numbers these are (`step`)."""
+        first, stride = numbers
+        return first + (clock >> self.last_step.bit_length()) * stride
+
     def begin(self, seed: tuple[Field, Field], number: Field) -> tuple[Any, Any]:
         """Start and goal of the episodes with these numbers."""
         return self.task.sample(Random(self.craft.dimension, *seed, number, self.dtype))
@@ -82,24 +95,25 @@ class Simulation:
         ).normalised()
 
     def step(self, episodes: Episodes, command: tuple[Field, ...], seed: tuple[Field, Field],
-             stride: int) -> tuple[Episodes, Outcome]:
+             numbers: tuple[Field, Any]) -> tuple[Episodes, Outcome]:
         """Hold the command for one control period; start anew where an episode ended.
 
         Args:
             episodes: as they run.
             command: one field per thruster, 0 (shut) to 1 (open).
             seed: its two words (`rans.scenario.seed_words`).
-            stride: number of environments: how far the next episode's number is.
+            numbers: the number of each environment's first episode, and how far from one of its episodes to
+                the next. With the seed an episode's number decides start and goal.
         """
         task, goal = self.task, episodes.goal
         state = self.move(episodes.state, command)
-        steps = episodes.steps + 1
+        clock = episodes.clock + 1
         terms = task.reward(state, goal, command, episodes.previous or command)
         terminated = task.failed(state, goal)
-        truncated = (steps >= self.timing.episode_steps) & ~terminated
+        truncated = ((clock & self.last_step) >= self.timing.episode_steps) & ~terminated
         ended = terminated | truncated
-        arrived = Episodes(state, goal, steps, episodes.number, command if episodes.previous else ())
-        after = self._restart(ended, arrived, seed, episodes.number + stride)
+        arrived = Episodes(state, goal, clock, command if episodes.previous else ())
+        after = self._restart(ended, arrived, seed, numbers)
         return after, Outcome(
             observation=observation(task, after.state, after.goal),
             final_observation=observation(task, state, goal),
@@ -110,15 +124,16 @@ class Simulation:
             reached=task.reached(state, goal),
         )
 
-    def _restart(self, ended: Field, arrived: Episodes, seed: tuple[Field, Field], number: Field) -> Episodes:
-        """Where an episode ended, the one of this number."""
-        start, goal = self.begin(seed, number)
+    def _restart(self, ended: Field, arrived: Episodes, seed: tuple[Field, Field],
+                 numbers: tuple[Field, Any]) -> Episodes:
+        """Where an episode ended, the next one."""
+        clock = self.next_episode(arrived.clock)
+        start, goal = self.begin(seed, self.number(clock, numbers))
         choose = lambda new, old: old if new is old else where(ended, new, old)  # noqa: E731
         return Episodes(
             state=map_leaves(choose, start, arrived.state),
             goal=map_leaves(lambda new, old: old if isinstance(old, float) else choose(new, old),
                             goal, arrived.goal),
-            steps=where(ended, arrived.steps * 0, arrived.steps),
-            number=where(ended, number, arrived.number),
+            clock=where(ended, clock, arrived.clock),
             previous=tuple(where(ended, valve * 0, valve) for valve in arrived.previous),
         )

@@ -42,16 +42,16 @@ class MembersEngine(Engine):
         # The generated kernel reads one seed for all.
         super().__init__(craft, merged(tasks, field), self.members * each, timing, seed=seed, device=device,
                          dtype=dtype, compiled=compiled, generated=False)
-        self._stride = each
+        self._numbers = self._numbers[0], each
 
     def _int32(self, value: int) -> Any:
         """One seed an environment."""
         shared = super()._int32(value)
         return shared if self._on_numpy else shared.repeat(self.num_envs)
 
-    def _count(self) -> Any:
+    def _first_numbers(self) -> Any:
         """Every member's episodes count from zero."""
-        return super()._count() % self._each
+        return super()._first_numbers() % self._each
 
     def adopt(self, engines: Sequence[Engine]) -> None:
         """Go on with the episodes of K engines of n environments, under their seeds."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from rans.fast.engine import Engine
+from rans.fast.engine import Engine, Step
 from rans.fast.graph import graphed
 from rans.spacecraft import Spacecraft
 from rans.tasks import Task
@@ -15,7 +15,10 @@ from validation.speed.roofline import step_work
 MEMORY_TARGET = 250.0
 """Bytes an environment, of 3DoF simulation."""
 _OPEN_SHARE = 0.3
-"""Of the thrusters, at random but the same in every step: who chooses is not the engine's business."""
+"""Of the thrusters, at random in every step, as an untrained policy has them."""
+_STEPS = 64
+"""With commands of their own, which come again after them. Fewer would be a push that lasts, and more
+spacecraft would spin or fly away than do under random commands."""
 
 
 def copy_bandwidth(clock: Clock) -> Measurement:
@@ -42,14 +45,13 @@ def engine_rate(craft: Spacecraft, task: Task, num_envs: int, clock: Clock, band
     """
     engine = Engine(craft, task, num_envs, device=clock.device, compiled=compiled, generated=generated)
     engine.stagger()  # as in training: in every step some episodes end
-    action = _action(engine)
-    step = graphed(lambda: engine.step(action).reward, torch.device(clock.device))
-    seconds, warm_up = clock.time(step)
+    actions = _actions(engine, _STEPS)
+    seconds, warm_up = clock.time(graphed(lambda: _last(engine, actions).reward, torch.device(clock.device)))
     moved = step_work(engine).bytes_moved
     note = f"{moved} bytes a step must move" + ("" if engine.compiled else "; not compiled")
     bound = None if bandwidth is None else 1e3 * bandwidth / moved
     what = f"{craft.name}, {num_envs:,} environments" + ("" if generated else ", torch.compile")
-    return Measurement("engine", what, num_envs / seconds / 1e6, "M steps/s", warm_up, note, bound,
+    return Measurement("engine", what, _STEPS * num_envs / seconds / 1e6, "M steps/s", warm_up, note, bound,
                        "what the copy bandwidth allows")
 
 
@@ -60,7 +62,7 @@ def memory_per_environment(craft: Spacecraft, task: Task, num_envs: int, clock: 
     """
     before = torch.cuda.memory_allocated() if clock.on_gpu else 0
     engine = Engine(craft, task, num_envs, device=clock.device)
-    action = _action(engine)
+    action = _actions(engine, 1)[0]
     results = engine.step(action)
     if clock.on_gpu:
         held, how = torch.cuda.memory_allocated() - before, "allocated by torch"
@@ -73,6 +75,13 @@ def memory_per_environment(craft: Spacecraft, task: Task, num_envs: int, clock: 
                        bound_name="" if target is None else f"the {target:.0f} bytes aimed at")
 
 
-def _action(engine: Engine) -> Tensor:
+def _last(engine: Engine, actions: list[Tensor]) -> Step:
+    """The last of several steps; nothing holds the others."""
+    for action in actions[:-1]:
+        engine.step(action)
+    return engine.step(actions[-1])
+
+
+def _actions(engine: Engine, count: int) -> list[Tensor]:
     shape = engine.num_envs, len(engine.craft.thrusters)
-    return (torch.rand(shape, device=engine.device) < _OPEN_SHARE).to(torch.uint8)
+    return [(torch.rand(shape, device=engine.device) < _OPEN_SHARE).to(torch.uint8) for _ in range(count)]

@@ -90,7 +90,7 @@ def _sum(name: str, rows: list[Traffic]) -> Traffic:
 def _memory_names(engine: Engine) -> list[str]:
     """Of each array of the engine's memory, in its order."""
     goals = sum(not isinstance(goal, float) for goal in leaves(engine.goal))
-    names = ["state"] * len(leaves(engine.state)) + ["goal"] * goals + ["step counter", "episode number"]
+    names = ["state"] * len(leaves(engine.state)) + ["goal"] * goals + ["clock"]
     return names + ["last command"] * (len(engine.save_state()["buffers"]) - len(names))
 
 

@@ -1,5 +1,24 @@
 // Functions that the generated kernels call; `real` is float or double.
 
+// Neighbours in memory, read or written at once.
+template <class T, int N> struct alignas(sizeof(T) * N) Several { T of[N]; };
+
+template <int N, class T> __device__ inline Several<T, N> read(const T* from, size_t group) {
+  return reinterpret_cast<const Several<T, N>*>(from)[group];
+}
+
+template <int N, class T> __device__ inline void write(T* to, size_t group, const Several<T, N>& numbers) {
+  reinterpret_cast<Several<T, N>*>(to)[group] = numbers;
+}
+
+// Brings memory into the second-level cache: whole pieces of 16 bytes, on chips that can.
+template <class T> __device__ inline void fetch(const T* from, int count) {
+#if defined(__CUDA_ARCH__) && __CUDA_ARCH__ >= 900
+  const size_t start = reinterpret_cast<size_t>(from) / 16 * 16;
+  asm volatile("cp.async.bulk.prefetch.L2.global [%0], %1;" ::"l"(start), "r"(int(count * sizeof(T))));
+#endif
+}
+
 // An angle as quarter turns and a rest within pi/4. Cody and Waite's reduction: pi/2 as a sum of three
 // floats; adding 1.5 * 2^23 rounds to a whole number and leaves it in the low bits. Good to 1e4 rad.
 __device__ inline int quarters(float angle, float& rest) {

@@ -7,6 +7,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from rans.fast.distributed import World
 from rans.fast.engine import Step
 from rans.fast.episode import Episodes, Simulation
 from rans.fast.kernel.cuda import Function
@@ -15,6 +16,8 @@ from rans.fast.kernel.source import THREADS, source
 
 _C_TYPES: dict[torch.dtype, Any] = {
     torch.uint8: "unsigned char", torch.float32: "float", torch.float64: "double"}
+MANY = 2**18
+"""From so many spacecraft on, an even number, a thread steps two: with fewer, threads would be missed."""
 
 
 class Kernel:
@@ -26,7 +29,7 @@ class Kernel:
         simulation: what to run.
         episodes: in memory that never moves.
         seed: its two words, likewise.
-        stride: how far the next episode's number is.
+        world: whose part of the spacecraft these are.
 
     Raises:
         TypeError: the task's functions do more than arithmetic on fields, or a curriculum's numbers are of
@@ -34,21 +37,24 @@ class Kernel:
     """
 
     def __init__(self, simulation: Simulation, episodes: Episodes, seed: tuple[Tensor, Tensor],
-                 stride: int) -> None:
+                 world: World) -> None:
         self._program = trace(simulation, episodes)
         self._inputs = [given.source for given in (*self._program.memory, *self._program.settings)]
-        self._seed, self._stride = seed, stride
+        self._seed, self._world = seed, world
         self._real, self._device = simulation.dtype, self._inputs[0].device
         self._count, self._thrusters = len(self._inputs[0]), len(simulation.craft.thrusters)
+        self._together = 2 if self._count >= MANY and self._count % 2 == 0 else 1
         for given in self._program.settings:  # read as they lie in memory, so that nothing converts them
             if (given.source.dtype, given.source.device) != (self._real, self._device):
                 raise TypeError(f"settings that move must be {self._real} on {self._device}, got "
                                 f"{given.source.dtype} on {given.source.device}.")
+        self._ahead = self._blocks_ahead()
         self._functions: dict[torch.dtype, Function] = {}
 
     def source(self, action: torch.dtype) -> str:
         """The kernel's text for actions that are bytes or reals."""
-        return source(self._program, self._thrusters, _C_TYPES[action], _C_TYPES[self._real])
+        return source(self._program, self._thrusters, _C_TYPES[action], _C_TYPES[self._real],
+                      self._together)
 
     def function(self, action: torch.dtype) -> Function:
         """The compiled kernel for such actions.
@@ -67,16 +73,28 @@ class Kernel:
         """Hold the thrusters for one control period, see `rans.fast.engine.Engine.step`."""
         action, count, shape = self._readable(action), self._count, self._program.shape
         reals = torch.empty((shape.reals, count), dtype=self._real, device=self._device)
-        final = torch.empty((count, shape.width), dtype=self._real, device=self._device)
+        final = torch.empty((count, shape.final_width), dtype=self._real, device=self._device)
         flags = torch.empty((len(Shape.FLAGS), count), dtype=torch.bool, device=self._device)
         tensors = (action, *self._seed, reals, final, flags, *self._inputs)
-        self._launch(action.dtype, [tensor.data_ptr() for tensor in tensors], (count, self._stride))
+        self._launch(action.dtype, [tensor.data_ptr() for tensor in tensors], self._numbers())
         return _step(shape, reals, final, flags)
 
-    def _launch(self, action: torch.dtype, pointers: list[int], numbers: tuple[int, int]) -> None:
+    def _blocks_ahead(self) -> int:
+        """What so many blocks read fills a twelfth of the second-level cache (docs/speed.md)."""
+        if self._device.type != "cuda":
+            return 0
+        bytes_read = self._thrusters + sum(given.source.element_size() for given in self._program.memory)
+        cache = torch.cuda.get_device_properties(self._device).L2_cache_size
+        return cache // (12 * THREADS * self._together * bytes_read)
+
+    def _numbers(self) -> tuple[int, ...]:
+        return self._count, self._world.rank, self._world.size, self._ahead
+
+    def _launch(self, action: torch.dtype, pointers: list[int], numbers: tuple[int, ...]) -> None:
         with torch.cuda.device(self._device):
             stream = torch.cuda.current_stream().cuda_stream
-            self.function(action).launch(-(-numbers[0] // THREADS), THREADS, stream, pointers, numbers)
+            blocks = -(-numbers[0] // (THREADS * self._together))
+            self.function(action).launch(blocks, THREADS, stream, pointers, numbers)
 
     def _readable(self, action: Tensor) -> Tensor:
         """Bytes or reals in rows that start at multiples of what is read at once."""
@@ -96,7 +114,7 @@ def _step(shape: Shape, reals: Tensor, final: Tensor, flags: Tensor) -> Step:
         reward=reals[terms],
         terminated=terminated,
         truncated=truncated,
-        final_observation=final,
+        final_observation=final[:, :shape.width],
         reached=reached,
         terms=reals[shape.width:terms],
     )

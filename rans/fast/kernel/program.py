@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from rans.fast.episode import Episodes, Simulation
-from rans.fast.kernel.trace import Symbol, substituted
+from rans.fast.kernel.trace import Symbol, ordered, substituted
 from rans.fields import leaves, unflatten
 from rans.tasks.base import is_moving
 
@@ -47,19 +47,27 @@ class Shape:
     """Of the reward."""
 
     FLAGS = ("terminated", "truncated", "reached")
+    PIECE = 8
+    """Final observations fill multiples of so many numbers: memory is written 32 bytes at a time."""
 
     @property
     def reals(self) -> int:
         """Number of rows: observation, terms, reward."""
         return self.width + self.terms + 1
 
+    @property
+    def final_width(self) -> int:
+        """Of a row of final observations, whose last numbers mean nothing."""
+        return -(-self.width // self.PIECE) * self.PIECE
+
 
 @dataclass(frozen=True)
 class Program:
-    """What a step computes from "command_0" ..., "memory_0" ..., "setting_0" ..., "low", "high" and "stride".
+    """What a step computes from symbols.
 
-    Starts and goals are drawn for every spacecraft, and chosen where an episode ended: few need them, but a
-    branch in which those few draw theirs alone takes longer (docs/speed.md).
+    They are "command_0" ..., "memory_0" ..., "setting_0" ..., the seed's words "low" and "high", and the
+    episodes' numbers "first" and "stride" (`rans.fast.episode.Simulation.step`). Starts and goals are drawn
+    for every spacecraft, and chosen where an episode ended.
     """
 
     memory: tuple[Input, ...]
@@ -79,6 +87,21 @@ class Program:
         """What is stored where no episode ends, with no more than that needs."""
         return _given(self.always, self.ended, value=False)
 
+    def rare(self) -> set[Symbol]:
+        """What only an episode's end needs, and no choice by it enters: draws and final observations."""
+        everything = list(ordered([self.ended, *(store.value for store in (*self.always, *self.at_end))]))
+        often, chosen = {self.ended, *(store.value for store in self.always)}, set[Symbol]()
+        for symbol in reversed(everything):
+            if symbol in often:
+                often.update(symbol.args[2:] if self._chooses(symbol) else symbol.args)
+        for symbol in everything:
+            if self._chooses(symbol) or not chosen.isdisjoint(symbol.args):
+                chosen.add(symbol)
+        return {s for s in everything if s.operation != "constant"} - often - chosen
+
+    def _chooses(self, symbol: Symbol) -> bool:
+        return symbol.operation == "where" and symbol.args[0] is self.ended
+
 
 def trace(simulation: Simulation, episodes: Episodes) -> Program:
     """Run one step on symbols.
@@ -95,8 +118,8 @@ def trace(simulation: Simulation, episodes: Episodes) -> Program:
     memory, inputs = _remembered(episodes)
     command = tuple(Symbol.input(f"command_{i}") for i in range(len(simulation.craft.thrusters)))
     words = (Symbol.input("low", "int"), Symbol.input("high", "int"))
-    stride: Any = Symbol.input("stride", "int")
-    after, outcome = simulation.step(inputs, command, words, stride)
+    numbers = (Symbol.input("first", "int"), Symbol.input("stride", "int"))
+    after, outcome = simulation.step(inputs, command, words, numbers)
     ended: Any = outcome.terminated | outcome.truncated
     shape = Shape(len(outcome.observation), len(outcome.terms))
     first = (*outcome.observation, *outcome.terms.values(), outcome.reward)
@@ -127,8 +150,8 @@ def _rows(array: Any, values: Any) -> Iterator[Store]:
 def _remembered(episodes: Episodes) -> tuple[tuple[Input, ...], Episodes]:
     """The episodes' arrays, and the episodes with symbols in their place."""
     arrays, switches = episodes.memory(), len(episodes.previous)
-    types: list[Type] = ["real"] * (len(arrays) - 2 - switches)
-    types.extend(("int", "int"))
+    types: list[Type] = ["real"] * (len(arrays) - 1 - switches)
+    types.append("int")
     types.extend("signed char" for _ in range(switches))
     memory = tuple(
         Input(Symbol.input(f"memory_{row}", "real" if kind == "real" else "int"), kind, array)
@@ -137,7 +160,7 @@ def _remembered(episodes: Episodes) -> tuple[tuple[Input, ...], Episodes]:
     new = lambda x: x if isinstance(x, float) else next(symbols)  # noqa: E731
     state, goal = (unflatten(tree, [new(x) for x in leaves(tree)])
                    for tree in (episodes.state, episodes.goal))
-    return memory, Episodes(state, goal, next(symbols), next(symbols), tuple(symbols))
+    return memory, Episodes(state, goal, next(symbols), tuple(symbols))
 
 
 def _with_symbols(setting: Any, found: list[Input]) -> Any:

@@ -196,9 +196,12 @@ def _simplified_logic(operation: str, a: Symbol, b: Symbol) -> Symbol | None:
     return a if b.value == (operation == "&") else b
 
 
-def ordered(roots: Iterable[Symbol]) -> Iterator[Symbol]:
-    """Everything that the roots are made of, operands before operations, late enough to be used soon."""
-    seen: set[Symbol] = set()
+def ordered(roots: Iterable[Symbol], known: Iterable[Symbol] = ()) -> Iterator[Symbol]:
+    """Everything that the roots are made of, operands before operations, late enough to be used soon.
+
+    Without what is known, and without what only that is made of.
+    """
+    seen = set(known)
     stack = [(root, False) for root in reversed(list(roots))]
     while stack:
         symbol, ready = stack.pop()

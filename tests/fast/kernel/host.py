@@ -26,11 +26,11 @@ class HostKernel(Kernel):
     """
 
     def __init__(self, engine: Engine, folder: Path) -> None:
-        super().__init__(engine._simulation, engine._episodes, engine._seed, engine._stride)
+        super().__init__(engine._simulation, engine._episodes, engine._seed, engine.world)
         self._folder = folder
         self._libraries: dict[torch.dtype, CDLL] = {}
 
-    def _launch(self, action: torch.dtype, pointers: list[int], numbers: tuple[int, int]) -> None:
+    def _launch(self, action: torch.dtype, pointers: list[int], numbers: tuple[int, ...]) -> None:
         if action not in self._libraries:
             path = self._folder / str(action).removeprefix("torch.")
             self._libraries[action] = _compiled(self.source(action), path)

@@ -7,20 +7,21 @@ import torch
 from torch import Tensor
 
 from rans.fast.engine import Engine, Step
+from rans.fast.kernel import launch
 from rans.spacecraft_file import load_spacecraft
 from rans.tasks import TASKS
 from rans.timing import Timing
 
 pytestmark = [
     pytest.mark.gpu, pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA device")]
-COUNT, STEPS = 4099, 200
-"""Environments, not a multiple of a warp; and steps of each, six episodes long."""
+COUNTS, STEPS = {1: 4099, 2: 4098}, 200
+"""Environments by how many a thread steps, not multiples of a warp; and steps, six episodes long."""
 TOLERANCE = {torch.float64: 1e-12, torch.float32: 2e-5}
 """Rounding of one step, to a value of one: hundreds of operations; float32 has fast divisions and roots."""
 
 
-def engine(craft: str, task: str, dtype: torch.dtype, generated: bool) -> Engine:
-    return Engine(load_spacecraft(craft), TASKS[task](), COUNT, Timing(episode_steps=30), seed=2**40 + 3,
+def engine(craft: str, task: str, count: int, dtype: torch.dtype, generated: bool) -> Engine:
+    return Engine(load_spacecraft(craft), TASKS[task](), count, Timing(episode_steps=30), seed=2**40 + 3,
                   device="cuda", dtype=dtype, compiled=generated, generated=generated)
 
 
@@ -33,16 +34,20 @@ def flags(step: Step) -> Tensor:
     return torch.stack((step.terminated, step.truncated, step.reached))
 
 
+@pytest.mark.parametrize("together", COUNTS)
 @pytest.mark.parametrize("dtype", TOLERANCE, ids=["float64", "float32"])
 @pytest.mark.parametrize("craft", ["floating-platform", "floating-platform-shared", "free-flyer"])
 @pytest.mark.parametrize("task", TASKS)
-def test_the_kernel_does_what_torch_does(task: str, craft: str, dtype: torch.dtype) -> None:
-    plain, kernel = engine(craft, task, dtype, False), engine(craft, task, dtype, True)
+def test_the_kernel_does_what_torch_does(task: str, craft: str, dtype: torch.dtype, together: int,
+                                         monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(launch, "MANY", 1)
+    count = COUNTS[together]
+    plain, kernel = (engine(craft, task, count, dtype, generated) for generated in (False, True))
     assert kernel._kernel is not None
     generator = torch.Generator("cuda").manual_seed(0)
     ends = flips = 0
     for _ in range(STEPS):
-        shape = COUNT, len(plain.craft.thrusters)
+        shape = count, len(plain.craft.thrusters)
         action = torch.rand(shape, device="cuda", generator=generator) < 0.3
         expected, found = plain.step(action.to(torch.uint8)), kernel.step(action.to(torch.uint8))
         same = (flags(expected) == flags(found)).all(dim=0)
@@ -53,6 +58,6 @@ def test_the_kernel_does_what_torch_does(task: str, craft: str, dtype: torch.dty
             assert worst < TOLERANCE[dtype], name
         assert difference(found.terms.T[same], expected.terms.T[same]) < TOLERANCE[dtype]
         kernel.load_state(plain.save_state())  # so that what is compared is always one step
-    assert ends > COUNT
+    assert ends > count
     # A value within rounding of a bound may fall on either side of it.
-    assert flips <= 1e-5 * COUNT * STEPS
+    assert flips <= 1e-5 * count * STEPS

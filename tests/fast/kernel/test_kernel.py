@@ -12,7 +12,9 @@ import pytest
 import torch
 
 from rans.fast.curriculum import Curriculum, Ramp
+from rans.fast.distributed import World
 from rans.fast.engine import Engine, Step
+from rans.fast.kernel import launch
 from rans.fast.kernel.cuda import CudaError
 from rans.fast.kernel.launch import Kernel
 from rans.spacecraft import Spacecraft
@@ -57,8 +59,15 @@ def compare(ours: Engine, theirs: Engine, steps: int = 25, form: torch.dtype = t
     return ends
 
 
+@pytest.fixture(params=[1, 2])
+def together(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of few spacecraft too, a thread steps so many."""
+    monkeypatch.setattr(launch, "MANY", 1 if request.param == 2 else 2**31)
+
+
 @both_crafts
 @pytest.mark.parametrize("task", TASKS)
+@pytest.mark.usefixtures("together")
 def test_every_task_steps_and_restarts_as_on_numpy(on_host: Any, task: str, craft: Spacecraft) -> None:
     made: Any = (craft, TASKS[task](), 16, Timing(episode_steps=12))
     how: Any = {"seed": SEED, "dtype": torch.float64}
@@ -81,10 +90,11 @@ def test_actions_of_any_dtype(on_host: Any, form: torch.dtype) -> None:
 @pytest.mark.filterwarnings("ignore:spacecraft 'free-flyer'.*cannot push and turn")
 @pytest.mark.parametrize("thrusters", [5, 6, 12])
 @pytest.mark.parametrize("form", [torch.uint8, torch.float64])
+@pytest.mark.usefixtures("together")
 def test_any_number_of_thrusters(on_host: Any, thrusters: int, form: torch.dtype) -> None:
     """Commands are read in pieces of one to sixteen bytes."""
     craft = replace(FLYER, thrusters=FLYER.thrusters[:thrusters], thrust_sharing="split")
-    made: Any = (craft, GoToPose(), 3, Timing(substeps=1))
+    made: Any = (craft, GoToPose(), 4, Timing(substeps=1))
     how: Any = {"dtype": torch.float64}
     compare(Engine(*made, **how), on_host(*made, **how), 6, form)
 
@@ -97,6 +107,23 @@ def test_actions_may_lie_anywhere(on_host: Any) -> None:
     seen = [on_host(*made).step(form).observation for form in (action, shifted, sparse)]
     assert torch.equal(seen[0], seen[1])
     assert torch.equal(seen[0], seen[2])
+
+
+def test_an_odd_number_of_spacecraft_flies_one_by_one(on_host: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(launch, "MANY", 1)
+    made = (PLATFORM, NEAR, 15, SHORT)
+    assert compare(Engine(*made), on_host(*made)) > 15
+
+
+def test_each_process_flies_its_own_episodes(on_host: Any) -> None:
+    whole, part = Engine(PLATFORM, NEAR, 16, SHORT), on_host(PLATFORM, NEAR, 8, SHORT, world=World(1, 2))
+    ends = 0
+    for action in actions(PLATFORM, 16, 25):
+        expected, found = whole.step(action), part.step(action[1::2])
+        torch.testing.assert_close(found.observation, expected.observation[1::2], rtol=0,
+                                   atol=TOLERANCE[torch.float32])
+        ends += int((found.terminated | found.truncated).sum())
+    assert ends > 8
 
 
 def test_the_previous_command_is_remembered(on_host: Any) -> None:
