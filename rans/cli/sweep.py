@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from tyro.conf import Positional, UseAppendAction, arg
 
 from rans.cli import STARTED
-from rans.cli.train import StopGently, Train
+from rans.cli.train import StopGently, Train, compile_in_this_process
 from rans.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -60,6 +60,7 @@ class Sweep:
 
         from rans.fast.sweep import Sweep as Trainings
 
+        compile_in_this_process()
         sweep = Trainings(list(self._configs()))
         folder = self._folder(sweep.members[0].config)
         with StopGently() as stop:

@@ -49,6 +49,15 @@ def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
     return captured.err
 
 
+def test_the_compiler_starts_no_workers_unless_told_to(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TORCHINDUCTOR_COMPILE_THREADS", "4")
+    assert main(tiny(total_timesteps=128)) == 0
+    assert os.environ["TORCHINDUCTOR_COMPILE_THREADS"] == "4"
+    monkeypatch.delenv("TORCHINDUCTOR_COMPILE_THREADS")
+    assert main(tiny(total_timesteps=128)) == 0
+    assert os.environ["TORCHINDUCTOR_COMPILE_THREADS"] == "1"
+
+
 def test_a_run_folder_is_left(capsys: pytest.CaptureFixture[str]) -> None:
     assert main([*tiny(), "--total-timesteps", "1000"]) == 0
     captured = capsys.readouterr()

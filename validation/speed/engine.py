@@ -48,7 +48,8 @@ def engine_rate(craft: Spacecraft, task: Task, num_envs: int, clock: Clock, band
     actions = _actions(engine, _STEPS)
     seconds, warm_up = clock.time(graphed(lambda: _last(engine, actions).reward, torch.device(clock.device)))
     moved = step_work(engine).bytes_moved
-    note = f"{moved} bytes a step must move" + ("" if engine.compiled else "; not compiled")
+    note = f"{moved} bytes a step must move; {_ends(engine, actions)}"
+    note += "" if engine.compiled else "; not compiled"
     bound = None if bandwidth is None else 1e3 * bandwidth / moved
     what = f"{craft.name}, {num_envs:,} environments" + ("" if generated else ", torch.compile")
     return Measurement("engine", what, _STEPS * num_envs / seconds / 1e6, "M steps/s", warm_up, note, bound,
@@ -80,6 +81,15 @@ def _last(engine: Engine, actions: list[Tensor]) -> Step:
     for action in actions[:-1]:
         engine.step(action)
     return engine.step(actions[-1])
+
+
+def _ends(engine: Engine, actions: list[Tensor]) -> str:
+    """How many episodes end in a step: they cost more than others."""
+    ended = 0.0
+    for action in actions:  # one after the other, so that only one step's results are held
+        step = engine.step(action)
+        ended += float((step.terminated | step.truncated).double().mean()) / len(actions)
+    return f"one episode in {1 / ended:.0f} ends in it" if ended else "no episode ends"
 
 
 def _actions(engine: Engine, count: int) -> list[Tensor]:
