@@ -7,13 +7,17 @@ from dataclasses import dataclass
 
 from rans.errors import ConfigError
 
+MOST_STEPS = 2**20 - 1
+"""Of an episode. The engine counts them in the low bits of a 32-bit word, and episodes in the others."""
+
 
 @dataclass(frozen=True)
 class Timing:
     """Control rate, accuracy of the motion between two commands, and length of an episode.
 
     Raises:
-        ConfigError: a value is not a positive number, or a count is not whole.
+        ConfigError: a value is not a positive number, a count is not whole, or episodes are longer than
+            `MOST_STEPS`.
     """
 
     control_period: float = 0.2
@@ -32,3 +36,5 @@ class Timing:
             value = getattr(self, key)
             if isinstance(value, bool) or not isinstance(value, int) or value < 1:
                 raise ConfigError(f"{key} must be a whole number >= 1, got {value!r}.")
+        if self.episode_steps > MOST_STEPS:
+            raise ConfigError(f"episode_steps must be <= {MOST_STEPS:,}, got {self.episode_steps:,}.")

@@ -29,3 +29,9 @@ def test_a_wrong_value_is_one_sentence(key: str, value: Any) -> None:
     assert message.startswith(key)
     assert message.endswith(f"got {value!r}.")
     assert "0 s" in message or ">= 1" in message
+
+
+def test_an_episode_is_no_longer_than_a_clock_can_count() -> None:
+    assert Timing(episode_steps=2**20 - 1).episode_steps == 1_048_575
+    with pytest.raises(ConfigError, match=r"episode_steps must be <= 1,048,575, got 1,048,576\."):
+        Timing(episode_steps=2**20)

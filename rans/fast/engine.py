@@ -68,8 +68,8 @@ class Engine:
         compiled: whether a step is one compiled kernel. By default on a GPU only: a CPU step then
             runs the same source on NumPy, two to six times faster than uncompiled torch for 4,096 to
             128 spacecraft, and without a compiler.
-        generated: whether on a GPU the step is the kernel of docs/decisions/007-generated-kernel.md, up to
-            twice as fast as torch.compile's, which stands in where it cannot be made.
+        generated: whether on a GPU the step is the kernel of docs/decisions/007-generated-kernel.md, half
+            as fast again to three times as fast as torch.compile's, which stands in where it cannot be made.
         world: the processes among which the batch is divided; ``num_envs`` are this one's.
 
     Raises:
@@ -148,11 +148,11 @@ class Engine:
 
     def stagger(self, generator: torch.Generator | None = None) -> None:
         """Pretend the episodes started at random times, so that they do not all end together."""
-        limit = self.timing.episode_steps
+        limit, everywhere = self.timing.episode_steps, self.num_envs * self.world.size
         steps = self.world.mine(
-            torch.randint(0, limit, (self._numbers[1],), generator=generator, dtype=torch.int32))
+            torch.randint(0, limit, (everywhere,), generator=generator, dtype=torch.int32))
         clock = self._episodes.clock
-        clock -= clock & self._simulation.last_step
+        clock -= clock & self._simulation.step_mask
         clock += steps.numpy() if self._on_numpy else steps.to(self.device)
 
     def observe(self) -> Tensor:
@@ -207,19 +207,24 @@ class Engine:
     def save_state(self) -> dict[str, Any]:
         """Everything a later `load_state` needs to go on bit-identically."""
         buffers = [self.world.whole(torch.as_tensor(b)).clone() for b in self._buffers()]
-        return {"buffers": buffers, "seed": [int(w) for w in self._seed]}
+        return {"buffers": buffers, "seed": [int(w) for w in self._seed],
+                "episode_steps": self.timing.episode_steps}
 
     def load_state(self, saved: dict[str, Any]) -> None:
         """Continue from what `save_state` gave.
 
         Raises:
-            ConfigError: it was saved with another number of environments or dimension.
+            ConfigError: it was saved with another number of environments, dimension or length of episodes.
         """
         buffers, values = self._buffers(), [self.world.mine(value) for value in saved["buffers"]]
         if [tuple(b.shape) for b in buffers] != [tuple(v.shape) for v in values]:
             raise ConfigError(
                 f"the saved state is not one of {self.num_envs} environments of {self.craft.name!r}; "
-                "the usual cause is a changed number of environments.")
+                "the usual cause is a changed number of environments, or an older RANS that saved it.")
+        if saved["episode_steps"] != self.timing.episode_steps:
+            raise ConfigError(
+                f"the saved state is one of episodes of {saved['episode_steps']:,} steps, not "
+                f"{self.timing.episode_steps:,}: its clocks would be misread.")
         for buffer, value in zip(buffers, values, strict=True):
             self._write(buffer, value.cpu().numpy() if self._on_numpy else value.to(self.device))
         self._set_seed(saved["seed"])

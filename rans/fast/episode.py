@@ -27,7 +27,7 @@ class Episodes:
     """`State` of fields (N,), or of floats where the task's goal never varies."""
     clock: Field
     """int32: control periods since the episode's start in the low bits, and above them how many episodes of
-    this environment have ended. Their count wraps around."""
+    this environment came before. Their count wraps around."""
     previous: tuple[Field, ...] = ()
     """The last command, one field per thruster, int8; empty where the task does not look at it."""
 
@@ -70,18 +70,18 @@ class Simulation:
     """Of the quadrature in the plane (`rans.dynamics.advance`)."""
 
     @property
-    def last_step(self) -> int:
-        """The greatest number of control periods that a clock holds, whose bits are all ones."""
+    def step_mask(self) -> int:
+        """Ones in the bits of a clock that hold its control periods."""
         return 2**self.timing.episode_steps.bit_length() - 1
 
     def next_episode(self, clock: Field) -> Field:
         """The clock at the start of the next episode."""
-        return (clock | self.last_step) + 1
+        return (clock | self.step_mask) + 1
 
     def number(self, clock: Field, numbers: tuple[Field, Any]) -> Field:
         """Number of the episode, for an environment whose numbers these are (`step`)."""
         first, stride = numbers
-        return first + (clock >> self.last_step.bit_length()) * stride
+        return first + (clock >> self.step_mask.bit_length()) * stride
 
     def begin(self, seed: tuple[Field, Field], number: Field) -> tuple[Any, Any]:
         """Start and goal of the episodes with these numbers."""
@@ -110,7 +110,7 @@ class Simulation:
         clock = episodes.clock + 1
         terms = task.reward(state, goal, command, episodes.previous or command)
         terminated = task.failed(state, goal)
-        truncated = ((clock & self.last_step) >= self.timing.episode_steps) & ~terminated
+        truncated = ((clock & self.step_mask) >= self.timing.episode_steps) & ~terminated
         ended = terminated | truncated
         arrived = Episodes(state, goal, clock, command if episodes.previous else ())
         after = self._restart(ended, arrived, seed, numbers)

@@ -34,8 +34,8 @@ def test_figures(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     assert content["command"].startswith("rans")
     assert content["peers"] == []
     shares = {row["name"]: row["value"] for row in content["ratios"]}
-    # of 250 bytes: state 24, goal 4, counters 8, action 8, observations 80, reward and terms 24, flags 3
-    assert shares["floating-platform, one environment: share of the 250 bytes aimed at"] == 147 / 250
+    # of 250 bytes: state 24, goal 4, clock 4, first number 4, action 8, observations 80, reward 24, flags 3
+    assert shares["floating-platform, one environment: share of the 250 bytes aimed at"] == 151 / 250
     assert "floating-platform, 64 environments" in file.with_suffix(".svg").read_text()
 
 

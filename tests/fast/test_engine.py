@@ -147,6 +147,21 @@ def test_reset_forgets_the_steps(backend: Any) -> None:
     assert [bool(engine.step(still).truncated.all()) for _ in range(5)] == [False] * 4 + [True]
 
 
+@both_crafts
+def test_a_clock_counts_steps_and_episodes(backend: Any, craft: Spacecraft) -> None:
+    engine = backend(craft, NEAR, 32, SHORT)
+    steps, episodes = torch.zeros(32), torch.zeros(32)
+    for action in actions(craft, 32, 60):
+        step = engine.step(action)
+        ended = step.terminated | step.truncated
+        steps, episodes = torch.where(ended, 0, steps + 1), episodes + ended
+        clock = engine.save_state()["buffers"][-1]
+        # SHORT's twenty steps need five bits.
+        assert (clock % 32).tolist() == steps.tolist()
+        assert (clock // 32).tolist() == episodes.tolist()
+    assert len(set(episodes.tolist())) > 1
+
+
 def test_stagger_spreads_the_ends(backend: Any) -> None:
     engine = backend(PLATFORM, GoToPose(), 2000, Timing(episode_steps=10))
     engine.stagger(torch.Generator().manual_seed(1))
@@ -181,6 +196,8 @@ def test_a_foreign_state_is_refused(backend: Any) -> None:
         backend(PLATFORM, NEAR, 4, SHORT).load_state(saved)
     with pytest.raises(ConfigError, match="1 environments of 'free-flyer'"):
         backend(FLYER, NEAR, 1, SHORT).load_state(saved)
+    with pytest.raises(ConfigError, match=r"episodes of 20 steps, not 21: its clocks would be misread\."):
+        backend(PLATFORM, NEAR, 1, Timing(episode_steps=21)).load_state(saved)
 
 
 @both_crafts

@@ -15,7 +15,7 @@ from validation.speed.roofline import step_work
 MEMORY_TARGET = 250.0
 """Bytes an environment, of 3DoF simulation."""
 _OPEN_SHARE = 0.3
-"""Of the thrusters, at random in every step, as an untrained policy has them."""
+"""Of the thrusters, at random in every step: a policy that has learnt nothing."""
 _STEPS = 64
 """With commands of their own, which come again after them. Fewer would be a push that lasts, and more
 spacecraft would spin or fly away than do under random commands."""
@@ -68,8 +68,8 @@ def memory_per_environment(craft: Spacecraft, task: Task, num_envs: int, clock: 
     if clock.on_gpu:
         held, how = torch.cuda.memory_allocated() - before, "allocated by torch"
     else:
-        buffers = engine.save_state()["buffers"]
-        held, how = sum(tensor.nbytes for tensor in (*buffers, action, *results)), "sum of all arrays"
+        arrays = (*engine.save_state()["buffers"], engine._numbers[0], action, *results)
+        held, how = sum(array.nbytes for array in arrays), "sum of all arrays"
     target = MEMORY_TARGET if craft.dimension == 2 else None
     return Measurement("memory", f"{craft.name}, one environment", held / num_envs, "bytes",
                        note=f"{how} of {num_envs:,} environments", bound=target,

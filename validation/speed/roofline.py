@@ -2,7 +2,7 @@
 
 The engine's step is run on symbols (`rans.fast.kernel.program.trace`), which write down what is done to them:
 every operation once, constants folded. What only the few episodes that end in a step need (their start, their
-goal, the final observation) is not counted: with 125 steps an episode it is about one byte a step.
+goal, the final observation) is not counted: with one end in 125 or 52 it is one or two bytes a step.
 
 ``python -m validation.speed.roofline`` prints the tables of docs/speed.md.
 """

@@ -80,7 +80,10 @@ class Kernel:
         return _step(shape, reals, final, flags)
 
     def _blocks_ahead(self) -> int:
-        """What so many blocks read fills a twelfth of the second-level cache (docs/speed.md)."""
+        """What so many blocks read, of actions in bytes, fills a twelfth of the second-level cache.
+
+        More of it is thrown out before it is read, less comes too late (docs/speed.md).
+        """
         if self._device.type != "cuda":
             return 0
         bytes_read = self._thrusters + sum(given.source.element_size() for given in self._program.memory)

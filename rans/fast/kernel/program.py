@@ -67,7 +67,7 @@ class Program:
 
     They are "command_0" ..., "memory_0" ..., "setting_0" ..., the seed's words "low" and "high", and the
     episodes' numbers "first" and "stride" (`rans.fast.episode.Simulation.step`). Starts and goals are drawn
-    for every spacecraft, and chosen where an episode ended.
+    for every spacecraft, and chosen where an episode ended; the kernel draws only in warps that need one.
     """
 
     memory: tuple[Input, ...]

@@ -38,8 +38,8 @@ def source(program: Program, thrusters: int, action: Action, real: Real, togethe
         thrusters: number of columns of an action, whose rows follow one another.
         action: what an action holds.
         real: what reals are.
-        together: spacecraft of one thread; their number is a multiple of it, and so are the places of
-            their numbers in memory.
+        together: spacecraft of one thread; their number is a multiple of it, and every array starts at a
+            multiple of the size of as many numbers.
     """
     arguments = (
         f"const {action}* action", "const int* low_at", "const int* high_at",

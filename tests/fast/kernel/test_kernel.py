@@ -60,18 +60,21 @@ def compare(ours: Engine, theirs: Engine, steps: int = 25, form: torch.dtype = t
 
 
 @pytest.fixture(params=[1, 2])
-def together(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+def together(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> int:
     """Of few spacecraft too, a thread steps so many."""
     monkeypatch.setattr(launch, "MANY", 1 if request.param == 2 else 2**31)
+    return request.param
 
 
 @both_crafts
 @pytest.mark.parametrize("task", TASKS)
-@pytest.mark.usefixtures("together")
-def test_every_task_steps_and_restarts_as_on_numpy(on_host: Any, task: str, craft: Spacecraft) -> None:
+def test_every_task_steps_and_restarts_as_on_numpy(on_host: Any, task: str, craft: Spacecraft,
+                                                   together: int) -> None:
     made: Any = (craft, TASKS[task](), 16, Timing(episode_steps=12))
     how: Any = {"seed": SEED, "dtype": torch.float64}
-    assert compare(Engine(*made, **how), on_host(*made, **how)) >= 2 * 16
+    engine = on_host(*made, **how)
+    assert engine._kernel._together == together
+    assert compare(Engine(*made, **how), engine) >= 2 * 16
 
 
 @both_crafts
@@ -112,9 +115,12 @@ def test_actions_may_lie_anywhere(on_host: Any) -> None:
 def test_an_odd_number_of_spacecraft_flies_one_by_one(on_host: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(launch, "MANY", 1)
     made = (PLATFORM, NEAR, 15, SHORT)
-    assert compare(Engine(*made), on_host(*made)) > 15
+    engine = on_host(*made)
+    assert engine._kernel._together == 1
+    assert compare(Engine(*made), engine) > 15
 
 
+@pytest.mark.usefixtures("together")
 def test_each_process_flies_its_own_episodes(on_host: Any) -> None:
     whole, part = Engine(PLATFORM, NEAR, 16, SHORT), on_host(PLATFORM, NEAR, 8, SHORT, world=World(1, 2))
     ends = 0
@@ -126,11 +132,13 @@ def test_each_process_flies_its_own_episodes(on_host: Any) -> None:
     assert ends > 8
 
 
+@pytest.mark.usefixtures("together")
 def test_the_previous_command_is_remembered(on_host: Any) -> None:
     made = (PLATFORM, replace(NEAR, switching_weight=0.1), 16, SHORT)
     assert compare(Engine(*made), on_host(*made)) > 16
 
 
+@pytest.mark.usefixtures("together")
 def test_a_curriculum_moves_the_settings_of_a_compiled_kernel(on_host: Any) -> None:
     ramps = (Ramp("thrust_weight", 0.5, 100), Ramp("spawn_distance", (0.1, 0.2), 100))
     ours, theirs = (Curriculum(NEAR, ramps, dtype) for dtype in (np.float32, torch.float32))

@@ -118,8 +118,8 @@ def moved(program: Program, action_bytes: int) -> int:
 
 
 def test_what_a_step_moves() -> None:
-    """Plane: six numbers of state and the age read and written, goal's heading, ten of observation, five
-    terms, reward, three flags; nothing of the episode's number or the final observation."""
+    """Plane: six numbers of state and the clock read and written, goal's heading, ten of observation, five
+    terms, reward, three flags; nothing of the final observation."""
     assert moved(traced(PLATFORM, GoToPose()), 8) == 8 + 2 * 4 * 7 + 4 + 4 * (10 + 5 + 1) + 3
     assert moved(traced(FLYER, GoToPose()), 16) == 16 + 2 * 4 * 14 + 16 + 4 * (22 + 5 + 1) + 3
 
@@ -139,7 +139,7 @@ def test_no_program_grows_unseen(craft: Spacecraft, single: tuple[int, int], mul
 def test_what_goes_on_needs_no_random_numbers(craft: Spacecraft) -> None:
     program = traced(craft, GoToPose())
     going = set(ordered([program.ended, *(store.value for store in program.going())]))
-    assert not {s.value for s in going if s.operation == "input"} & {"low", "high", "stride"}
+    assert not {s.value for s in going if s.operation == "input"} & {"low", "high", "first", "stride"}
     assert not {s.operation for s in going} & {">>"}
 
 
