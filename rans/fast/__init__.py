@@ -9,15 +9,16 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from rans.fast.engine import Engine, Step
+    from rans.fast.engine import Engine
     from rans.fast.env import SpacecraftEnv
     from rans.fast.ppo import PPO
     from rans.fast.sb3 import SB3VecEnv
+    from rans.fast.step import Step
     from rans.fast.vector_env import SpacecraftVectorEnv
 
 __all__ = ["Engine", "PPO", "SB3VecEnv", "SpacecraftEnv", "SpacecraftVectorEnv", "Step"]
 
-_MODULES = {"Engine": "engine", "Step": "engine", "SpacecraftEnv": "env", "PPO": "ppo",
+_MODULES = {"Engine": "engine", "Step": "step", "SpacecraftEnv": "env", "PPO": "ppo",
             "SB3VecEnv": "sb3", "SpacecraftVectorEnv": "vector_env"}
 
 

@@ -5,16 +5,18 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from rans.dynamics import NODES
+from rans.dynamics import NODES, MassProperties
 from rans.errors import ConfigError
+from rans.fast.body import in_memory
 from rans.fast.distributed import ALONE, World
-from rans.fast.episode import Episodes, Outcome, Simulation
+from rans.fast.episode import Episodes, Simulation
+from rans.fast.step import Step, results, step_tensors
 from rans.fields import leaves, map_leaves
 from rans.scenario import seed_words
 from rans.spacecraft import Spacecraft
@@ -27,25 +29,6 @@ if TYPE_CHECKING:
 _FLOAT32_NODES = 4
 """Quadrature nodes at which float32 rounding hides the rule's error, up to 15 rad/s."""
 _NUMPY_DTYPES = {torch.float32: np.float32, torch.float64: np.float64}
-
-
-class Step(NamedTuple):
-    """What one step gave to N environments; tensors on the engine's device."""
-
-    observation: Tensor
-    """(N, width): first of the new episode where the old one ended."""
-    reward: Tensor
-    """(N,)."""
-    terminated: Tensor
-    """(N,) bool: the task failed."""
-    truncated: Tensor
-    """(N,) bool: time is up without failure."""
-    final_observation: Tensor
-    """(N, width) of the state arrived in, where an episode ended; what the other rows hold is undefined."""
-    reached: Tensor
-    """(N,) bool: within the task's tolerances on arrival."""
-    terms: Tensor
-    """(terms, N): reward by term, in the order of `Engine.term_names`."""
 
 
 def field_dtype(device: torch.device, dtype: torch.dtype = torch.float32,
@@ -71,15 +54,17 @@ class Engine:
         generated: whether on a GPU the step is the kernel of docs/decisions/007-generated-kernel.md, half
             as fast again to three times as fast as torch.compile's, which stands in where it cannot be made.
         world: the processes among which the batch is divided; ``num_envs`` are this one's.
+        body: mass properties other than the craft's, each one number or (N,), one for each spacecraft.
 
     Raises:
-        ConfigError: craft is no spacecraft, num_envs not a positive whole number, or dtype another one.
+        ConfigError: craft is no spacecraft, num_envs not a positive whole number, dtype another one, or mass
+            properties are not positive or not so many.
     """
 
     def __init__(self, craft: Spacecraft, task: Task, num_envs: int, timing: Timing | None = None, *,
                  seed: int = 0, device: str | torch.device = "cpu",
                  dtype: torch.dtype = torch.float32, compiled: bool | None = None,
-                 generated: bool = True, world: World = ALONE) -> None:
+                 generated: bool = True, world: World = ALONE, body: MassProperties | None = None) -> None:
         if not isinstance(craft, Spacecraft):
             raise ConfigError(f"craft must be a Spacecraft, got {craft!r}; rans.load_spacecraft reads one.")
         if isinstance(num_envs, bool) or not isinstance(num_envs, int) or num_envs < 1:
@@ -94,16 +79,23 @@ class Engine:
         self.observation_width = observation_width(craft.dimension)
         fields = field_dtype(self.device, dtype, self.compiled)
         self._on_numpy = not isinstance(fields, torch.dtype)
+        nominal = MassProperties.of(craft)
         self._simulation = Simulation(
             craft, task, self.timing, fields,
+            body=in_memory(body or nominal, nominal, num_envs, self._field),
             nodes=_FLOAT32_NODES if dtype == torch.float32 else NODES)
-        step = _step_tensors
+        step = step_tensors
         self._step = torch.compile(step, fullgraph=True, dynamic=False) if self.compiled else step
         self._seed: tuple[Any, Any] = (self._int32(0), self._int32(0))
         self._numbers = self._first_numbers(), num_envs * world.size
         self._episodes: Episodes = self._allocate(seed)
         self._kernel = self._generated() if generated else None
         self.reset(seed)
+
+    def _field(self, values: Any) -> Any:
+        """A copy of them, (N,)."""
+        copy = torch.as_tensor(values).to(self.device, self.dtype, copy=True)
+        return copy.numpy() if self._on_numpy else copy
 
     def _int32(self, value: int) -> Any:
         return value if self._on_numpy else torch.tensor(value, dtype=torch.int32, device=self.device)
@@ -119,6 +111,11 @@ class Engine:
     def state(self) -> Any:
         """The current `State`; its fields are views that the next step overwrites."""
         return self._episodes.state
+
+    @property
+    def body(self) -> MassProperties:
+        """Mass properties; fields (N,) among them may be written in place, which compiles nothing."""
+        return self._simulation.body
 
     @property
     def goal(self) -> Any:
@@ -202,7 +199,7 @@ class Engine:
         after, outcome = self._simulation.step(self._episodes, command, self._seed, self._numbers)
         for buffer, value in zip(self._buffers(), after.memory(), strict=True):
             self._write(buffer, value)
-        return _results(outcome, lambda rows: torch.from_numpy(np.stack(rows)), torch.from_numpy)
+        return results(outcome, lambda rows: torch.from_numpy(np.stack(rows)), torch.from_numpy)
 
     def save_state(self) -> dict[str, Any]:
         """Everything a later `load_state` needs to go on bit-identically."""
@@ -270,25 +267,3 @@ class Engine:
 
     def _stack(self, rows: tuple[Any, ...]) -> Tensor:
         return torch.from_numpy(np.stack(rows)) if self._on_numpy else torch.stack(rows)
-
-
-def _step_tensors(simulation: Simulation, episodes: Episodes, action: Tensor,
-                  seed: tuple[Tensor, Tensor], numbers: tuple[Tensor, int]) -> Step:
-    """One step on tensors, writing the episodes' buffers in place; this is what is compiled."""
-    command = tuple(action[:, i].to(simulation.dtype) for i in range(action.shape[1]))
-    after, outcome = simulation.step(episodes, command, seed, numbers)
-    for buffer, value in zip(episodes.memory(), after.memory(), strict=True):
-        buffer.copy_(value)
-    return _results(outcome, torch.stack, lambda x: x)
-
-
-def _results(outcome: Outcome, stack: Any, wrap: Any) -> Step:
-    return Step(
-        observation=stack(outcome.observation).T,
-        reward=wrap(outcome.reward),
-        terminated=wrap(outcome.terminated),
-        truncated=wrap(outcome.truncated),
-        final_observation=stack(outcome.final_observation).T,
-        reached=wrap(outcome.reached),
-        terms=stack(tuple(outcome.terms.values())),
-    )

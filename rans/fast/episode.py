@@ -66,6 +66,8 @@ class Simulation:
     timing: Timing
     dtype: Any
     """Floating dtype of the fields, of their library."""
+    body: MassProperties
+    """Numbers, or fields (N,)."""
     nodes: int = NODES
     """Of the quadrature in the plane (`rans.dynamics.advance`)."""
 
@@ -90,7 +92,7 @@ class Simulation:
     def move(self, state: Any, command: tuple[Field, ...]) -> Any:
         """The state after the command was held for one control period."""
         return advance(
-            state, wrench(self.craft, command), MassProperties.of(self.craft),
+            state, wrench(self.craft, command), self.body,
             self.timing.control_period, self.timing.substeps, self.nodes,
         ).normalised()
 

@@ -8,9 +8,10 @@ import torch
 from stable_baselines3.common.policies import ActorCriticPolicy
 from torch import Tensor
 
-from rans.fast.engine import Engine, Step
+from rans.fast.engine import Engine
 from rans.fast.graph import fused
 from rans.fast.policy import evaluate, look
+from rans.fast.step import Step
 
 
 class Batch(NamedTuple):

@@ -9,7 +9,8 @@ import pytest
 import torch
 from torch import Tensor
 
-from rans.fast.engine import Engine, Step
+from rans.fast.engine import Engine
+from rans.fast.step import Step
 from rans.spacecraft import Spacecraft
 from rans.spacecraft_file import load_spacecraft
 from rans.tasks import GoToPose

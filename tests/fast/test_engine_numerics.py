@@ -10,7 +10,8 @@ from typing import Any
 import pytest
 import torch
 
-from rans.fast.engine import Engine, Step
+from rans.fast.engine import Engine
+from rans.fast.step import Step
 from rans.spacecraft import Spacecraft
 from rans.spacecraft_file import load_spacecraft
 from rans.tasks import GoToPose

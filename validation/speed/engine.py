@@ -5,8 +5,9 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from rans.fast.engine import Engine, Step
+from rans.fast.engine import Engine
 from rans.fast.graph import graphed
+from rans.fast.step import Step
 from rans.spacecraft import Spacecraft
 from rans.tasks import Task
 from validation.speed.measurement import Clock, Measurement

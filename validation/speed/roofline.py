@@ -78,7 +78,9 @@ def _traffic(engine: Engine, program: Program, used: set[Symbol]) -> list[Traffi
     commands = Traffic("action", sum(str(symbol.value).startswith("command") for symbol in used), 0)
     results = [Traffic(_result_name(program, store), 0, 1 if store.array == "flags" else real)
                for store in program.going() if store.array != "memory"]
-    rows = [*memory, commands, *results]
+    bodies = [Traffic("mass properties", real, 0)
+              for given in program.settings if given.each and given.symbol in used]
+    rows = [*memory, *bodies, commands, *results]
     parts = [_sum(name, list(group)) for name, group in groupby(rows, lambda row: row.name)]
     return [part for part in parts if part.read + part.written > 0]
 

@@ -53,6 +53,7 @@ class Function:
             raise CudaError(f"the CUDA driver says: {(text.value or b'unknown error').decode()} ({error}).")
 
 
+@cache
 def compiled(text: str, capability: tuple[int, int]) -> bytes:
     """Machine code of CUDA C++ for a device; needs none.
 

@@ -8,11 +8,11 @@ import torch
 from torch import Tensor
 
 from rans.fast.distributed import World
-from rans.fast.engine import Step
 from rans.fast.episode import Episodes, Simulation
 from rans.fast.kernel.cuda import Function
 from rans.fast.kernel.program import Shape, trace
 from rans.fast.kernel.source import THREADS, source
+from rans.fast.step import Step
 
 _C_TYPES: dict[torch.dtype, Any] = {
     torch.uint8: "unsigned char", torch.float32: "float", torch.float64: "double"}

@@ -26,6 +26,11 @@ class Input:
     source: Any
     """The array it lies in: one number for each spacecraft, or one for all."""
 
+    @property
+    def each(self) -> bool:
+        """Whether every spacecraft has one of its own."""
+        return len(self.source.shape) == 1
+
 
 @dataclass(frozen=True)
 class Store:
@@ -73,7 +78,7 @@ class Program:
     memory: tuple[Input, ...]
     """What the engine remembers."""
     settings: tuple[Input, ...]
-    """Of the task, those that a curriculum moves."""
+    """Of task and mass properties, those that lie in memory: they may change, or differ."""
     ended: Symbol
     """Where an episode ends."""
     always: tuple[Store, ...]
@@ -114,7 +119,8 @@ def trace(simulation: Simulation, episodes: Episodes) -> Program:
         TypeError: the task's functions do more than arithmetic on fields.
     """
     settings: list[Input] = []
-    simulation = dataclasses.replace(simulation, task=_with_symbols(simulation.task, settings))
+    simulation = dataclasses.replace(simulation, task=_with_symbols(simulation.task, settings),
+                                     body=_with_symbols(simulation.body, settings))
     memory, inputs = _remembered(episodes)
     command = tuple(Symbol.input(f"command_{i}") for i in range(len(simulation.craft.thrusters)))
     words = (Symbol.input("low", "int"), Symbol.input("high", "int"))
@@ -164,8 +170,8 @@ def _remembered(episodes: Episodes) -> tuple[tuple[Input, ...], Episodes]:
 
 
 def _with_symbols(setting: Any, found: list[Input]) -> Any:
-    """A task or a setting with symbols for the numbers in memory, which are added to those found."""
-    if is_moving(setting):
+    """A task, a body or a setting with symbols for the numbers in memory, which are added to those found."""
+    if is_moving(setting) or len(getattr(setting, "shape", ())) == 1:
         symbol = Symbol.input(f"setting_{len(found)}")
         found.append(Input(symbol, "real", setting))
         return symbol

@@ -62,14 +62,14 @@ class _Writer:
     def __init__(self, program: Program, together: int) -> None:
         self._program, self._together = program, together
         self._names: dict[Symbol, str] = {}
-        shared = (*(given.symbol for given in program.settings),
-                  Symbol.input("low", "int"), Symbol.input("high", "int"))
-        self._places = dict.fromkeys(shared, "[0]") | {given.symbol: "[i]" for given in program.memory}
+        inputs = (*program.memory, *program.settings)
+        self._places = {given.symbol: "[i]" if given.each else "[0]" for given in inputs}
+        self._places |= {Symbol.input(word, "int"): "[0]" for word in ("low", "high")}
         self._rare = program.rare()
         often = set(ordered([program.ended, *(store.value for store in program.always)])) - self._rare
         self._drawn = _sorted({arg for symbol in often for arg in symbol.args} & self._rare)
-        self._own = [given.symbol for given in program.memory if given.symbol in often]
-        self._shared = [symbol for symbol in shared if symbol in often]
+        self._own = [s for s, place in self._places.items() if place == "[i]" and s in often]
+        self._shared = [s for s, place in self._places.items() if place == "[0]" and s in often]
 
     def body(self, thrusters: int, action: Action) -> Iterator[str]:
         program, together = self._program, self._together

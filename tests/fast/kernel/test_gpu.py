@@ -6,8 +6,9 @@ import pytest
 import torch
 from torch import Tensor
 
-from rans.fast.engine import Engine, Step
+from rans.fast.engine import Engine
 from rans.fast.kernel import launch
+from rans.fast.step import Step
 from rans.spacecraft_file import load_spacecraft
 from rans.tasks import TASKS, GoToPose
 from rans.timing import Timing

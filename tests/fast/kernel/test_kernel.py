@@ -13,10 +13,11 @@ import torch
 
 from rans.fast.curriculum import Curriculum, Ramp
 from rans.fast.distributed import World
-from rans.fast.engine import Engine, Step
+from rans.fast.engine import Engine
 from rans.fast.kernel import launch
 from rans.fast.kernel.cuda import CudaError
 from rans.fast.kernel.launch import Kernel
+from rans.fast.step import Step
 from rans.spacecraft import Spacecraft
 from rans.tasks import TASKS, GoToPose
 from rans.timing import Timing

@@ -1,0 +1,101 @@
+"""Spacecraft of one engine whose masses and moments of inertia differ."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from rans.dynamics import MassProperties
+from rans.errors import ConfigError
+from rans.fast.engine import Engine
+from rans.spacecraft import Spacecraft
+from rans.tasks import GoToPose
+from tests.fast.engines import FLYER, NEAR, PLATFORM, SHORT, actions, both_crafts
+from tests.fast.kernel.host import HostKernel, needs_compiler
+
+SCALES = torch.tensor([0.5, 1.0, 1.3, 4.0], dtype=torch.float64)
+
+
+def scaled(craft: Spacecraft, scale: Any) -> MassProperties:
+    """Heavier and slower to turn by one factor, as if denser."""
+    nominal = MassProperties.of(craft)
+    return MassProperties(nominal.mass * scale, tuple(entry * scale for entry in nominal.inertia))
+
+
+def flown(engine: Engine, steps: int = 25) -> torch.Tensor:
+    """Observations (steps, N, width), over restarts."""
+    return torch.stack([engine.step(action).observation for action in actions(engine.craft, 4, steps)])
+
+
+@both_crafts
+def test_each_flies_as_in_an_engine_of_its_like(craft: Spacecraft) -> None:
+    how: Any = {"dtype": torch.float64}
+    together = flown(Engine(craft, NEAR, 4, SHORT, body=scaled(craft, SCALES), **how))
+    for i, scale in enumerate(SCALES.tolist()):
+        inertia = tuple(tuple(entry * scale for entry in row) for row in craft.inertia)
+        alone = flown(Engine(replace(craft, mass=craft.mass * scale, inertia=inertia), NEAR, 4, SHORT, **how))
+        # Rounding of 25 steps.
+        torch.testing.assert_close(together[:, i], alone[:, i], rtol=0, atol=1e-11)
+
+
+def test_the_same_impulse_moves_a_heavier_one_less() -> None:
+    engine = Engine(PLATFORM, GoToPose(), 4, body=MassProperties(SCALES * 10.0, (0.5,)), dtype=torch.float64)
+    one_thruster = torch.zeros(4, 8)
+    one_thruster[:, 0] = 1
+    engine.step(one_thruster)
+    v = engine.state.v
+    momentum = SCALES.numpy() * 10.0 * np.hypot(v.x, v.y)
+    np.testing.assert_allclose(momentum, momentum[0], rtol=1e-12)
+    # 1 N for 0.2 s, all along the body's axes, which turned by about 0.01 rad.
+    np.testing.assert_allclose(momentum, 0.2, rtol=1e-4)
+
+
+@pytest.mark.parametrize("compiled", [False, True])
+def test_masses_written_in_place_take_effect(compiled: bool) -> None:
+    with torch.compiler.set_stance("force_eager"):
+        light, heavy = (Engine(PLATFORM, NEAR, 4, SHORT, compiled=compiled, body=scaled(PLATFORM, scale))
+                        for scale in (SCALES, 4 * SCALES))
+        for field in (light.body.mass, *light.body.inertia):
+            field *= 4  # a power of two rounds nothing
+        assert torch.equal(flown(light), flown(heavy))
+
+
+@needs_compiler
+@both_crafts
+def test_the_kernel_reads_them_from_memory(craft: Spacecraft, tmp_path: Path) -> None:
+    def kernel(scale: torch.Tensor) -> Engine:
+        engine = Engine(craft, NEAR, 4, SHORT, compiled=True, dtype=torch.float64, body=scaled(craft, scale))
+        engine._kernel = HostKernel(engine, tmp_path)
+        return engine
+
+    with torch.compiler.set_stance("force_eager"):
+        ours = kernel(SCALES)
+        expected = flown(Engine(craft, NEAR, 4, SHORT, dtype=torch.float64, body=scaled(craft, SCALES)))
+        torch.testing.assert_close(flown(ours), expected, rtol=0, atol=1e-11)
+        other = kernel(7 * SCALES)
+    assert ours._kernel is not None
+    assert other._kernel is not None
+    # Other masses are the same program: nothing would be compiled again.
+    assert ours._kernel.source(torch.uint8) == other._kernel.source(torch.uint8)
+
+
+@pytest.mark.parametrize(("body", "message"), [
+    (MassProperties(torch.ones(3), (1.0,)),
+     r"mass must be one number or one for each of 4 spacecraft, got an array of shape \(3,\)\."),
+    (MassProperties(torch.tensor([1.0, -2.0, 1.0, 1.0]), (1.0,)),
+     r"mass must be finite and > 0, got -2\.0\."),
+    (MassProperties(5.0, (float("nan"),)), r"I_zz must be finite and > 0, got nan\."),
+    (MassProperties(5.0, MassProperties.of(FLYER).inertia), "6 moments of inertia.* in the plane it has 1"),
+])
+def test_wrong_ones_are_one_sentence(body: MassProperties, message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        Engine(PLATFORM, NEAR, 4, body=body)
+
+
+def test_one_number_for_all_is_no_field() -> None:
+    assert Engine(PLATFORM, NEAR, 4).body == MassProperties.of(PLATFORM)
