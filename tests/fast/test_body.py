@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import torch
+from torch._dynamo.utils import counters
 
 from rans.dynamics import MassProperties
 from rans.errors import ConfigError
@@ -63,6 +65,21 @@ def test_masses_written_in_place_take_effect(compiled: bool) -> None:
         for field in (light.body.mass, *light.body.inertia):
             field *= 4  # a power of two rounds nothing
         assert torch.equal(flown(light), flown(heavy))
+
+
+def test_other_masses_and_seeds_compile_nothing_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(torch, "compile", partial(torch.compile, backend="eager"))  # traces as for any other
+    torch.compiler.reset()
+    graphs = counters["stats"]
+    engine = Engine(PLATFORM, NEAR, 4, SHORT, compiled=True, body=scaled(PLATFORM, SCALES))
+    flown(engine, steps=2)
+    before = graphs["unique_graphs"]
+    assert before > 0
+    engine.body.mass[:] = 7.0
+    engine.reset(seed=5)
+    flown(engine, steps=2)
+    flown(Engine(PLATFORM, NEAR, 4, SHORT, compiled=True, seed=9, body=scaled(PLATFORM, 3 * SCALES)), steps=2)
+    assert graphs["unique_graphs"] == before
 
 
 @needs_compiler
