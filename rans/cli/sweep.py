@@ -68,9 +68,10 @@ class Sweep:
         _save(sweep, folder)
         Console().print(_table(sweep))
         solved = sum(member.solved for member in sweep.members)
+        rate = sweep.timed_steps / max(sweep.seconds, 1e-9)
         print(f"{'Stopped' if stop.asked else 'Done'}: {solved} of {len(sweep.members)} members solved, "
-              f"{sweep.seconds:.1f} s of training, {time.monotonic() - STARTED:.1f} s in all. "
-              f"The best agent is {folder}/best.")
+              f"{sweep.seconds:.1f} s of training ({rate:,.0f} steps/s of all together), "
+              f"{time.monotonic() - STARTED:.1f} s in all. The best agent is {folder}/best.")
         return 130 if stop.asked else 0
 
     def _folder(self, config: TrainConfig) -> Path:

@@ -110,6 +110,11 @@ class BatchedTrainer:
         """Environment steps of each member."""
         return self._iterations * self.ppo.each * self.ppo.n_steps
 
+    @property
+    def timed_steps(self) -> int:
+        """Those of all members that ``seconds`` went into; a solved member's batch goes on."""
+        return (self.steps - self._untimed) * len(self.members)
+
     def train(self, report: Callable[[Sequence[Member]], object], stop: Callable[[], bool]) -> None:
         """See `rans.fast.sweep.Sweep.train`."""
         self._warm_up()
@@ -158,7 +163,7 @@ class BatchedTrainer:
     def _report(self) -> None:
         """Judge all members; a solved one has ended, though its batch goes on."""
         found = self._selection.judge()
-        rate = round((self.steps - self._untimed) / max(self.seconds, 1e-9))
+        rate = round(self.timed_steps / len(self.members) / max(self.seconds, 1e-9))
         for number in self._running():
             member = self.members[number]
             member.note({"steps": self.steps, "seconds": round(self.seconds, 3), "steps_per_s": rate,

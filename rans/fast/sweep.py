@@ -35,6 +35,8 @@ class Sweep:
             begin(batch[0].config)
         self.seconds = 0.0
         """Of training, without compiling."""
+        self.timed_steps = 0
+        """Environment steps of all members in that time."""
         tables = [dict(entries(to_table(member.config))) for member in self.members]
         self.varied = [name for name, value in tables[0].items()
                        if name != "seed" and any(table.get(name) != value for table in tables)]
@@ -53,6 +55,7 @@ class Sweep:
                 trainer = BatchedTrainer(batch)
                 trainer.train(report, stop)
                 self.seconds += trainer.seconds
+                self.timed_steps += trainer.timed_steps
 
     def best(self) -> Member:
         """The best seed of the config that does best over its seeds: one lucky seed is no good config."""

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import re
 import signal
 from pathlib import Path
 from typing import Any
@@ -26,8 +27,9 @@ def tiny(**changes: str) -> list[str]:
 
 @pytest.fixture(autouse=True)
 def _elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Runs go to a folder of the test's own."""
+    """Runs go to a folder of the test's own, and what the command sets ends with it."""
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("TORCHINDUCTOR_COMPILE_THREADS", "1")
 
 
 def test_a_sweep_leaves_table_figure_and_best_agent(capsys: pytest.CaptureFixture[str]) -> None:
@@ -35,6 +37,9 @@ def test_a_sweep_leaves_table_figure_and_best_agent(capsys: pytest.CaptureFixtur
     folder = Path("runs/sweep-go-to-pose-floating-platform")
     captured = capsys.readouterr()
     assert "Done: 0 of 4 members solved, " in captured.out
+    said = re.search(r"solved, (.*) s of training \((.*) steps/s of all together\)", captured.out)
+    assert said is not None
+    assert int(said[2].replace(",", "")) > 0
     assert f"The best agent is {folder}/best." in captured.out
     assert captured.out.count(" no ") == 4
     for head in ("seed", "gamma", "steps", "success", "duty", "cm", "deg"):

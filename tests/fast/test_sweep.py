@@ -223,6 +223,7 @@ def test_weights_come_back_from_a_run_folder(tmp_path: Path) -> None:
 
     sweep = Sweep([replace(CONFIG, total_timesteps=256, seed=seed) for seed in (0, 1)])
     sweep.train(ignore)
+    assert sweep.timed_steps == 2 * 256
     member = sweep.members[1]
     member.save(tmp_path / "best", "rans sweep")
     loaded = load_agent(tmp_path / "best")
