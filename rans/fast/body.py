@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import torch
@@ -22,8 +22,8 @@ def in_memory(body: MassProperties, nominal: MassProperties, count: int,
         field: copies an array or a tensor.
 
     Raises:
-        ConfigError: the mass or a moment of inertia about an axis of B is not positive, a number is not
-            finite, there are not N of them, or the craft is not of that dimension.
+        ConfigError: a mass is not positive, an inertia is that of no rigid body, a number is not finite,
+            there are not N of them, or the craft is not of that dimension.
     """
     if len(body.inertia) != len(nominal.inertia):
         raise ConfigError(f"the body has {len(body.inertia)} moments of inertia; in "
@@ -41,7 +41,23 @@ def in_memory(body: MassProperties, nominal: MassProperties, count: int,
         return field(values) if values.ndim else float(value)
 
     names = ("I_zz",) if len(body.inertia) == 1 else ("I_xx", "I_xy", "I_xz", "I_yy", "I_yz", "I_zz")
-    return MassProperties(
+    result = MassProperties(
         placed("mass", body.mass, True),
         tuple(placed(name, value, name[2] == name[3])
               for name, value in zip(names, body.inertia, strict=True)))
+    if len(names) == 6:
+        _check_rigid(body.inertia)
+    return result
+
+
+def _check_rigid(inertia: Sequence[Any]) -> None:
+    """As in `rans.spacecraft.check`, but for rounding to float32, in which bodies may be given."""
+    entries = torch.broadcast_tensors(*(torch.as_tensor(x).to("cpu", torch.float64) for x in inertia))
+    xx, xy, xz, yy, yz, zz = entries
+    low, middle, high = torch.linalg.eigvalsh(torch.stack((xx, xy, xz, xy, yy, yz, xz, yz, zz), dim=-1)
+                                              .unflatten(-1, (3, 3))).unbind(-1)
+    wrong = (low <= 0) | (high > (low + middle) * (1 + 1e-6))
+    if wrong.any():
+        moments = ", ".join(f"{float(moment[wrong].flatten()[0]):.4g}" for moment in (low, middle, high))
+        raise ConfigError("principal moments of inertia must be > 0 and none above the sum of the other two, "
+                          f"got {moments} kg m^2.")

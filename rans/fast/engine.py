@@ -51,14 +51,14 @@ class Engine:
         compiled: whether a step is one compiled kernel. By default on a GPU only: a CPU step then
             runs the same source on NumPy, two to six times faster than uncompiled torch for 4,096 to
             128 spacecraft, and without a compiler.
-        generated: whether on a GPU the step is the kernel of docs/decisions/007-generated-kernel.md, half
-            as fast again to three times as fast as torch.compile's, which stands in where it cannot be made.
+        generated: whether on a GPU the step is the kernel of docs/decisions/007-generated-kernel.md, 1.4
+            to 2.7 times as fast as torch.compile's, which stands in where it cannot be made.
         world: the processes among which the batch is divided; ``num_envs`` are this one's.
         body: mass properties other than the craft's, each one number or (N,), one for each spacecraft.
 
     Raises:
         ConfigError: craft is no spacecraft, num_envs not a positive whole number, dtype another one, or mass
-            properties are not positive or not so many.
+            properties are not those of rigid bodies or not so many.
     """
 
     def __init__(self, craft: Spacecraft, task: Task, num_envs: int, timing: Timing | None = None, *,

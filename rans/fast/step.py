@@ -30,7 +30,7 @@ class Step(NamedTuple):
 
 
 def step_tensors(simulation: Simulation, episodes: Episodes, action: Tensor,
-                  seed: tuple[Tensor, Tensor], numbers: tuple[Tensor, int]) -> Step:
+                 seed: tuple[Tensor, Tensor], numbers: tuple[Tensor, int]) -> Step:
     """One step on tensors, writing the episodes' buffers in place; this is what is compiled."""
     command = tuple(action[:, i].to(simulation.dtype) for i in range(action.shape[1]))
     after, outcome = simulation.step(episodes, command, seed, numbers)

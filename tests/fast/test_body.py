@@ -93,6 +93,7 @@ def test_the_kernel_reads_them_from_memory(craft: Spacecraft, tmp_path: Path) ->
     with torch.compiler.set_stance("force_eager"):
         ours = kernel(SCALES)
         expected = flown(Engine(craft, NEAR, 4, SHORT, dtype=torch.float64, body=scaled(craft, SCALES)))
+        # Rounding of 25 steps, as above.
         torch.testing.assert_close(flown(ours), expected, rtol=0, atol=1e-11)
         other = kernel(7 * SCALES)
     assert ours._kernel is not None
@@ -112,6 +113,21 @@ def test_the_kernel_reads_them_from_memory(craft: Spacecraft, tmp_path: Path) ->
 def test_wrong_ones_are_one_sentence(body: MassProperties, message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         Engine(PLATFORM, NEAR, 4, body=body)
+
+
+@pytest.mark.parametrize(("inertia", "found"), [
+    ((1.0, 0.0, 0.0, torch.tensor([1.0, 1.0, 0.4, 1.0]), 0.0, 1.5), "0.4, 1, 1.5"),
+    ((1.0, 2.0, 0.0, 1.0, 0.0, 1.0), "-1, 1, 3"),
+])
+def test_an_inertia_that_no_rigid_body_has_is_refused(inertia: Any, found: str) -> None:
+    with pytest.raises(ConfigError, match=f"none above the sum of the other two, got {found} kg"):
+        Engine(FLYER, NEAR, 4, body=MassProperties(5.0, inertia))
+
+
+def test_a_flat_body_in_float32_is_rigid() -> None:
+    """The third moment of a disc is the sum of the others, up to float32's rounding."""
+    side = torch.tensor([0.1, 0.3, 0.7, 1.1])
+    Engine(FLYER, NEAR, 4, body=MassProperties(5.0, (side, 0.0, 0.0, 1.7 * side, 0.0, 2.7 * side)))
 
 
 def test_one_number_for_all_is_no_field() -> None:

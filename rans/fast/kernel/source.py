@@ -103,11 +103,11 @@ class _Writer:
 
     def _step(self) -> Iterator[str]:
         """Of one spacecraft: what needs no draw comes before the draws, which wait for the seed."""
-        always = self._program.always
+        always, drawn = self._program.always, set(self._drawn)
         yield from self._values([self._program.ended])
         yield from self._read_where_ended()
         yield from self._final_observation()
-        late = {store for store in always if not set(self._drawn).isdisjoint(self._unnamed([store.value]))}
+        late = {store for store in always if not drawn.isdisjoint(self._unnamed([store.value]))}
         yield from self._results(store for store in always if store not in late)
         yield from self._draw()
         yield from self._results(store for store in always if store in late)
@@ -118,7 +118,7 @@ class _Writer:
                     for s, place in self._places.items() if s in self._rare)
 
     def _final_observation(self) -> Iterator[str]:
-        """One row where an episode ended."""
+        """One row where an episode ended, four numbers a write: 16 bytes of floats, the most there is."""
         finals = [store.value for store in self._program.at_end if store.array == "final"]
         yield from self._values(symbol for symbol in self._unnamed(finals) if symbol not in self._rare)
         names = dict(self._names)
