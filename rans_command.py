@@ -2,12 +2,28 @@
 
 from __future__ import annotations
 
+import gc
 import signal
 from types import FrameType
 
+_NEW_OBJECTS = 50_000
+"""Between looks for garbage; Python's default is 700 to 2,000."""
+
 
 def main() -> int:
-    """Run the command line; see `rans.cli.main`."""
+    """Run the command line; see `rans.cli.main`.
+
+    While torch is imported and compiles, Python would look through its objects for garbage again and again,
+    and through all of them once more at its end: a third of a short command's time (docs/speed.md).
+    """
+    gc.set_threshold(_NEW_OBJECTS)
+    try:
+        return _interruptible()
+    finally:
+        gc.freeze()
+
+
+def _interruptible() -> int:
     if signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
         return _run()  # interrupts are ignored, as in a shell script's `rans ... &`
     signal.signal(signal.SIGINT, _interrupt)

@@ -4,6 +4,6 @@ from __future__ import annotations
 
 import sys
 
-from rans.cli import main
+from rans_command import main
 
 sys.exit(main())

@@ -52,13 +52,14 @@ class Network:
         x = self._looks(seen, self._mean[:, None], self._variance[:, None])
         with self._precision(x):
             for weight, bias in self._trunk:
-                x = self.activation(torch.baddbmm(bias[:, None], x, weight.mT))
+                x = torch.bmm(x, weight.mT)
+                x = self.activation(x + bias[:, None].to(x.dtype))
         x = x.to(seen.dtype)
         # As `rans.fast.policy.evaluate_seen`: only the difference of a thruster's two logits matters.
         (weight, bias), (value_weight, value_bias) = self._actor, self._critic
         weight = torch.cat((weight[:, 1::2] - weight[:, 0::2], value_weight), dim=1)
         bias = torch.cat((bias[:, 1::2] - bias[:, 0::2], value_bias), dim=1)
-        out = torch.baddbmm(bias[:, None], x, weight.mT).flatten(0, 1)
+        out = (torch.bmm(x, weight.mT) + bias[:, None]).flatten(0, 1)
         return OnOff(out[:, :-1], out[:, -1])
 
     @torch.no_grad()

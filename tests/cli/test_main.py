@@ -154,6 +154,14 @@ def test_an_interrupt_shows_no_traceback(moment: str, code: int, said: str) -> N
     assert (done.returncode, done.stderr) == (code, said)
 
 
+def test_python_hardly_looks_for_garbage() -> None:
+    """Nor does it at the end; by default it looks almost 200 times while this command's parts are loaded."""
+    program = ("import gc, sys, rans_command; sys.argv = ['rans', 'list']; rans_command.main(); "
+               "print(sum(old['collections'] for old in gc.get_stats()) < 50, gc.get_freeze_count() > 0)")
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "True True"
+
+
 def test_a_reader_who_leaves_is_no_error() -> None:
     """As in ``rans list | head -1``, for output that Python buffers and for output that it does not."""
     for unbuffered in ("", "1"):

@@ -6,6 +6,7 @@ import pytest
 import torch
 from torch import Tensor
 
+from rans.dynamics import MassProperties
 from rans.fast.engine import Engine
 from rans.fast.kernel import launch
 from rans.fast.step import Step
@@ -23,9 +24,10 @@ TOLERANCE = {torch.float64: 1e-12, torch.float32: 2e-5}
 """Rounding of one step, to a value of one: hundreds of operations; float32 has fast divisions and roots."""
 
 
-def engine(craft: str, task: str, count: int, dtype: torch.dtype, generated: bool) -> Engine:
+def engine(craft: str, task: str, count: int, dtype: torch.dtype, generated: bool,
+           body: MassProperties | None = None) -> Engine:
     return Engine(load_spacecraft(craft), MADE[task], count, Timing(episode_steps=30), seed=2**40 + 3,
-                  device="cuda", dtype=dtype, compiled=generated, generated=generated)
+                  device="cuda", dtype=dtype, compiled=generated, generated=generated, body=body)
 
 
 def difference(ours: Tensor, theirs: Tensor) -> float:
@@ -37,18 +39,9 @@ def flags(step: Step) -> Tensor:
     return torch.stack((step.terminated, step.truncated, step.reached))
 
 
-@pytest.mark.parametrize("together", COUNTS)
-@pytest.mark.parametrize("dtype", TOLERANCE, ids=["float64", "float32"])
-@pytest.mark.parametrize("craft", ["floating-platform", "floating-platform-shared", "free-flyer"])
-@pytest.mark.parametrize("task", MADE)
-def test_the_kernel_does_what_torch_does(task: str, craft: str, dtype: torch.dtype, together: int,
-                                         monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(launch, "MANY", 1)
-    monkeypatch.setattr(launch.Kernel, "_blocks_ahead", lambda _: 3)  # or so few blocks fetch nothing
-    count = COUNTS[together]
-    plain, kernel = (engine(craft, task, count, dtype, generated) for generated in (False, True))
-    assert kernel._kernel is not None
-    assert kernel._kernel._together == together
+def compare(plain: Engine, kernel: Engine) -> None:
+    """Results and memory of every step are the same, up to `TOLERANCE`."""
+    dtype, count = plain.dtype, plain.num_envs
     generator = torch.Generator("cuda").manual_seed(0)
     ends = flips = 0
     for _ in range(STEPS):
@@ -68,3 +61,31 @@ def test_the_kernel_does_what_torch_does(task: str, craft: str, dtype: torch.dty
     assert ends > count
     # A value within rounding of a bound may fall on either side of it.
     assert flips <= 1e-5 * count * STEPS
+
+
+@pytest.fixture(params=COUNTS)
+def count(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> int:
+    """So many environments that a thread steps as many as the key of `COUNTS`, fetching ahead."""
+    monkeypatch.setattr(launch, "MANY", 1)
+    monkeypatch.setattr(launch.Kernel, "_blocks_ahead", lambda _: 3)  # or so few blocks fetch nothing
+    return COUNTS[request.param]
+
+
+@pytest.mark.parametrize("dtype", TOLERANCE, ids=["float64", "float32"])
+@pytest.mark.parametrize("craft", ["floating-platform", "floating-platform-shared", "free-flyer"])
+@pytest.mark.parametrize("task", MADE)
+def test_the_kernel_does_what_torch_does(task: str, craft: str, dtype: torch.dtype, count: int) -> None:
+    plain, kernel = (engine(craft, task, count, dtype, generated) for generated in (False, True))
+    assert kernel._kernel is not None
+    assert COUNTS[kernel._kernel._together] == count
+    compare(plain, kernel)
+
+
+@pytest.mark.parametrize("craft", ["floating-platform", "free-flyer"])
+def test_the_kernel_reads_bodies_that_differ(craft: str, count: int) -> None:
+    nominal, scale = MassProperties.of(load_spacecraft(craft)), torch.linspace(0.5, 4.0, count, device="cuda")
+    body = MassProperties(nominal.mass * scale, tuple(entry * scale for entry in nominal.inertia))
+    plain, kernel = (engine(craft, "go-to-pose", count, torch.float64, generated, body)
+                     for generated in (False, True))
+    assert kernel._kernel is not None
+    compare(plain, kernel)
