@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import shlex
 import shutil
@@ -81,6 +82,7 @@ class Benchmark:
         with console.status("measuring ...") as status:
             for m in measurements(crafts, self.task, task, self._sizes(device), effort(device, self.quick)):
                 found.append(m)
+                gc.collect()  # engines hang in reference cycles, and with them the device's memory
                 status.update(f"measured {m.name}")
         return found
 

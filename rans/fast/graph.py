@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import gc
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import ParamSpec, TypeVar
 
 import torch
@@ -60,5 +62,20 @@ class _Graphed:
 
     def _record(self) -> None:
         self._graph = torch.cuda.CUDAGraph()
-        with torch.cuda.graph(self._graph):
+        with _no_garbage_collection(), torch.cuda.graph(self._graph):
             self._result = self._function()
+
+
+@contextmanager
+def _no_garbage_collection() -> Iterator[None]:
+    """Within it Python destroys no graph of an earlier training, which would break one being recorded.
+
+    Since version 2.9 torch does not see to that (github.com/pytorch/pytorch/pull/161037).
+    """
+    was_on = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_on:
+            gc.enable()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from statistics import fmean
@@ -52,10 +53,15 @@ class Sweep:
         """
         for batch in self._batches:
             if not stop():
-                trainer = BatchedTrainer(batch)
-                trainer.train(report, stop)
-                self.seconds += trainer.seconds
-                self.timed_steps += trainer.timed_steps
+                self._train(batch, report, stop)
+                gc.collect()  # what it held of the device's memory hangs in reference cycles
+
+    def _train(self, batch: Sequence[Member], report: Callable[[Sequence[Member]], object],
+               stop: Callable[[], bool]) -> None:
+        trainer = BatchedTrainer(batch)
+        trainer.train(report, stop)
+        self.seconds += trainer.seconds
+        self.timed_steps += trainer.timed_steps
 
     def best(self) -> Member:
         """The best seed of the config that does best over its seeds: one lucky seed is no good config."""
