@@ -122,7 +122,7 @@ def test_resume_goes_on(capsys: pytest.CaptureFixture[str]) -> None:
     ("settings.fail_distance=1", "fail_distance must exceed"),
     ("seed=-1", "seed must be between 0"),
     ("ppo.n_steps=126", "n_steps must not exceed the episode's 125 steps, got 126"),
-    ("timing.episode_steps=10", "n_steps must not exceed the episode's 10 steps, got 32"),
+    ("timing.episode_steps=10", "n_steps must not exceed the episode's 10 steps, got 64"),
 ])
 def test_wrong_changes(capsys: pytest.CaptureFixture[str], change: str, message: str) -> None:
     given = ["go-to-pose", "--device", "cpu", "--set", "ppo.n_envs=64", "--set", "ppo.batch_size=4096"]
