@@ -14,7 +14,7 @@ def main() -> int:
     """Run the command line; see `rans.cli.main`.
 
     While torch is imported and compiles, Python would look through its objects for garbage again and again,
-    and through all of them once more at its end: a third of a short command's time (docs/speed.md).
+    and through all of them once more at its end: up to a third of a command's time (docs/speed.md).
     """
     gc.set_threshold(_NEW_OBJECTS)
     try:

@@ -134,8 +134,8 @@ class Train:
 def compile_in_this_process() -> None:
     """Have torch's compiler start no worker for each core, unless the user says how many.
 
-    They take seconds to start, 2 to 5 of some 12 on a machine with an H200 and 16 cores; a warm cache needs
-    none of them, and a cold one loses 3 s of 33 without.
+    They take 2 to 5 s to start on a machine with an H200 and 16 cores; a warm cache needs none of them, and a
+    cold one loses 3 s without.
     """
     os.environ.setdefault("TORCHINDUCTOR_COMPILE_THREADS", "1")
 

@@ -52,6 +52,7 @@ class Network:
         x = self._looks(seen, self._mean[:, None], self._variance[:, None])
         with self._precision(x):
             for weight, bias in self._trunk:
+                # Not baddbmm, which copies the bias to every row first: compiled, the activation adds it.
                 x = torch.bmm(x, weight.mT)
                 x = self.activation(x + bias[:, None].to(x.dtype))
         x = x.to(seen.dtype)

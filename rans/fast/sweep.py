@@ -51,10 +51,11 @@ class Sweep:
             report: called with a batch's members after each of their reports.
             stop: asked after every iteration.
         """
-        for batch in self._batches:
+        for number, batch in enumerate(self._batches):
             if not stop():
+                if number > 0:
+                    gc.collect()  # the device's memory of the batch before hangs in reference cycles
                 self._train(batch, report, stop)
-                gc.collect()  # what it held of the device's memory hangs in reference cycles
 
     def _train(self, batch: Sequence[Member], report: Callable[[Sequence[Member]], object],
                stop: Callable[[], bool]) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gc
 from contextlib import nullcontext
-from typing import Any
 from unittest.mock import MagicMock
 
 import pytest
@@ -13,38 +12,32 @@ import torch
 from rans.fast.graph import graphed
 
 
+@pytest.mark.parametrize("fails", [False, True])
 @pytest.mark.parametrize("usually", [True, False])
-def test_python_collects_no_garbage_while_a_graph_is_recorded(usually: bool,
+def test_python_collects_no_garbage_while_a_graph_is_recorded(usually: bool, fails: bool,
                                                               monkeypatch: pytest.MonkeyPatch) -> None:
     """What it may destroy then, such as the graphs of an earlier training, breaks the one in the making."""
-    recording, collects = [False], list[tuple[bool, bool]]()
-
-    class Recording:
-        def __init__(self, _: Any) -> None:
-            pass
-
-        def __enter__(self) -> None:
-            recording[0] = True
-
-        def __exit__(self, *_: object) -> None:
-            recording[0] = False
-
     for name in ("CUDAGraph", "Stream", "current_stream"):
         monkeypatch.setattr(torch.cuda, name, MagicMock())
-    monkeypatch.setattr(torch.cuda, "stream", lambda _: nullcontext())
-    monkeypatch.setattr(torch.cuda, "graph", Recording)
+    for name in ("stream", "graph"):
+        monkeypatch.setattr(torch.cuda, name, lambda _: nullcontext())
+    collects = []
 
     def function() -> torch.Tensor:
-        collects.append((recording[0], gc.isenabled()))
+        collects.append(gc.isenabled())
+        if fails and len(collects) == 3:
+            raise ValueError("while it was recorded")
         return torch.zeros(())
 
     called = graphed(function, torch.device("cuda"))
     if not usually:
         gc.disable()
     try:
-        for _ in range(4):
+        called()
+        called()
+        with pytest.raises(ValueError, match="recorded") if fails else nullcontext():
             called()
         assert gc.isenabled() == usually
     finally:
         gc.enable()
-    assert collects == [(False, usually)] * 2 + [(True, False)]
+    assert collects == [usually, usually, False]  # the third call is recorded

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import gc
+import weakref
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -172,6 +174,26 @@ def test_what_cannot_train_together_trains_in_turn() -> None:
     assert [len(group) for group in sweep.configs()] == [2, 2, 2, 2]
     assert sweep.members[7].weights["action_net.weight"].shape == (16, 16)
     assert sweep.members[0].weights["action_net.weight"].shape == (16, 8)
+
+
+def test_a_batch_frees_what_the_one_before_held(monkeypatch: pytest.MonkeyPatch) -> None:
+    batches: list[weakref.ref[BatchedTrainer]] = []
+
+    def begun(members: Any) -> BatchedTrainer:
+        trainer = BatchedTrainer(members)
+        trainer.itself = trainer  # type: ignore[attr-defined]  # as on a GPU, where its functions know it
+        assert all(batch() is None for batch in batches)
+        batches.append(weakref.ref(trainer))
+        return trainer
+
+    monkeypatch.setattr("rans.fast.sweep.BatchedTrainer", begun)
+    short = replace(CONFIG, total_timesteps=128)
+    gc.disable()
+    try:
+        Sweep([replace(short, ppo=replace(TINY, layers=layers)) for layers in ((16, 16), (8,))]).train(ignore)
+    finally:
+        gc.enable()
+    assert len(batches) == 2
 
 
 def test_a_stop_keeps_what_there_is() -> None:

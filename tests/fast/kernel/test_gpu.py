@@ -42,6 +42,8 @@ def flags(step: Step) -> Tensor:
 def compare(plain: Engine, kernel: Engine) -> None:
     """Results and memory of every step are the same, up to `TOLERANCE`."""
     dtype, count = plain.dtype, plain.num_envs
+    assert kernel._kernel is not None
+    assert COUNTS[kernel._kernel._together] == count
     generator = torch.Generator("cuda").manual_seed(0)
     ends = flips = 0
     for _ in range(STEPS):
@@ -75,17 +77,12 @@ def count(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> in
 @pytest.mark.parametrize("craft", ["floating-platform", "floating-platform-shared", "free-flyer"])
 @pytest.mark.parametrize("task", MADE)
 def test_the_kernel_does_what_torch_does(task: str, craft: str, dtype: torch.dtype, count: int) -> None:
-    plain, kernel = (engine(craft, task, count, dtype, generated) for generated in (False, True))
-    assert kernel._kernel is not None
-    assert COUNTS[kernel._kernel._together] == count
-    compare(plain, kernel)
+    compare(*(engine(craft, task, count, dtype, generated) for generated in (False, True)))
 
 
 @pytest.mark.parametrize("craft", ["floating-platform", "free-flyer"])
 def test_the_kernel_reads_bodies_that_differ(craft: str, count: int) -> None:
     nominal, scale = MassProperties.of(load_spacecraft(craft)), torch.linspace(0.5, 4.0, count, device="cuda")
     body = MassProperties(nominal.mass * scale, tuple(entry * scale for entry in nominal.inertia))
-    plain, kernel = (engine(craft, "go-to-pose", count, torch.float64, generated, body)
-                     for generated in (False, True))
-    assert kernel._kernel is not None
-    compare(plain, kernel)
+    compare(*(engine(craft, "go-to-pose", count, torch.float64, generated, body)
+              for generated in (False, True)))
