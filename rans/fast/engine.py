@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import torch
@@ -16,15 +16,13 @@ from rans.errors import ConfigError
 from rans.fast.body import in_memory
 from rans.fast.distributed import ALONE, World
 from rans.fast.episode import Episodes, Simulation
+from rans.fast.kernel.launch import Kernel
 from rans.fast.step import Step, results, step_tensors
 from rans.fields import leaves, map_leaves
 from rans.scenario import seed_words
 from rans.spacecraft import Spacecraft
 from rans.tasks.base import Task, observation, observation_width
 from rans.timing import Timing
-
-if TYPE_CHECKING:
-    from rans.fast.kernel.launch import Kernel
 
 _FLOAT32_NODES = 4
 """Quadrature nodes at which float32 rounding hides the rule's error, up to 15 rad/s."""
@@ -184,8 +182,6 @@ class Engine:
         """The step as one generated kernel; without it torch's compiler makes several."""
         if self.device.type != "cuda" or not self.compiled:
             return None
-        from rans.fast.kernel.launch import Kernel  # it needs `Step`
-
         try:
             kernel = Kernel(self._simulation, self._episodes, self._seed, self.world)
             kernel.function(self.dtype)

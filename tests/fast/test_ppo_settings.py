@@ -56,10 +56,10 @@ def test_an_agent_without_an_environment_gets_one(tmp_path: Path) -> None:
 
 
 def test_episodes_end_at_different_times_after_every_fresh_start() -> None:
-    model = PPO("MlpPolicy", environment(), n_steps=16, device="cpu")
+    env = environment()
+    engine, model = env.engine, PPO("MlpPolicy", env, n_steps=16, device="cpu")
     for _ in range(2):
         model.learn(1, log_interval=1000)
-        engine: Any = model.env.engine  # type: ignore[union-attr]
         steps = engine.save_state()["buffers"][-1] & engine._simulation.step_mask
         assert len(set(steps.tolist())) > 4
 

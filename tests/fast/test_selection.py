@@ -80,7 +80,7 @@ def test_a_multi_task_is_as_good_as_its_worst_part() -> None:
     assert share == min(shares)
 
 
-def test_a_short_episode_has_a_step_mask() -> None:
+def test_a_short_episode_has_a_last_step() -> None:
     share, errors, flight = judged(FLYER, LENIENT, Timing(episode_steps=1))
     assert share == pytest.approx((flight.errors()["attitude"][-1] < 2.5).mean(), abs=1e-9)
     assert all(np.isfinite(value) for value in errors.values())
