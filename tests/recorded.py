@@ -1,0 +1,39 @@
+"""The commands of every shipped agent as an earlier revision gave them: what a rebuilt house must give too.
+
+``python -m tests.recorded`` records them anew, which only a change that is meant to change agents does.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from rans.evaluation.contestants import contestant
+from rans.flight import Flight, fly, scenarios
+from rans.pretrained import pretrained_names
+
+FOLDER = Path(__file__).parent / "data" / "commands"
+SEED, EPISODES = 31, 64
+"""Starts that neither training nor evaluation uses."""
+
+
+def flown(name: str) -> Flight:
+    """A shipped agent's flights from the recorded starts; a multi-task's episodes draw their tasks."""
+    controller, craft, task, timing = contestant(f"pretrained:{name}")
+    judged = task.for_evaluation()
+    return fly(craft, judged, controller, scenarios(judged, craft, SEED, EPISODES), timing)
+
+
+def recorded(name: str) -> np.ndarray:
+    """The commands (T, N, thrusters) of zeros and ones that were recorded."""
+    with np.load(FOLDER / f"{name}.npz") as file:
+        return np.unpackbits(file["bits"], count=int(np.prod(file["shape"]))).reshape(file["shape"])
+
+
+if __name__ == "__main__":
+    FOLDER.mkdir(parents=True, exist_ok=True)
+    for name in pretrained_names():
+        commands = flown(name).commands
+        np.savez_compressed(FOLDER / f"{name}.npz", bits=np.packbits(commands.astype(bool)),
+                            shape=np.array(commands.shape))
