@@ -12,11 +12,11 @@ import gymnasium
 
 from rans import fast
 from rans.errors import ConfigError, NonFiniteState, RansError, SolverFailed
+from rans.model.spacecraft import Spacecraft, Thruster
+from rans.model.spacecraft_file import load_spacecraft, spacecraft_names
+from rans.model.timing import Timing
 from rans.scenario import Scenario
-from rans.spacecraft import Spacecraft, Thruster
-from rans.spacecraft_file import load_spacecraft, spacecraft_names
 from rans.tasks import GYMNASIUM_IDS, GoToPose
-from rans.timing import Timing
 
 if TYPE_CHECKING:
     from rans.fast import PPO, Engine, SB3VecEnv, SpacecraftEnv, SpacecraftVectorEnv
@@ -53,8 +53,8 @@ def _register() -> None:
             kwargs = {"task_name": task_name, "dimension": dimension}
             gymnasium.register(
                 gymnasium_id,
-                entry_point="rans.fast.env:SpacecraftEnv",
-                vector_entry_point="rans.fast.vector_env:SpacecraftVectorEnv",
+                entry_point="rans.fast.envs.single:SpacecraftEnv",
+                vector_entry_point="rans.fast.envs.vector:SpacecraftVectorEnv",
                 kwargs=kwargs,
             )
             gymnasium.register(

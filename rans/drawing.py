@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from PIL import Image, ImageDraw, ImageFont
 
-from rans.fields import Vec2, Vec3
-from rans.spacecraft import Spacecraft
+from rans.model.fields import Vec2, Vec3
+from rans.model.spacecraft import Spacecraft
 from rans.tasks import Task, drawn
 
 _BODY, _EDGE, _NOZZLE, _FLAME = "#DCE6F0", "#1F2933", "#52606D", "#E69F00"

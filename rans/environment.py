@@ -11,13 +11,13 @@ import numpy as np
 from gymnasium.error import ResetNeeded
 
 from rans.errors import ConfigError
-from rans.fields import leaves, map_leaves
+from rans.model.fields import leaves, map_leaves
+from rans.model.spacecraft import Spacecraft
+from rans.model.timing import Timing
 from rans.scenario import Scenario, scenario
-from rans.spacecraft import Spacecraft
 from rans.spaces import action_space, checked_render_mode, choose, observation_space
 from rans.tasks import Task, observation
 from rans.tasks.base import Dimension
-from rans.timing import Timing
 
 
 class Environment(gymnasium.Env[np.ndarray, np.ndarray]):

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
 
-from rans.dynamics import MassProperties, State, advance, wrench
-from rans.fields import leaves, map_leaves, unflatten
-from rans.scenario import Random, Scenario, seed_words
-from rans.spacecraft import Spacecraft
+from rans.model.dynamics import MassProperties, advance, wrench
+from rans.model.fields import leaves, map_leaves, unflatten
+from rans.model.spacecraft import Spacecraft
+from rans.model.timing import Timing
+from rans.scenario import Scenario
 from rans.tasks.base import Task, observation
-from rans.timing import Timing
 
 
 class Controller(Protocol):
@@ -79,23 +78,6 @@ class Flight:
     def failed(self) -> np.ndarray:
         """(N,) whether the task ever declared the episode failed."""
         return self.task.failed(self.states, self.goals).any(axis=0)
-
-
-def batch(scenarios: Sequence[Scenario]) -> Scenario:
-    """Many scenarios as one whose fields are float64 arrays (N,)."""
-    def stack(states: list[State]) -> State:
-        columns = zip(*(leaves(s) for s in states), strict=True)
-        return unflatten(states[0], [np.array(c, dtype=np.float64) for c in columns])
-
-    return Scenario(stack([s.start for s in scenarios]), stack([s.goal for s in scenarios]))
-
-
-def scenarios(task: Task, craft: Spacecraft, seed: int, count: int, first: int = 0) -> Scenario:
-    """Scenarios ``first`` to ``first + count - 1`` of a seed as one batch of float64 arrays (N,)."""
-    episodes = np.arange(first, first + count, dtype=np.int32)
-    start, goal = task.sample(Random(craft.dimension, *seed_words(seed), episodes, np.float64))
-    full = lambda x: np.broadcast_to(np.asarray(x, dtype=np.float64), (count,)).copy()  # noqa: E731
-    return Scenario(map_leaves(full, start), map_leaves(full, goal))
 
 
 def fly(craft: Spacecraft, task: Task, controller: Controller, starts: Scenario, timing: Timing) -> Flight:

@@ -30,7 +30,7 @@ def pretrained_folder(name: str) -> Path:
 
 
 def pretrained_card(name: str) -> dict[str, Any]:
-    """What the agent of this name is worth and how it came to be; see `rans.evaluation.export`.
+    """What the agent of this name is worth and how it came to be; see `rans.deploy.export`.
 
     Raises:
         ConfigError: there is no such agent.

@@ -9,8 +9,8 @@ import numpy as np
 from gymnasium import spaces
 
 from rans.errors import ConfigError
-from rans.spacecraft import Spacecraft
-from rans.spacecraft_file import load_spacecraft
+from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft_file import load_spacecraft
 from rans.tasks import Task, observation_width, task_class
 from rans.tasks.base import Dimension
 

@@ -7,8 +7,8 @@ import sys
 import pytest
 from hypothesis import settings
 
-from rans.spacecraft import Spacecraft
-from rans.spacecraft_file import load_spacecraft, spacecraft_names
+from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft_file import load_spacecraft, spacecraft_names
 from tests.crafts import nasty_planar, nasty_spatial
 
 # The same examples in every run, and no deadline: the machine may be busy.

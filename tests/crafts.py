@@ -10,9 +10,9 @@ import numpy as np
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from rans.dynamics import PlanarState, SpatialState
-from rans.fields import Heading, Quat, Vec2, Vec3
-from rans.spacecraft import Spacecraft, Thruster
+from rans.model.dynamics import PlanarState, SpatialState
+from rans.model.fields import Heading, Quat, Vec2, Vec3
+from rans.model.spacecraft import Spacecraft, Thruster
 
 Tensor = tuple[tuple[float, float, float], ...]
 Triple = tuple[float, float, float]

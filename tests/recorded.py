@@ -9,9 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from rans.evaluation.contestants import contestant
-from rans.flight import Flight, fly, scenarios
+from rans.evaluation.fly.contestants import contestant
+from rans.flight import Flight, fly
 from rans.pretrained import pretrained_names
+from rans.scenario import scenarios
 
 FOLDER = Path(__file__).parent / "data" / "commands"
 SEED, EPISODES = 31, 64

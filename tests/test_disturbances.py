@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from rans.dynamics import MassProperties, PlanarState, Wrench, advance, wrench
-from rans.fields import Heading, Vec2
-from rans.spacecraft_file import load_spacecraft
+from rans.model.dynamics import MassProperties, PlanarState, Wrench, advance, wrench
+from rans.model.fields import Heading, Vec2
+from rans.model.spacecraft_file import load_spacecraft
 
 
 def test_a_steady_push_is_the_parabola() -> None:

@@ -9,10 +9,10 @@ from matplotlib.patches import Circle
 from matplotlib.quiver import Quiver
 
 from rans.drawing import Scene, draw_layout
-from rans.dynamics import PlanarState, SpatialState
-from rans.fields import Heading, Quat, Vec2, Vec3
-from rans.spacecraft import Spacecraft
-from rans.spacecraft_file import load_spacecraft
+from rans.model.dynamics import PlanarState, SpatialState
+from rans.model.fields import Heading, Quat, Vec2, Vec3
+from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft_file import load_spacecraft
 from rans.tasks import (
     GoToPose,
     GoToPosition,

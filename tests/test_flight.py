@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rans.fields import leaves
-from rans.flight import batch, fly, scenarios
-from rans.scenario import scenario
-from rans.spacecraft import Spacecraft
-from rans.spacecraft_file import load_spacecraft
+from rans.flight import fly
+from rans.model.fields import leaves
+from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft_file import load_spacecraft
+from rans.model.timing import Timing
+from rans.scenario import batch, scenario, scenarios
 from rans.tasks import GoToPose, observation_width
-from rans.timing import Timing
 
 
 @dataclass

@@ -13,16 +13,18 @@ ROOT = Path(__file__).parents[1]
 HEAVY = {"torch", "pydrake", "casadi", "stable_baselines3", "gymnasium", "matplotlib", "tyro", "rich"}
 
 LAYERS: list[set[str]] = [
-    {"rans.errors", "rans.fields"},
-    {"rans.files", "rans.magnus", "rans.processes", "rans.spacecraft", "rans.timing"},
-    {"rans.pretrained", "rans.spacecraft_file", "rans.dynamics"},
-    {"rans.scenario"},
+    {"rans.errors"},
+    {"rans.files", "rans.processes"},
+    {"rans.model", "rans.pretrained"},
     {"rans.tasks"},
+    {"rans.scenario"},
     {"rans.flight"},
     {"rans.drawing", "rans.spaces", "rans.window"},
     {"rans.environment"},
     {"rans.fast", "rans.reference", "rans.optimal"},
     {"rans.evaluation"},
+    {"rans.deploy"},
+    {"rans.show"},
     {"validation"},
     {"rans.cli"},
     {"rans.__main__"},
@@ -89,13 +91,13 @@ def test_each_engine_keeps_to_its_library(name: str, file: Path) -> None:
 def test_the_judge_knows_nothing_of_our_equations() -> None:
     plant = ROOT / "rans" / "reference" / "plant.py"
     ours = {name for name in imports(plant) if name.startswith(("rans", "validation"))}
-    assert {name.rpartition(".")[0] for name in ours} <= {"rans.spacecraft", "rans.errors"}
+    assert {name.rpartition(".")[0] for name in ours} <= {"rans.model.spacecraft", "rans.errors"}
 
 
 @pytest.mark.parametrize("statement", [
-    "import rans", "import rans.tasks", "import rans.spacecraft_file", "import rans.flight",
+    "import rans", "import rans.tasks", "import rans.model.spacecraft_file", "import rans.flight",
     "import rans.cli",
-    "from rans.spacecraft_file import load_spacecraft as load; load('free-flyer').wrench_map",
+    "from rans.model.spacecraft_file import load_spacecraft as load; load('free-flyer').wrench_map",
 ])
 def test_start_up_is_light(statement: str) -> None:
     # Gymnasium takes 40 ms beyond NumPy, and learns our environments' names when rans is imported.
@@ -104,7 +106,7 @@ def test_start_up_is_light(statement: str) -> None:
 
 TRAIN = """
 from rans.cli import main
-from rans.fast.trainer import Trainer
+from rans.fast.learn.trainer import Trainer
 
 def train(*_):
     raise KeyboardInterrupt

@@ -8,10 +8,11 @@ import re
 import pytest
 
 from rans.errors import ConfigError
-from rans.evaluation.contestants import contestant, judged_separately
-from rans.evaluation.metrics import solved
-from rans.flight import fly, scenarios
+from rans.evaluation.fly.contestants import contestant, judged_separately
+from rans.evaluation.measure.metrics import solved
+from rans.flight import fly
 from rans.pretrained import pretrained_card, pretrained_folder, pretrained_names
+from rans.scenario import scenarios
 
 every_agent = pytest.mark.parametrize("name", pretrained_names())
 EPISODES = 64

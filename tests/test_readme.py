@@ -12,8 +12,8 @@ import pytest
 import torch
 
 from rans.cli import COMMANDS, _parse
-from rans.spacecraft import Spacecraft
-from rans.spacecraft_file import parse_spacecraft
+from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft_file import parse_spacecraft
 from rans.tasks import GoToPose, observation_columns
 
 ROOT = Path(__file__).parents[1]
@@ -74,7 +74,7 @@ def test_every_decision_is_in_the_index() -> None:
 
 
 def test_the_layout_is_the_layout() -> None:
-    layout, = (block for block in blocks(ROOT / "README.md", "") if block.startswith("rans/spacecraft.py"))
+    layout, = (block for block in blocks(ROOT / "README.md", "") if block.startswith("rans/model/"))
     for line in layout.splitlines():
         first, *others = re.split(r",? +", line.partition("   ")[0].strip())
         for name in (first, *(f"{Path(first).parent}/{other}" for other in others)):

@@ -11,7 +11,6 @@ from tests.recorded import EPISODES, flown, recorded
 
 @pytest.mark.parametrize("name", pretrained_names())
 def test_a_shipped_agent_gives_the_recorded_commands(name: str) -> None:
-    """Where an episode departs, it does so in one command whose two answers were equally likely: none today."""
     before, now = recorded(name), flown(name).commands
     assert now.shape == before.shape
     departed = [k for k in range(EPISODES) if not np.array_equal(now[:, k], before[:, k])]

@@ -16,8 +16,9 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from rans.errors import ConfigError
-from rans.fields import leaves
-from rans.scenario import Random, hash4, scenario, seed_words
+from rans.model.fields import leaves
+from rans.model.random import Random, hash4, seed_words
+from rans.scenario import scenario
 from rans.tasks import GoToPose
 
 FALSE_ALARM = 1e-4

@@ -16,14 +16,14 @@ import numpy as np
 from tyro.conf import Positional
 
 from rans.errors import ConfigError
-from rans.evaluation.contestants import contestant
-from rans.evaluation.follow import follow
-from rans.evaluation.metrics import samples
-from rans.evaluation.paths import LookAhead, find_path
-from rans.evaluation.protocols import Conditions
+from rans.evaluation.fly.contestants import contestant
+from rans.evaluation.fly.follow import follow
+from rans.evaluation.fly.paths import LookAhead, find_path
+from rans.evaluation.fly.protocols import Conditions
+from rans.evaluation.measure.metrics import samples
 from rans.files import environment, write_json, write_text
-from rans.flight import Controller, fly, scenarios
-from rans.scenario import EVALUATION_SEED
+from rans.flight import Controller, fly
+from rans.scenario import EVALUATION_SEED, scenarios
 from validation.agent_rows import ROWS, Goal, Row
 from validation.time_optimal import time_optimal
 

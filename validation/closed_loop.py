@@ -5,18 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from rans.errors import ConfigError
-from rans.evaluation.engines import compare_engines
-from rans.flight import fly, scenarios
+from rans.evaluation.measure.engines import compare_engines
+from rans.flight import fly
+from rans.model.spacecraft import Spacecraft
+from rans.model.timing import Timing
 from rans.reference.flight import fly_in_drake
-from rans.spacecraft import Spacecraft
+from rans.scenario import scenarios
 from rans.tasks import GoToPose
-from rans.timing import Timing
 from validation.checks import Check, Skipped
 
 
 def closed_loop_checks(craft: Spacecraft, seed: int, count: int) -> Sequence[Check | Skipped]:
     """An LQR that goes to a pose; `rans evaluate --engine both` does the same with an agent."""
-    from rans.optimal.lqr import LQR
+    from rans.optimal.control.lqr import LQR
 
     timing, task = Timing(), GoToPose().for_evaluation()
     try:

@@ -12,12 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from rans.dynamics import MassProperties, PlanarState, advance, wrench
-from rans.fields import Heading, Quat, Vec3, cos, map_leaves
-from rans.flight import fly, scenarios
-from rans.spacecraft import Spacecraft
+from rans.flight import fly
+from rans.model.dynamics import MassProperties, PlanarState, advance, wrench
+from rans.model.fields import Heading, Quat, Vec3, cos, map_leaves
+from rans.model.spacecraft import Spacecraft
+from rans.model.timing import Timing
+from rans.scenario import scenarios
 from rans.tasks import GoToPose
-from rans.timing import Timing
 from validation.checks import Check, Curve
 from validation.dynamics import tensor
 from validation.flights import drake_states

@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from rans.dynamics import MassProperties, Wrench, advance, wrench
-from rans.fields import Vec2, Vec3
+from rans.model.dynamics import MassProperties, Wrench, advance, wrench
+from rans.model.fields import Vec2, Vec3
+from rans.model.spacecraft import Spacecraft
+from rans.model.timing import Timing
 from rans.reference.flight import rows_from_states, states_from_rows
 from rans.reference.plant import Plant
-from rans.spacecraft import Spacecraft
-from rans.timing import Timing
 from validation.checks import Check
 from validation.sampling import FASTEST, gap_checks, gentle_commands, random_states
 
@@ -57,7 +57,7 @@ def mass_checks(craft: Spacecraft) -> list[Check]:
 def acceleration_checks(craft: Spacecraft, seed: int, count: int) -> list[Check]:
     """Accelerations in random states under random commands.
 
-    Ours are the derivative of `rans.dynamics.advance` at the start of a step, taken with a complex
+    Ours are the derivative of `rans.model.dynamics.advance` at the start of a step, taken with a complex
     step (Squire and Trapp, SIAM Review 40(1), 1998): exact to rounding, and of the code that flies.
     """
     states, commands = random_states(craft.dimension, seed, count), _commands(craft, seed, count)

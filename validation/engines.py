@@ -10,12 +10,13 @@ import numpy as np
 import torch
 
 from rans.fast.engine import Engine
-from rans.fast.graph import graphed
-from rans.fields import leaves, unflatten
-from rans.flight import fly, scenarios
-from rans.spacecraft import Spacecraft
+from rans.fast.learn.graph import graphed
+from rans.flight import fly
+from rans.model.fields import leaves, unflatten
+from rans.model.spacecraft import Spacecraft
+from rans.model.timing import Timing
+from rans.scenario import scenarios
 from rans.tasks import GoToPose
-from rans.timing import Timing
 from validation.checks import Check, Curve, Skipped
 from validation.sampling import Restless, gap_checks, growth, reach
 

@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 
 from rans.errors import ConfigError
-from rans.fields import leaves, map_leaves
-from rans.flight import fly, scenarios
+from rans.flight import fly
+from rans.model.fields import leaves, map_leaves
+from rans.model.spacecraft import Spacecraft
+from rans.model.timing import Timing
 from rans.reference.flight import rows_from_states, states_from_rows
 from rans.reference.plant import Plant
-from rans.scenario import Scenario
-from rans.spacecraft import Spacecraft
+from rans.scenario import Scenario, scenarios
 from rans.tasks import GoToPose
-from rans.timing import Timing
 from validation.checks import Check, Curve, Skipped
 from validation.dynamics import VALIDATION_SUBSTEPS
 from validation.sampling import Restless, gap_checks, growth, reach, rollout
@@ -56,8 +56,8 @@ def bang_bang_checks(craft: Spacecraft, seed: int, count: int) -> list[Check | C
 
 def optimal_checks(craft: Spacecraft, seed: int) -> Sequence[Check | Curve | Skipped]:
     """Under minimum-fuel inputs, which are anything between shut and open."""
-    from rans.optimal.objectives import MinimumFuel
-    from rans.optimal.transcription import Transcription
+    from rans.optimal.trajectory.objectives import MinimumFuel
+    from rans.optimal.trajectory.transcription import Transcription
 
     name, objective = "optimal input", MinimumFuel()
     starts = scenarios(GoToPose().for_evaluation(), craft, seed, _OPTIMAL_STARTS)

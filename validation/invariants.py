@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from rans.dynamics import MassProperties, Wrench, advance, wrench
-from rans.fields import Heading, Quat, Vec2, Vec3, leaves
-from rans.spacecraft import Spacecraft
-from rans.timing import Timing
+from rans.model.dynamics import MassProperties, Wrench, advance, wrench
+from rans.model.fields import Heading, Quat, Vec2, Vec3, leaves
+from rans.model.spacecraft import Spacecraft
+from rans.model.timing import Timing
 from validation.checks import Check
 from validation.dynamics import tensor
 from validation.sampling import gap, gap_checks, gentle_commands, random_states

@@ -14,16 +14,15 @@ from typing import Literal
 import numpy as np
 
 from rans.errors import ConfigError
-from rans.fields import leaves, map_leaves
-from rans.flight import scenarios
-from rans.optimal.certificate import Certificate, Effort, least_fuel, least_time
-from rans.optimal.lattice import Lattice
+from rans.model.fields import leaves, map_leaves
+from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft_file import load_spacecraft
+from rans.model.timing import Timing
+from rans.optimal.certificate.certificate import Certificate, Effort, least_fuel, least_time
+from rans.optimal.certificate.lattice import Lattice
 from rans.processes import submitted
-from rans.scenario import EVALUATION_SEED, Scenario
-from rans.spacecraft import Spacecraft
-from rans.spacecraft_file import load_spacecraft
+from rans.scenario import EVALUATION_SEED, Scenario, scenarios
 from rans.tasks import GoToPose
-from rans.timing import Timing
 from validation.checks import Check, Report
 
 _HEADINGS = "start    dual   lower   upper    gap   nodes  seconds"
@@ -71,7 +70,7 @@ class Optimality:
 
 def certificate(craft: Spacecraft, period: float, quantity: Literal["fuel", "time"], steps: int,
                 seconds: float, scenario: Scenario) -> Certificate:
-    """One start's answer; see `rans.optimal.certificate`."""
+    """One start's answer; see `rans.optimal.certificate.certificate`."""
     lattice, effort = Lattice(craft, period), Effort(seconds)
     solve = least_fuel if quantity == "fuel" else least_time
     start, goal = scenario.start, scenario.goal

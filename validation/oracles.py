@@ -16,12 +16,13 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 from scipy.special import ellipj, fresnel
 
-from rans.dynamics import MassProperties, PlanarState, SpatialState, Wrench, advance
-from rans.fields import Heading, Quat, Vec2, Vec3, map_leaves
-from rans.flight import fly, scenarios
-from rans.spacecraft import Spacecraft
+from rans.flight import fly
+from rans.model.dynamics import MassProperties, PlanarState, SpatialState, Wrench, advance
+from rans.model.fields import Heading, Quat, Vec2, Vec3, map_leaves
+from rans.model.spacecraft import Spacecraft
+from rans.model.timing import Timing
+from rans.scenario import scenarios
 from rans.tasks import GoToPose
-from rans.timing import Timing
 from validation.checks import Check
 from validation.dynamics import VALIDATION_SUBSTEPS
 from validation.sampling import Restless, gap_checks, random_states, rollout

@@ -10,11 +10,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from rans.evaluation import report as pages
-from rans.evaluation.figures import data_uri, styled, svg
-from rans.evaluation.panels import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, RED, SKY, label
-from rans.evaluation.report import Finding, Picture, Section, Table
 from rans.files import environment
+from rans.show import report as pages
+from rans.show.figures import data_uri, styled, svg
+from rans.show.panels import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, RED, SKY, label
+from rans.show.report import Finding, Picture, Section, Table
 from validation.checks import Check, Curve, Report
 
 _COLOURS = (BLUE, ORANGE, GREEN, RED, PURPLE, SKY, GREY, INK)

@@ -7,12 +7,12 @@ from typing import Any, Literal
 
 import numpy as np
 
-from rans.dynamics import AnyState, MassProperties, PlanarState, SpatialState, advance, wrench
-from rans.fields import Heading, Quat, leaves, unflatten, wrap
-from rans.scenario import Random, seed_words
-from rans.spacecraft import Spacecraft
+from rans.model.dynamics import AnyState, MassProperties, PlanarState, SpatialState, advance, wrench
+from rans.model.fields import Heading, Quat, leaves, unflatten, wrap
+from rans.model.random import Random, seed_words
+from rans.model.spacecraft import Spacecraft
+from rans.model.timing import Timing
 from rans.tasks.base import UNITS
-from rans.timing import Timing
 from validation.checks import Check, Curve
 
 FASTEST = 1.0

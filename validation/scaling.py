@@ -18,11 +18,11 @@ import torch
 import tyro
 from rich.console import Console
 
-from rans.fast.config import PPOSettings, Precision
-from rans.fast.distributed import World, join
+from rans.fast.distributed import Processes, join
 from rans.fast.engine import Engine
-from rans.fast.trainer import make_ppo
-from rans.spacecraft_file import load_spacecraft
+from rans.fast.learn.config import PPOSettings, Precision
+from rans.fast.learn.trainer import make_ppo
+from rans.model.spacecraft_file import load_spacecraft
 from rans.tasks import GoToPose
 
 _WARM_UP = 5
@@ -73,7 +73,7 @@ class Scaling:
         if world.is_first:
             sys.stdout.write(f"{_MARK}{rate!r}\n")
 
-    def _rate(self, world: World) -> float:
+    def _rate(self, world: Processes) -> float:
         total = self.n_envs * world.size
         settings = PPOSettings(n_envs=total, n_steps=self.n_steps, batch_size=total * self.n_steps // 4,
                                layers=self.layers, matmul=self.matmul)

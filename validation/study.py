@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 from rans.errors import ConfigError
-from rans.spacecraft import Spacecraft
+from rans.model.spacecraft import Spacecraft
 from validation.checks import Check, Curve, Report, Skipped
 from validation.closed_loop import closed_loop_checks
 from validation.discretisation import discretisation_checks, order_curves

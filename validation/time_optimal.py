@@ -1,7 +1,8 @@
 """How long the fastest trajectories are close to their goal, which no agent beats by much.
 
 Their thrust is relaxed, anything between shut and open, and they know the future; see
-`rans.optimal.objectives.MinimumTime`. They are flown in Drake and rest at the goal once they have arrived.
+`rans.optimal.trajectory.objectives.MinimumTime`. They are flown in Drake and rest at the goal
+once they have arrived.
 """
 
 from __future__ import annotations
@@ -9,14 +10,14 @@ from __future__ import annotations
 import numpy as np
 
 from rans.errors import SolverFailed
-from rans.evaluation.metrics import samples
-from rans.evaluation.optima import episode
-from rans.flight import scenarios
-from rans.optimal.objectives import MinimumTime
-from rans.optimal.pool import each, solve_all
-from rans.spacecraft import Spacecraft
+from rans.evaluation.compare.optima import episode
+from rans.evaluation.measure.metrics import samples
+from rans.model.spacecraft import Spacecraft
+from rans.model.timing import Timing
+from rans.optimal.trajectory.objectives import MinimumTime
+from rans.optimal.trajectory.pool import each, solve_all
+from rans.scenario import scenarios
 from rans.tasks import Task
-from rans.timing import Timing
 
 
 def time_optimal(craft: Spacecraft, task: Task, timing: Timing, seed: int, count: int,
@@ -29,7 +30,7 @@ def time_optimal(craft: Spacecraft, task: Task, timing: Timing, seed: int, count
         timing: gives the length of an episode.
         seed: of the starts.
         count: starts 0 to count - 1 of it.
-        workers: see `rans.optimal.pool.solve_all`.
+        workers: see `rans.optimal.trajectory.pool.solve_all`.
 
     Raises:
         SolverFailed: from some start none was found.

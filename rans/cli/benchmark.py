@@ -51,7 +51,7 @@ class Benchmark:
         import torch
         from rich.console import Console
 
-        from rans.fast.trainer import check_device
+        from rans.fast.learn.trainer import check_device
         from rans.files import ready_folder
 
         if self.output is not None and self.output.suffix != ".json":
@@ -74,7 +74,7 @@ class Benchmark:
         return 0
 
     def _measure(self, console: Console, device: str) -> list[Measurement]:
-        from rans.spacecraft_file import load_spacecraft
+        from rans.model.spacecraft_file import load_spacecraft
         from rans.tasks import task_class
         from validation.speed.suite import effort, measurements
 
@@ -111,8 +111,8 @@ class Benchmark:
 
     def _write(self, file: Path, about: dict[str, str], measured: list[Measurement], shares: list[Ratio],
                peers: list[PeerResult], ratios: list[Ratio]) -> None:
-        from rans.evaluation.figures import svg
         from rans.files import write_json, write_text
+        from rans.show.figures import svg
         from validation.speed.figure import speed_figure
 
         content: dict[str, Any] = {

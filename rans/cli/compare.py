@@ -14,7 +14,7 @@ from rans.scenario import EVALUATION_SEED
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from rans.evaluation.comparison.run import Comparison
+    from rans.evaluation.compare.run import Comparison
 
 
 @dataclass(frozen=True)
@@ -48,9 +48,9 @@ class Compare:
         from rich.progress import Progress
 
         from rans.errors import ConfigError
-        from rans.evaluation.comparison.roster import protocol_of
-        from rans.evaluation.comparison.run import Comparison, fill
-        from rans.evaluation.contestants import output_folder
+        from rans.evaluation.compare.roster import protocol_of
+        from rans.evaluation.compare.run import Comparison, fill
+        from rans.evaluation.fly.contestants import output_folder
         from rans.files import ready_folder
 
         if not self.contestants:
@@ -73,9 +73,9 @@ class Compare:
 def _write(comparison: Comparison, folder: Path, console: Console) -> None:
     from rich.table import Table
 
-    from rans.evaluation.comparison.page import TEXT, page
-    from rans.evaluation.comparison.tables import scoreboard, to_json
     from rans.files import write_json
+    from rans.show.comparison_page import TEXT, page
+    from rans.show.comparison_tables import scoreboard, to_json
 
     board = scoreboard(comparison)
     table = Table("", *board, title=comparison.protocol.title(), title_justify="left")

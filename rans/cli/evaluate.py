@@ -15,7 +15,7 @@ from rans.errors import ConfigError
 from rans.scenario import EVALUATION_SEED
 
 if TYPE_CHECKING:
-    from rans.evaluation.agent import LoadedRun
+    from rans.evaluation.fly.agent import LoadedRun
     from rans.flight import Flight
 
 
@@ -44,7 +44,7 @@ class Evaluate:
 
     def run(self) -> int:
         """Print the tables of metrics; a multi-task agent is judged on each of its tasks."""
-        from rans.evaluation.contestants import judged_separately
+        from rans.evaluation.fly.contestants import judged_separately
 
         if self.episodes < 1:
             raise ConfigError(f"--episodes must be >= 1, got {self.episodes}.")
@@ -55,9 +55,9 @@ class Evaluate:
         """Evaluate on one task; whether the engines agree, where both were asked for."""
         from rich.console import Console
 
-        from rans.evaluation.contestants import contestant, output_folder
-        from rans.evaluation.engines import compare_engines
-        from rans.evaluation.measure import ROOM, measure
+        from rans.evaluation.fly.contestants import contestant, output_folder
+        from rans.evaluation.measure.engines import compare_engines
+        from rans.evaluation.measure.summary import ROOM, measure
         from rans.files import ready_folder
 
         run = contestant(self.contestant, self.protocol)
@@ -83,8 +83,8 @@ class Evaluate:
         from rich.console import Console
         from rich.progress import Progress
 
-        from rans.evaluation.judge import Engine, flown
-        from rans.evaluation.protocols import Conditions
+        from rans.evaluation.fly.judge import Engine, flown
+        from rans.evaluation.fly.protocols import Conditions
 
         engines: tuple[Engine, ...] = ("fast", "drake") if self.engine == "both" else (self.engine,)
         conditions, flights = Conditions(run.craft, run.task.for_evaluation(), run.timing), {}
@@ -101,10 +101,10 @@ class Evaluate:
 
     def _write(self, results: dict[str, Any], flight: Flight) -> Path:
         """Write all files; results of the other engine under the same conditions are kept."""
-        from rans.evaluation.contestants import output_folder, picked_task
-        from rans.evaluation.episodes import save_episodes
-        from rans.evaluation.figures import save_flight_figures
+        from rans.evaluation.fly.contestants import output_folder, picked_task
+        from rans.evaluation.fly.episodes import save_episodes
         from rans.files import environment, read_json, write_json
+        from rans.show.figures import save_flight_figures
 
         folder, names = output_folder(self.contestant), (picked_task(self.contestant), self.protocol)
         suffix = "".join(f"-{name}" for name in names if name not in ("", "own"))

@@ -25,8 +25,8 @@ class Export:
 
     def run(self) -> int:
         """Print what was written."""
+        from rans.deploy.export import export
         from rans.errors import ConfigError
-        from rans.evaluation.export import export
         from rans.pretrained import pretrained_folder
 
         if self.episodes < 1:

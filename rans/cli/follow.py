@@ -37,12 +37,12 @@ class Follow:
         from rich.console import Console
 
         from rans.errors import ConfigError
-        from rans.evaluation.contestants import contestant, output_folder
-        from rans.evaluation.figures import svg
-        from rans.evaluation.follow import follow
-        from rans.evaluation.path_figures import following_figure
-        from rans.evaluation.paths import LookAhead, find_path
+        from rans.evaluation.fly.contestants import contestant, output_folder
+        from rans.evaluation.fly.follow import follow
+        from rans.evaluation.fly.paths import LookAhead, find_path
         from rans.files import ready_folder, write_json, write_text
+        from rans.show.figures import svg
+        from rans.show.path_figures import following_figure
 
         if self.flights < 1:
             raise ConfigError(f"--flights must be at least 1, got {self.flights}.")

@@ -19,7 +19,7 @@ from rans.errors import ConfigError
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from rans.spacecraft import Spacecraft
+    from rans.model.spacecraft import Spacecraft
 
 _ARROWS = "→↗↑↖←↙↓↘"
 _TOWARDS, _AWAY = "⊙", "⊗"
@@ -45,8 +45,8 @@ class List:
         return 0
 
     def _parts(self) -> Iterable[str | Table]:
+        from rans.model.spacecraft_file import load_spacecraft, spacecraft_names
         from rans.pretrained import pretrained_names
-        from rans.spacecraft_file import load_spacecraft, spacecraft_names
         from rans.tasks import TASKS
 
         crafts, agents = spacecraft_names(), pretrained_names()
@@ -133,7 +133,7 @@ def _put(cells: dict[tuple[int, int], str], place: Sequence[float], text: str) -
 
 
 def _all_spacecraft() -> Table:
-    from rans.spacecraft_file import load_spacecraft, spacecraft_names
+    from rans.model.spacecraft_file import load_spacecraft, spacecraft_names
 
     crafts = [load_spacecraft(name) for name in spacecraft_names()]
     return _table("Spacecraft", ("name", "moves in", "mass", "thrusters", "thrust sharing"), [

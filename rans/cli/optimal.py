@@ -14,11 +14,11 @@ from rans.scenario import EVALUATION_SEED
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rans.evaluation.bounds import Bound
-    from rans.evaluation.optima import Optimum
-    from rans.optimal.objectives import Objective
+    from rans.evaluation.compare.bounds import Bound
+    from rans.evaluation.compare.optima import Optimum
+    from rans.model.spacecraft import Spacecraft
+    from rans.optimal.trajectory.objectives import Objective
     from rans.scenario import Scenario
-    from rans.spacecraft import Spacecraft
     from rans.tasks import Task
 
 _COSTS = Literal["fuel", "time", "energy", "tracking", "reward"]
@@ -66,10 +66,10 @@ class Optimal:
         """Print a table of the starts."""
         from rich.console import Console
 
-        from rans.evaluation.optima import optima, table, write
+        from rans.evaluation.compare.optima import optima, table, write
         from rans.files import ready_folder
-        from rans.flight import scenarios
-        from rans.spacecraft_file import load_spacecraft
+        from rans.model.spacecraft_file import load_spacecraft
+        from rans.scenario import scenarios
         from rans.tasks import task_class
 
         self._check()
@@ -107,7 +107,7 @@ class Optimal:
             raise ConfigError(f"--certify bounds fuel and time only, not {self.objective}.")
 
     def _objective(self) -> Objective:
-        from rans.optimal import objectives
+        from rans.optimal.trajectory import objectives
 
         if self.objective == "time":
             return objectives.MinimumTime(self.intervals, self.ending)
@@ -126,10 +126,17 @@ class Optimal:
 
         from rich.console import Console
 
-        from rans.evaluation.bounds import CERTIFIED, Question, bounds, goal_set, no_certificate, table
-        from rans.optimal.arrival import aims
-        from rans.optimal.certificate import Effort
-        from rans.optimal.pool import each
+        from rans.evaluation.compare.bounds import (
+            CERTIFIED,
+            Question,
+            bounds,
+            goal_set,
+            no_certificate,
+            table,
+        )
+        from rans.optimal.certificate.certificate import Effort
+        from rans.optimal.trajectory.arrival import aims
+        from rans.optimal.trajectory.pool import each
 
         wanted, period = tuple(sorted(aims(task))), self.control_period
         horizon = None if self.objective == "time" else objective.intervals * period

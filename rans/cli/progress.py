@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 
 if TYPE_CHECKING:
-    from rans.fast.config import TrainConfig
+    from rans.fast.learn.config import TrainConfig
 
 _PLAIN_SECONDS = 5.0
 """Between lines when standard error is not a terminal."""

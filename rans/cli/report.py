@@ -20,7 +20,7 @@ class Report:
         """Write report.html into the run folder and print a summary."""
         from rich.console import Console
 
-        from rans.evaluation.report import report_from_run
+        from rans.show.report import report_from_run
 
         report, file = report_from_run(self.run_folder), self.run_folder / "report.html"
         report.write(file)

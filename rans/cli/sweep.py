@@ -21,9 +21,9 @@ from rans.errors import ConfigError
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from rans.fast.batched_trainer import Member
-    from rans.fast.config import TrainConfig
-    from rans.fast.sweep import Sweep as Trainings
+    from rans.fast.learn.batched_trainer import Member
+    from rans.fast.learn.config import TrainConfig
+    from rans.fast.learn.sweep import Sweep as Trainings
 
 _PLAIN_SECONDS = 5.0
 """Between lines of progress."""
@@ -58,7 +58,7 @@ class Sweep:
         """Train with progress and print a table; 130 when it was stopped early."""
         from rich.console import Console
 
-        from rans.fast.sweep import Sweep as Trainings
+        from rans.fast.learn.sweep import Sweep as Trainings
 
         compile_in_this_process()
         sweep = Trainings(list(self._configs()))
@@ -75,7 +75,7 @@ class Sweep:
         return 130 if stop.asked else 0
 
     def _folder(self, config: TrainConfig) -> Path:
-        from rans.fast.trainer import unused_path
+        from rans.fast.learn.trainer import unused_path
 
         if self.output is not None and self.output.exists():
             raise ConfigError(f"{self.output} exists already; choose another folder with --run.")
@@ -105,9 +105,9 @@ def _changes(text: str) -> list[str]:
 
 
 def _save(sweep: Trainings, folder: Path) -> None:
-    from rans.evaluation.figures import svg
-    from rans.evaluation.sweep_figure import sweep_figure
     from rans.files import environment, write_json, write_text
+    from rans.show.figures import svg
+    from rans.show.sweep_figure import sweep_figure
 
     command, best = shlex.join(["rans", *sys.argv[1:]]), sweep.best()
     rows = [{"member": number} | row for number, member in enumerate(sweep.members) for row in member.rows]
@@ -123,8 +123,8 @@ def _table(sweep: Trainings) -> Table:
     """One row a member, the best in bold."""
     from rich.table import Table
 
-    from rans.evaluation.metrics import DISPLAY
-    from rans.fast.sweep import short
+    from rans.evaluation.measure.metrics import DISPLAY
+    from rans.fast.learn.sweep import short
 
     results, best = sweep.results(), sweep.members.index(sweep.best())
     errors = {name: DISPLAY[name.rsplit("/", 1)[1]] for name in results[0] if name.startswith("error/")}

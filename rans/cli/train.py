@@ -21,9 +21,9 @@ from rans.errors import ConfigError, RansError
 from rans.processes import beside
 
 if TYPE_CHECKING:
-    from rans.fast.config import TrainConfig
-    from rans.fast.run_folder import RunFolder
-    from rans.fast.trainer import Trainer
+    from rans.fast.learn.config import TrainConfig
+    from rans.fast.learn.run_folder import RunFolder
+    from rans.fast.learn.trainer import Trainer
 
 
 @dataclass(frozen=True)
@@ -59,9 +59,9 @@ class Train:
     def _trainer(self) -> Trainer:
         """Ready to train; a new run folder is begun only once its config has proved to work."""
         from rans.fast.distributed import join
-        from rans.fast.run_folder import RunFolder
-        from rans.fast.trainer import Trainer, run_path
-        from rans.spacecraft_file import load_spacecraft
+        from rans.fast.learn.run_folder import RunFolder
+        from rans.fast.learn.trainer import Trainer, run_path
+        from rans.model.spacecraft_file import load_spacecraft
 
         if self.resume is not None:
             if replace(self, resume=None, view=False) != Train():
@@ -81,8 +81,8 @@ class Train:
 
     def resolved(self) -> TrainConfig:
         """A preset or another run's config, with whatever else was given."""
-        from rans.fast.config import from_table, to_table
-        from rans.fast.run_folder import read_config
+        from rans.fast.learn.config import from_table, to_table
+        from rans.fast.learn.run_folder import read_config
 
         if self.task is not None and self.config is not None:
             raise ConfigError(f"--config {self.config} says what to train; leave out {self.task!r}.")
@@ -99,10 +99,10 @@ class Train:
     def _preset(self) -> TrainConfig:
         import torch
 
-        from rans.fast.config import TrainConfig
-        from rans.fast.presets import preset
-        from rans.fast.recipes import RECIPES, recipe
-        from rans.spacecraft_file import load_spacecraft
+        from rans.fast.learn.config import TrainConfig
+        from rans.fast.learn.presets import preset
+        from rans.fast.learn.recipes import RECIPES, recipe
+        from rans.model.spacecraft_file import load_spacecraft
         from rans.tasks import TASKS, task_class
 
         task, spacecraft = str(self.task), self.spacecraft or "floating-platform"
@@ -149,8 +149,8 @@ def _assist(trainer: Trainer) -> int:
 
 def _draw(run: RunFolder) -> None:
     """The learning curve, with Matplotlib, for which training need not wait."""
-    from rans.evaluation.figures import learning_curve
     from rans.files import replace_file
+    from rans.show.figures import learning_curve
 
     if rows := run.metrics():
         replace_file(run.path / "learning_curve.svg",
@@ -172,7 +172,7 @@ def _summary(trainer: Trainer, stopped: bool, seconds: float) -> str:
 
 
 def _watched(run: Path) -> contextlib.AbstractContextManager[None]:
-    """A process beside the training that shows its newest agent; see `rans.evaluation.watch`.
+    """A process beside the training that shows its newest agent; see `rans.show.watch`.
 
     Training does nothing for it but what it does anyway, writing checkpoints, and the process has the
     lowest priority: on a busy machine it gets what training leaves over.
@@ -186,7 +186,7 @@ def _watched(run: Path) -> contextlib.AbstractContextManager[None]:
 
 def _watch(run: Path, port: int) -> None:
     os.nice(19)
-    from rans.evaluation.watch import watch
+    from rans.show.watch import watch
 
     try:
         watch(run, port)

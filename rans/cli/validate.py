@@ -49,7 +49,7 @@ class Validate:
         from rich.console import Console
         from rich.progress import Progress
 
-        from rans.spacecraft_file import load_spacecraft
+        from rans.model.spacecraft_file import load_spacecraft
         from validation.study import study
 
         craft = load_spacecraft(self.spacecraft)

@@ -48,7 +48,7 @@ class View:
             raise ConfigError(f"--save writes a page, whose name must end in .html, got {str(self.save)!r}.")
         flights = [self._fly(spec) for spec in self.contestants]
         if self.frames is not None:
-            from rans.evaluation.frames import save_frames
+            from rans.show.frames import save_frames
 
             save_frames(flights[0], 0, self.frames)
             print(f"Ten frames of {flights[0].controller} are in {self.frames}.")
@@ -57,8 +57,9 @@ class View:
         return 0
 
     def _fly(self, spec: str) -> Flight:
-        from rans.evaluation.contestants import contestant
-        from rans.flight import fly, scenarios
+        from rans.evaluation.fly.contestants import contestant
+        from rans.flight import fly
+        from rans.scenario import scenarios
 
         controller, craft, task, timing = contestant(spec)
         starts = scenarios(task.for_evaluation(), craft, self.seed, self.episodes)
@@ -69,7 +70,7 @@ class View:
         return fly_in_drake(craft, task, controller, starts, timing)
 
     def _show(self, flights: list[Flight]) -> None:
-        from rans.reference.view import View as Page
+        from rans.show.view import View as Page
         from rans.window import open_browser
 
         page = Page()

@@ -10,16 +10,16 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from rans.fast.engine import Engine
-    from rans.fast.env import SpacecraftEnv
-    from rans.fast.ppo import PPO
-    from rans.fast.sb3 import SB3VecEnv
+    from rans.fast.envs.sb3 import SB3VecEnv
+    from rans.fast.envs.single import SpacecraftEnv
+    from rans.fast.envs.vector import SpacecraftVectorEnv
+    from rans.fast.learn.ppo import PPO
     from rans.fast.step import Step
-    from rans.fast.vector_env import SpacecraftVectorEnv
 
 __all__ = ["Engine", "PPO", "SB3VecEnv", "SpacecraftEnv", "SpacecraftVectorEnv", "Step"]
 
-_MODULES = {"Engine": "engine", "Step": "step", "SpacecraftEnv": "env", "PPO": "ppo",
-            "SB3VecEnv": "sb3", "SpacecraftVectorEnv": "vector_env"}
+_MODULES = {"Engine": "engine", "Step": "step", "SpacecraftEnv": "envs.single", "PPO": "learn.ppo",
+            "SB3VecEnv": "envs.sb3", "SpacecraftVectorEnv": "envs.vector"}
 
 
 def __getattr__(name: str) -> Any:

@@ -7,8 +7,8 @@ from typing import Any
 
 import torch
 
-from rans.dynamics import MassProperties
 from rans.errors import ConfigError
+from rans.model.dynamics import MassProperties
 
 
 def in_memory(body: MassProperties, nominal: MassProperties, count: int,
@@ -51,7 +51,7 @@ def in_memory(body: MassProperties, nominal: MassProperties, count: int,
 
 
 def _check_rigid(inertia: Sequence[Any]) -> None:
-    """As in `rans.spacecraft.check`, but for rounding to float32, in which bodies may be given."""
+    """As in `rans.model.spacecraft.check`, but for rounding to float32, in which bodies may be given."""
     entries = torch.broadcast_tensors(*(torch.as_tensor(x).to("cpu", torch.float64) for x in inertia))
     xx, xy, xz, yy, yz, zz = entries
     low, middle, high = torch.linalg.eigvalsh(torch.stack((xx, xy, xz, xy, yy, yz, xz, yz, zz), dim=-1)

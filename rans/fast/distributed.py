@@ -28,7 +28,7 @@ Rows = TypeVar("Rows")
 
 
 @dataclass(frozen=True)
-class World:
+class Processes:
     """The processes of one training, seen from one of them; alone, everything is the identity."""
 
     rank: int = 0
@@ -106,10 +106,10 @@ class World:
         return box[0]
 
 
-ALONE = World()
+ALONE = Processes()
 
 
-def join(device: str) -> World:
+def join(device: str) -> Processes:
     """The processes torchrun started, this one among them; `ALONE` where it started none.
 
     From then on ``cuda`` means this process's own GPU.
@@ -133,7 +133,7 @@ def join(device: str) -> World:
         # A thread of its own that still works while Python ends would abort the process.
         atexit.register(dist.destroy_process_group)
     leave_when_stuck()
-    return World(dist.get_rank(), size)
+    return Processes(dist.get_rank(), size)
 
 
 def leave_when_stuck(patience: float = 15.0) -> None:

@@ -11,18 +11,18 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from rans.dynamics import NODES, MassProperties
 from rans.errors import ConfigError
 from rans.fast.body import in_memory
-from rans.fast.distributed import ALONE, World
+from rans.fast.distributed import ALONE, Processes
 from rans.fast.episode import Episodes, Simulation
-from rans.fast.kernel.launch import Kernel
+from rans.fast.kernels.launch import Kernel
 from rans.fast.step import Step, results, step_tensors
-from rans.fields import leaves, map_leaves
-from rans.scenario import seed_words
-from rans.spacecraft import Spacecraft
+from rans.model.dynamics import NODES, MassProperties
+from rans.model.fields import leaves, map_leaves
+from rans.model.random import seed_words
+from rans.model.spacecraft import Spacecraft
+from rans.model.timing import Timing
 from rans.tasks.base import Task, observation, observation_width
-from rans.timing import Timing
 
 _FLOAT32_NODES = 4
 """Quadrature nodes at which float32 rounding hides the rule's error, up to 15 rad/s."""
@@ -62,7 +62,8 @@ class Engine:
     def __init__(self, craft: Spacecraft, task: Task, num_envs: int, timing: Timing | None = None, *,
                  seed: int = 0, device: str | torch.device = "cpu",
                  dtype: torch.dtype = torch.float32, compiled: bool | None = None,
-                 generated: bool = True, world: World = ALONE, body: MassProperties | None = None) -> None:
+                 generated: bool = True, world: Processes = ALONE,
+                 body: MassProperties | None = None) -> None:
         if not isinstance(craft, Spacecraft):
             raise ConfigError(f"craft must be a Spacecraft, got {craft!r}; rans.load_spacecraft reads one.")
         if isinstance(num_envs, bool) or not isinstance(num_envs, int) or num_envs < 1:

@@ -9,12 +9,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from rans.dynamics import NODES, MassProperties, advance, wrench
-from rans.fields import Field, leaves, map_leaves, where
-from rans.scenario import Random
-from rans.spacecraft import Spacecraft
+from rans.model.dynamics import NODES, MassProperties, advance, wrench
+from rans.model.fields import Field, leaves, map_leaves, where
+from rans.model.random import Random
+from rans.model.spacecraft import Spacecraft
+from rans.model.timing import Timing
 from rans.tasks.base import Task, observation
-from rans.timing import Timing
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ class Simulation:
     body: MassProperties
     """Numbers, or fields (N,)."""
     nodes: int = NODES
-    """Of the quadrature in the plane (`rans.dynamics.advance`)."""
+    """Of the quadrature in the plane (`rans.model.dynamics.advance`)."""
 
     @property
     def step_mask(self) -> int:

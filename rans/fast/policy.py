@@ -17,10 +17,10 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from rans.errors import ConfigError
-from rans.fast.config import Precision
-from rans.fast.distributed import ALONE, World
+from rans.fast.distributed import ALONE, Processes
+from rans.fast.learn.config import Precision
 from rans.fast.symmetry import Symmetries
-from rans.fields import Field
+from rans.model.fields import Field
 
 ACTIVATIONS: dict[str, type[nn.Module]] = {"tanh": nn.Tanh, "elu": nn.ELU, "relu": nn.ReLU}
 
@@ -144,7 +144,7 @@ class NormalisedMlp(BaseFeaturesExtractor):
         return torch.cat((x, torch.tanh(seen * (scale * self.zoom))), dim=-1) if self.zoom else x
 
     @torch.no_grad()
-    def update_statistics(self, seen: Tensor, world: World = ALONE) -> None:
+    def update_statistics(self, seen: Tensor, world: Processes = ALONE) -> None:
         """Merge mean and variance of N rows that `seen` returned on every process into the running ones.
 
         Chan, Golub and LeVeque, "Updating formulae and a pairwise algorithm for computing sample
@@ -211,7 +211,7 @@ def network(layers: Sequence[int] = (64, 64), activation: str = "tanh", zoom: fl
 
 
 def set_precision(matmul: str, device: torch.device) -> None:
-    """Let a GPU multiply matrices of float32 like this, see `rans.fast.config.Precision`; process-wide.
+    """Let a GPU multiply matrices of float32 like this, see `rans.fast.learn.config.Precision`; process-wide.
 
     Raises:
         ConfigError: there is no such precision.

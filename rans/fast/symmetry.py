@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rans.fields import Field, where
-from rans.spacecraft import Spacecraft, Thruster
+from rans.model.fields import Field, where
+from rans.model.spacecraft import Spacecraft, Thruster
 from rans.tasks import TrackTwist
 
 _AIM = (0.9, 0.38, 0.21)

@@ -6,14 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from rans.dynamics import State
-from rans.fields import leaves, unflatten
 from rans.flight import Controller, Flight
+from rans.model.dynamics import State
+from rans.model.fields import leaves, unflatten
+from rans.model.spacecraft import Spacecraft
+from rans.model.timing import Timing
 from rans.reference.plant import Plant
 from rans.scenario import Scenario
-from rans.spacecraft import Spacecraft
 from rans.tasks.base import Task, observation
-from rans.timing import Timing
 
 
 def fly_in_drake(craft: Spacecraft, task: Task, controller: Controller, starts: Scenario,

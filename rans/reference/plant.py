@@ -36,7 +36,7 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorC
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from rans.errors import ConfigError
-from rans.spacecraft import Spacecraft, Thruster
+from rans.model.spacecraft import Spacecraft, Thruster
 
 
 class Plant:

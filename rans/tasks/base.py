@@ -7,10 +7,10 @@ import math
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, Protocol
 
-from rans.dynamics import State
 from rans.errors import ConfigError
-from rans.fields import Field
-from rans.scenario import Random
+from rans.model.dynamics import State
+from rans.model.fields import Field
+from rans.model.random import Random
 from rans.tasks.rewards import Prices
 
 Dimension = Literal[2, 3]

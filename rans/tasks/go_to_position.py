@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
-from rans.dynamics import State
-from rans.fields import Field
-from rans.scenario import Random
+from rans.model.dynamics import State
+from rans.model.fields import Field
+from rans.model.random import Random
 from rans.tasks.base import Column, Dimension, SingleTask, check_spawn
 from rans.tasks.rewards import is_used, nearness, speed
 

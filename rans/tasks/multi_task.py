@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
-from rans.dynamics import PlanarState, SpatialState, State
 from rans.errors import ConfigError
-from rans.fields import Field, leaves, unflatten, where
-from rans.scenario import Random
+from rans.model.dynamics import PlanarState, SpatialState, State
+from rans.model.fields import Field, leaves, unflatten, where
+from rans.model.random import Random
 from rans.tasks.base import Column, Dimension, SingleTask
 from rans.tasks.go_to_pose import GoToPose
 from rans.tasks.go_to_position import GoToPosition

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from rans.fields import Field, absolute, exp, sqrt
+from rans.model.fields import Field, absolute, exp, sqrt
 
 
 def nearness(error: Field, scale: float, rest: float = 0.0) -> Field:

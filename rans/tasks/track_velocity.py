@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from rans.dynamics import State
-from rans.fields import Field
-from rans.scenario import Random
+from rans.model.dynamics import State
+from rans.model.fields import Field
+from rans.model.random import Random
 from rans.tasks.base import Column, Dimension, SingleTask
 from rans.tasks.rewards import nearness, speed
 

@@ -36,7 +36,7 @@ def test_interrupted_it_still_writes(tmp_path: Path, monkeypatch: pytest.MonkeyP
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("rans.evaluation.comparison.relaxed.solve", interrupted)
+    monkeypatch.setattr("rans.evaluation.compare.relaxed.solve", interrupted)
     assert main(["compare", "lqr:go-to-pose-2d", "--with", "optimal", "--episodes", "2",
                  "--output", str(tmp_path)]) == 130
     assert json.loads((tmp_path / "compare.json").read_text())["summary"][0]["settled"] == 2

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from rans.cli import main
-from rans.evaluation.report import report_from_run
+from rans.show.report import report_from_run
 from rans.tasks.multi_task import MultiTask
 from tests.fast.training import CONFIG, tiny_trainer
 

@@ -11,7 +11,7 @@ import pytest
 
 from rans.cli.follow import Follow
 from rans.errors import ConfigError
-from rans.evaluation.agent import load_agent
+from rans.evaluation.fly.agent import load_agent
 from rans.tasks import GoToPose, TrackVelocity
 from tests.fast.training import CONFIG, tiny_trainer
 

@@ -7,8 +7,8 @@ import pytest
 
 from rans.cli import main
 from rans.cli.list import _solved, layout_text
-from rans.spacecraft import Spacecraft, Thruster
-from rans.spacecraft_file import load_spacecraft, spacecraft_names
+from rans.model.spacecraft import Spacecraft, Thruster
+from rans.model.spacecraft_file import load_spacecraft, spacecraft_names
 from rans.tasks import GYMNASIUM_IDS, TASKS, GoToPose, observation_columns
 from tests.crafts import nasty_planar, nasty_spatial
 

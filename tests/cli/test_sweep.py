@@ -11,8 +11,8 @@ import stable_baselines3
 
 from rans.cli import main
 from rans.cli.sweep import Sweep
-from rans.evaluation.agent import load_agent
-from rans.fast.run_folder import RunFolder
+from rans.evaluation.fly.agent import load_agent
+from rans.fast.learn.run_folder import RunFolder
 
 TINY = {"ppo.n_envs": "16", "ppo.n_steps": "8", "ppo.batch_size": "64", "timing.episode_steps": "20",
         "solved_share": "null"}

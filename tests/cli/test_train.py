@@ -18,7 +18,7 @@ from torch import Tensor
 
 from rans.cli import main
 from rans.cli.train import compile_in_this_process
-from rans.fast.run_folder import RunFolder, read_config
+from rans.fast.learn.run_folder import RunFolder, read_config
 from tests.fast.training import weights
 
 ROOT = Path(__file__).parents[2]

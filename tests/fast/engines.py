@@ -11,10 +11,10 @@ from torch import Tensor
 
 from rans.fast.engine import Engine
 from rans.fast.step import Step
-from rans.spacecraft import Spacecraft
-from rans.spacecraft_file import load_spacecraft
+from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft_file import load_spacecraft
+from rans.model.timing import Timing
 from rans.tasks import GoToPose
-from rans.timing import Timing
 
 PLATFORM, FLYER = load_spacecraft("floating-platform"), load_spacecraft("free-flyer")
 SHORT = Timing(episode_steps=20)

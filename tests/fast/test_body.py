@@ -12,13 +12,13 @@ import pytest
 import torch
 from torch._dynamo.utils import counters
 
-from rans.dynamics import MassProperties
 from rans.errors import ConfigError
 from rans.fast.engine import Engine
-from rans.spacecraft import Spacecraft
+from rans.model.dynamics import MassProperties
+from rans.model.spacecraft import Spacecraft
 from rans.tasks import GoToPose
 from tests.fast.engines import FLYER, NEAR, PLATFORM, SHORT, actions, both_crafts
-from tests.fast.kernel.host import HostKernel, needs_compiler
+from tests.fast.kernels.host import HostKernel, needs_compiler
 
 SCALES = torch.tensor([0.5, 1.0, 1.3, 4.0], dtype=torch.float64)
 

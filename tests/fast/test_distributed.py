@@ -16,12 +16,12 @@ from torch.multiprocessing.spawn import start_processes
 
 from rans.cli import main
 from rans.errors import ConfigError, WorkerLost
-from rans.fast.distributed import ALONE, World, join
+from rans.fast.distributed import ALONE, Processes, join
 from rans.fast.engine import Engine
-from rans.fast.ppo import PPO
-from rans.fast.rollout import act
-from rans.fast.run_folder import RunFolder
-from rans.fast.trainer import make_ppo
+from rans.fast.learn.ppo import PPO
+from rans.fast.learn.rollout import act
+from rans.fast.learn.run_folder import RunFolder
+from rans.fast.learn.trainer import make_ppo
 from tests.cli.test_train import tiny
 from tests.fast.engines import NEAR, PLATFORM, SHORT
 from tests.fast.training import TINY, weights
@@ -30,7 +30,7 @@ ROOT = Path(__file__).parents[2]
 SETTINGS = replace(TINY, max_grad_norm=0.1, learning_rate=2.0**-9)
 
 
-def started(world: World = ALONE) -> PPO:
+def started(world: Processes = ALONE) -> PPO:
     """A training of 16 environments, or of this process's share of them, in float64."""
     engine = Engine(PLATFORM, NEAR, 16 // world.size, SHORT, seed=4, dtype=torch.float64, world=world)
     model = make_ppo(engine, SETTINGS, seed=4)
@@ -55,7 +55,7 @@ def one_of_two(rank: int, folder: Path) -> None:
     """A process of two; the second leaves when both have learned."""
     torch.set_num_threads(1)
     dist.init_process_group("gloo", f"file://{folder}/meeting", rank=rank, world_size=2)
-    world = World(rank, 2)
+    world = Processes(rank, 2)
     found = learned(started(world)) | {
         "any": world.any(rank == 1, False), "first": world.first_says(f"from {rank}")}
     torch.save(found, folder / f"{rank}.pt")
@@ -93,7 +93,7 @@ def test_alone_nothing_changes() -> None:
 def test_rows_belong_to_processes_in_turn() -> None:
     """So that chunks of everybody's rows are a chunk of the whole batch's."""
     rows = torch.arange(12)
-    shares = [World(rank, 3).mine(rows).chunk(2) for rank in range(3)]
+    shares = [Processes(rank, 3).mine(rows).chunk(2) for rank in range(3)]
     for number, chunk in enumerate(rows.chunk(2)):
         assert sorted(torch.cat([share[number] for share in shares]).tolist()) == chunk.tolist()
 
@@ -102,14 +102,14 @@ def test_random_numbers_belong_to_rows() -> None:
     shares = []
     for rank in (0, 1):
         torch.manual_seed(3)
-        shares.append(World(rank, 2).uniform_like(torch.zeros(3, 4, 5)))
+        shares.append(Processes(rank, 2).uniform_like(torch.zeros(3, 4, 5)))
     torch.manual_seed(3)
     assert torch.equal(torch.stack(shares, dim=2).flatten(1, 2), torch.rand(3, 8, 5))
 
 
 def test_a_share_must_be_whole() -> None:
     with pytest.raises(ConfigError, match="n_envs must be a multiple of the 3 processes, got 16"):
-        World(0, 3).share("n_envs", 16)
+        Processes(0, 3).share("n_envs", 16)
 
 
 def test_acting_is_one_graph() -> None:

@@ -9,11 +9,11 @@ import torch
 
 from rans.errors import ConfigError
 from rans.fast.engine import Engine
-from rans.fields import leaves
+from rans.model.fields import leaves
+from rans.model.spacecraft import Spacecraft
+from rans.model.timing import Timing
 from rans.scenario import scenario
-from rans.spacecraft import Spacecraft
 from rans.tasks import GoToPose, observation
-from rans.timing import Timing
 from tests.fast.engines import FLYER, NEAR, PLATFORM, SHORT, actions, both_crafts, run, spin, way_to_go
 
 

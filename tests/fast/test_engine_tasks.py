@@ -10,11 +10,11 @@ import pytest
 import torch
 
 from rans.errors import ConfigError
-from rans.fields import leaves
+from rans.model.fields import leaves
+from rans.model.spacecraft import Spacecraft
+from rans.model.timing import Timing
 from rans.scenario import scenario
-from rans.spacecraft import Spacecraft
 from rans.tasks import GoToPosition, MultiTask, TrackVelocity
-from rans.timing import Timing
 from tests.fast.engines import NEAR, PLATFORM, SHORT, actions, both_crafts, run
 
 COSTLY = replace(NEAR, switching_weight=0.25)

@@ -17,9 +17,9 @@ from torch.fx import GraphModule
 from torch.utils._python_dispatch import TorchDispatchMode
 
 from rans.fast.engine import Engine
-from rans.fast.loss import ppo_loss
-from rans.fast.ppo import PPO
-from rans.fast.rollout import act, gae, minibatches, remember_and_count, shown
+from rans.fast.learn.loss import ppo_loss
+from rans.fast.learn.ppo import PPO
+from rans.fast.learn.rollout import act, gae, minibatches, remember_and_count, shown
 from tests.fast.engines import FLYER, NEAR, PLATFORM, SHORT
 from tests.fast.training import sb3_twin, tiny_ppo
 

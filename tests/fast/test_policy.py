@@ -12,13 +12,13 @@ from scipy.spatial.transform import Rotation
 from stable_baselines3.common.policies import ActorCriticPolicy
 from torch import Tensor
 
-from rans.dynamics import PlanarState, SpatialState
 from rans.errors import ConfigError
-from rans.fast.config import PPOSettings, Precision
 from rans.fast.engine import Engine
+from rans.fast.learn.config import PPOSettings, Precision
+from rans.fast.learn.trainer import make_ppo
 from rans.fast.policy import BodyFrame, NormalisedMlp, OnOff, evaluate, expect_duty, set_precision
-from rans.fast.trainer import make_ppo
-from rans.fields import Heading, Quat, Vec2, Vec3
+from rans.model.dynamics import PlanarState, SpatialState
+from rans.model.fields import Heading, Quat, Vec2, Vec3
 from rans.spaces import action_space, observation_space
 from rans.tasks import GoToPose, observation
 from tests.crafts import random_states

@@ -18,9 +18,9 @@ from gymnasium.wrappers.vector import RecordVideo as RecordVideoOfMany
 
 from rans.drawing import Scene
 from rans.errors import ConfigError
+from rans.model.timing import Timing
 from rans.scenario import scenario
 from rans.tasks import GoToPose
-from rans.timing import Timing
 from tests.fast.engines import NEAR, actions
 
 PLANE, SPACE = "rans/GoToPose2D-v0", "rans/GoToPose3D-v0"

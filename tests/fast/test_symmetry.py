@@ -11,11 +11,11 @@ from scipy.spatial.transform import Rotation
 from stable_baselines3 import PPO
 from torch import Tensor
 
-from rans.dynamics import PlanarState, SpatialState
 from rans.fast.policy import evaluate
 from rans.fast.symmetry import Symmetries, symmetries
-from rans.fields import Heading, Quat, Vec2, Vec3
-from rans.spacecraft import Spacecraft
+from rans.model.dynamics import PlanarState, SpatialState
+from rans.model.fields import Heading, Quat, Vec2, Vec3
+from rans.model.spacecraft import Spacecraft
 from rans.tasks import TASKS, MultiTask, observation, task_class
 from tests.crafts import nasty_planar, nasty_spatial, random_states
 from tests.fast.engines import FLYER, PLATFORM, both_crafts

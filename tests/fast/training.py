@@ -14,12 +14,12 @@ from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.policies import ActorCriticPolicy
 from torch import Tensor
 
-from rans.fast.config import PPOSettings, TrainConfig
 from rans.fast.engine import Engine
-from rans.fast.ppo import PPO
-from rans.fast.run_folder import RunFolder
-from rans.fast.sb3 import SB3VecEnv
-from rans.fast.trainer import Trainer, make_ppo
+from rans.fast.envs.sb3 import SB3VecEnv
+from rans.fast.learn.config import PPOSettings, TrainConfig
+from rans.fast.learn.ppo import PPO
+from rans.fast.learn.run_folder import RunFolder
+from rans.fast.learn.trainer import Trainer, make_ppo
 from rans.tasks import GoToPose
 from tests.fast.engines import NEAR, PLATFORM, SHORT
 

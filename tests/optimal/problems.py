@@ -9,15 +9,15 @@ from typing import Any
 
 from scipy.spatial.transform import Rotation
 
-from rans.dynamics import PlanarState, SpatialState
-from rans.fields import Heading, Quat, Vec2, Vec3, map_leaves
-from rans.optimal.objectives import Objective
-from rans.optimal.transcription import Trajectory, Transcription
+from rans.model.dynamics import PlanarState, SpatialState
+from rans.model.fields import Heading, Quat, Vec2, Vec3, map_leaves
+from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft_file import load_spacecraft
+from rans.model.timing import Timing
+from rans.optimal.trajectory.objectives import Objective
+from rans.optimal.trajectory.transcription import Trajectory, Transcription
 from rans.reference.flight import replay
-from rans.spacecraft import Spacecraft
-from rans.spacecraft_file import load_spacecraft
 from rans.tasks import GoToPose, Task
-from rans.timing import Timing
 
 TASK = GoToPose(spawn_distance=(3.0, 4.0))
 PLATFORM, FLYER = load_spacecraft("floating-platform"), load_spacecraft("free-flyer")

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rans.dynamics import MassProperties, PlanarState, advance, wrench
-from rans.fields import Heading, Vec2, leaves, unflatten
-from rans.optimal.lattice import GoalSet
-from rans.spacecraft import Spacecraft, Thruster
+from rans.model.dynamics import MassProperties, PlanarState, advance, wrench
+from rans.model.fields import Heading, Vec2, leaves, unflatten
+from rans.model.spacecraft import Spacecraft, Thruster
+from rans.optimal.certificate.lattice import GoalSet
 
 PERIOD = 0.2
 

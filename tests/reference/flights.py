@@ -6,14 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from rans.dynamics import SpatialState
-from rans.fields import Quat, Vec3
-from rans.flight import Flight, fly, scenarios
-from rans.optimal.lqr import LQR
-from rans.spacecraft import Spacecraft
-from rans.spacecraft_file import load_spacecraft
+from rans.flight import Flight, fly
+from rans.model.dynamics import SpatialState
+from rans.model.fields import Quat, Vec3
+from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft_file import load_spacecraft
+from rans.model.timing import Timing
+from rans.optimal.control.lqr import LQR
+from rans.scenario import scenarios
 from rans.tasks import GoToPose, Task, TrackVelocityHeading
-from rans.timing import Timing
 
 FLYER = load_spacecraft("free-flyer")
 

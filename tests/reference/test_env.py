@@ -16,9 +16,9 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.env_checker import check_env as check_env_for_sb3
 
 from rans.errors import ConfigError
+from rans.model.timing import Timing
 from rans.reference.env import DrakeEnv
 from rans.tasks import GYMNASIUM_IDS
-from rans.timing import Timing
 from tests.crafts import nasty_planar, nasty_spatial
 
 NASTY = {name: craft for pair in GYMNASIUM_IDS.values()

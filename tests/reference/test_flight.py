@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rans.fields import leaves, map_leaves
-from rans.flight import fly, scenarios
+from rans.flight import fly
+from rans.model.fields import leaves, map_leaves
+from rans.model.spacecraft import Spacecraft
+from rans.model.timing import Timing
 from rans.reference.flight import fly_in_drake, replay, rows_from_states, states_from_rows
-from rans.spacecraft import Spacecraft
+from rans.scenario import scenarios
 from rans.tasks import GoToPose, observation_width
-from rans.timing import Timing
 from tests.crafts import nasty_planar, nasty_spatial, random_states
 from validation.sampling import Restless, gap
 

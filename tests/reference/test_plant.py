@@ -1,4 +1,4 @@
-"""The judge itself: against numbers worked by hand, and layer by layer against rans.dynamics."""
+"""The judge itself: against numbers worked by hand, and layer by layer against rans.model.dynamics."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ import pytest
 
 import rans.reference.plant
 from rans.errors import ConfigError
+from rans.model.spacecraft import Spacecraft, Thruster
+from rans.model.spacecraft_file import load_spacecraft
 from rans.reference.plant import Plant
-from rans.spacecraft import Spacecraft, Thruster
-from rans.spacecraft_file import load_spacecraft
 from validation.checks import Check
 from validation.dynamics import acceleration_checks, period_checks, thruster_checks, wrench_checks
 
@@ -42,7 +42,7 @@ def test_imports_nothing_of_ours_but_the_spacecraft() -> None:
             assert node.level == 0, "a relative import would hide what is imported"
             ours.add(node.module)
     assert {m for m in ours if m and m.startswith(("rans", "validation"))} == {
-        "rans.spacecraft", "rans.errors"}
+        "rans.model.spacecraft", "rans.errors"}
     used = {n.attr for n in ast.walk(ast.parse(source)) if isinstance(n, ast.Attribute)}
     assert "wrench_map" not in used
 

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rans.flight import scenarios
-from rans.spacecraft import Spacecraft
-from rans.spacecraft_file import load_spacecraft, spacecraft_names
+from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft_file import load_spacecraft, spacecraft_names
+from rans.scenario import scenarios
 from rans.tasks import TASKS, SingleTask, parts, task_class
 from tests.crafts import random_states
 

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from rans.errors import ConfigError
-from rans.fields import leaves, map_leaves, unflatten
-from rans.flight import scenarios
-from rans.spacecraft import Spacecraft
+from rans.model.fields import leaves, map_leaves, unflatten
+from rans.model.spacecraft import Spacecraft
+from rans.scenario import scenarios
 from rans.tasks import (
     GYMNASIUM_IDS,
     TASKS,

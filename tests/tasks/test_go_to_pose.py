@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rans.dynamics import PlanarState, SpatialState
-from rans.fields import Heading, Quat, Vec2, Vec3
+from rans.model.dynamics import PlanarState, SpatialState
+from rans.model.fields import Heading, Quat, Vec2, Vec3
 from rans.tasks import GoToPose, observation
 
 HALF = math.sqrt(0.5)

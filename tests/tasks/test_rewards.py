@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rans.dynamics import PlanarState, SpatialState
 from rans.errors import ConfigError
-from rans.fields import Heading, Quat, Vec2, Vec3
 from rans.flight import Flight
-from rans.spacecraft_file import load_spacecraft
+from rans.model.dynamics import PlanarState, SpatialState
+from rans.model.fields import Heading, Quat, Vec2, Vec3
+from rans.model.spacecraft_file import load_spacecraft
+from rans.model.timing import Timing
 from rans.tasks import TASKS, GoToPose, SingleTask
 from rans.tasks.rewards import Prices, nearness
-from rans.timing import Timing
 
 PLANAR = PlanarState(Vec2(7.0, -9.0), Heading(2.0), Vec2(0.3, -0.4), -0.2)
 """At 0.5 m/s and 0.2 rad/s."""

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from rans.dynamics import PlanarState, SpatialState
-from rans.fields import Heading, Quat, Vec2, Vec3, leaves, unflatten
-from rans.flight import scenarios
-from rans.spacecraft_file import load_spacecraft
+from rans.model.dynamics import PlanarState, SpatialState
+from rans.model.fields import Heading, Quat, Vec2, Vec3, leaves, unflatten
+from rans.model.spacecraft_file import load_spacecraft
+from rans.scenario import scenarios
 from rans.tasks.multi_task import PlanarGoal, SpatialGoal
 from tests.crafts import random_states
 from tests.tasks.conftest import COUNT

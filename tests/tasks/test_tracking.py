@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rans.dynamics import MassProperties, PlanarState, SpatialState, advance, wrench
 from rans.errors import ConfigError
-from rans.fields import Heading, Quat, Vec2, Vec3
-from rans.flight import scenarios
-from rans.spacecraft_file import load_spacecraft
+from rans.model.dynamics import MassProperties, PlanarState, SpatialState, advance, wrench
+from rans.model.fields import Heading, Quat, Vec2, Vec3
+from rans.model.spacecraft_file import load_spacecraft
+from rans.scenario import scenarios
 from rans.tasks import TrackTwist, TrackVelocity, TrackVelocityHeading, observation
 
 HALF = math.sqrt(0.5)

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from rans.errors import ConfigError
-from rans.evaluation.contestants import contestant
+from rans.evaluation.fly.contestants import contestant
+from rans.model.timing import Timing
 from rans.scenario import EVALUATION_SEED
 from rans.tasks import GoToPosition, TrackVelocity, task_class
-from rans.timing import Timing
 from tests.fast.training import CONFIG, tiny_trainer
 from validation.agent_rows import ROWS
 from validation.agents import Agents, Line, conditions_of, with_table

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import validation.study
 from rans.cli import main
-from rans.spacecraft_file import load_spacecraft
+from rans.model.spacecraft_file import load_spacecraft
 from tests.crafts import to_toml
 from validation.checks import Check, Report
 

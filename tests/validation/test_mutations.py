@@ -15,16 +15,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-import rans.dynamics
 import rans.flight
+import rans.model.dynamics
 import validation.dynamics
 import validation.flights
 import validation.oracles
 import validation.sampling
-from rans.dynamics import MassProperties, PlanarState, Wrench
-from rans.fields import Heading, Quat, map_leaves
+from rans.model.dynamics import MassProperties, PlanarState, Wrench
+from rans.model.fields import Heading, Quat, map_leaves
+from rans.model.spacecraft import Spacecraft
 from rans.reference.plant import Plant
-from rans.spacecraft import Spacecraft
 from tests.crafts import nasty_planar, nasty_spatial
 from validation.checks import Check
 from validation.study import LAYERS, Scope
@@ -78,12 +78,12 @@ def thrusters_about_the_frame_not_the_centre_of_mass(monkeypatch: pytest.MonkeyP
 
 def degrees_for_radians(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("cos", "sin"):
-        true = getattr(rans.dynamics, name)
-        monkeypatch.setattr(rans.dynamics, name, lambda x, f=true: f(x * math.pi / 180))
+        true = getattr(rans.model.dynamics, name)
+        monkeypatch.setattr(rans.model.dynamics, name, lambda x, f=true: f(x * math.pi / 180))
 
 
 def sharing_ignored(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(rans.dynamics, "thrust", lambda _, command: tuple(command))
+    monkeypatch.setattr(rans.model.dynamics, "thrust", lambda _, command: tuple(command))
 
 
 def mass_properties(**changes: Callable[[Any], Any]) -> Patch:
@@ -120,15 +120,15 @@ def about_the_frame_not_the_centre_of_mass(inertia: tuple[float, ...]) -> tuple[
 def step(change: Callable[[Any, Any, Any, Any], Any]) -> Patch:
     """Change a step in space, given the true one."""
     def patch(monkeypatch: pytest.MonkeyPatch) -> None:
-        true = rans.dynamics._advance_spatial
-        monkeypatch.setattr(rans.dynamics, "_advance_spatial",
+        true = rans.model.dynamics._advance_spatial
+        monkeypatch.setattr(rans.model.dynamics, "_advance_spatial",
                             lambda state, load, h: change(state, load, h, true))
 
     return patch
 
 
 def without_gyroscopic_torque(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(rans.dynamics, "last_product", lambda a, b: a[0].scale(0.0))
+    monkeypatch.setattr(rans.model.dynamics, "last_product", lambda a, b: a[0].scale(0.0))
 
 
 def force_in_world(state: Any, load: Any, h: Any, true: Any) -> Any:
@@ -145,8 +145,8 @@ def disturbance_in_body(state: Any, load: Any, h: Any, true: Any) -> Any:
 
 
 def disturbance_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
-    true = rans.dynamics._advance_planar
-    monkeypatch.setattr(rans.dynamics, "_advance_planar",
+    true = rans.model.dynamics._advance_planar
+    monkeypatch.setattr(rans.model.dynamics, "_advance_planar",
                         lambda state, load, *rest: true(state, replace(load, disturbance=None), *rest))
 
 
@@ -168,7 +168,7 @@ def scalar_last(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def clockwise_heading(monkeypatch: pytest.MonkeyPatch) -> None:
-    true = rans.dynamics._advance_planar
+    true = rans.model.dynamics._advance_planar
 
     def mirrored(state: PlanarState, load: Any, *rest: Any) -> PlanarState:
         turned = replace(state, attitude=Heading(-state.attitude.angle), w=-state.w)
@@ -176,7 +176,7 @@ def clockwise_heading(monkeypatch: pytest.MonkeyPatch) -> None:
         moved = true(turned, replace(load, thrust=thrust), *rest)
         return replace(moved, attitude=Heading(-moved.attitude.angle), w=-moved.w)
 
-    monkeypatch.setattr(rans.dynamics, "_advance_planar", mirrored)
+    monkeypatch.setattr(rans.model.dynamics, "_advance_planar", mirrored)
 
 
 def euler_step(state: Any, load: Any, h: Any, true: Any) -> Any:
@@ -187,16 +187,16 @@ def euler_step(state: Any, load: Any, h: Any, true: Any) -> Any:
 
 def velocity_before_the_step(monkeypatch: pytest.MonkeyPatch) -> None:
     """Position advanced with the old velocity only: explicit Euler in the plane."""
-    true = rans.dynamics._advance_planar
+    true = rans.model.dynamics._advance_planar
 
     def explicit(state: PlanarState, load: Any, h: float, nodes: int) -> Any:
         return replace(true(state, load, h, nodes), p=state.p + state.v.scale(h))
 
-    monkeypatch.setattr(rans.dynamics, "_advance_planar", explicit)
+    monkeypatch.setattr(rans.model.dynamics, "_advance_planar", explicit)
 
 
 def coarse_quadrature(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(rans.dynamics._RULES, rans.dynamics.NODES, rans.dynamics._RULES[2])
+    monkeypatch.setitem(rans.model.dynamics._RULES, rans.model.dynamics.NODES, rans.model.dynamics._RULES[2])
 
 
 def stale_command(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -211,13 +211,13 @@ def stale_command(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def half_the_spin_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    true = rans.dynamics.wrench
+    true = rans.model.dynamics.wrench
 
     def halved(craft: Spacecraft, command: Any) -> Wrench:
         whole: Any = true(craft, command)
         return replace(whole, torque=whole.torque * 0.5)
 
-    for module in (rans.dynamics, rans.flight, validation.dynamics):
+    for module in (rans.model.dynamics, rans.flight, validation.dynamics):
         monkeypatch.setattr(module, "wrench", halved)
 
 

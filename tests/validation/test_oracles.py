@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from rans.dynamics import PlanarState
-from rans.fields import Heading, Vec2
+from rans.model.dynamics import PlanarState
+from rans.model.fields import Heading, Vec2
 from validation.discretisation import semi_implicit_euler
 from validation.invariants import _silence
 from validation.oracles import spinning_up, tumbling
@@ -48,7 +48,7 @@ def test_the_top_keeps_energy_and_momentum_and_starts_where_it_should(least, lar
 
 def test_the_originals_scheme_by_hand() -> None:
     """One step of 0.5 s, 2 kg pushed by 4 N: velocity first (1 m/s), then position with it (0.5 m)."""
-    from rans.dynamics import MassProperties, Wrench
+    from rans.model.dynamics import MassProperties, Wrench
 
     start = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
     end = semi_implicit_euler(start, Wrench(Vec2(4.0, 0.0), 0.25), MassProperties(2.0, (0.5,)), 0.5, 1)

@@ -13,9 +13,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft_file import parse_spacecraft
 from rans.reference.plant import Plant
-from rans.spacecraft import Spacecraft
-from rans.spacecraft_file import parse_spacecraft
 from tests.crafts import nasty_planar, nasty_spatial, spacecraft, to_toml
 from validation.checks import Check
 from validation.study import LAYERS, Scope

@@ -8,10 +8,10 @@ import pytest
 import torch
 
 import validation.peers.runner as runner
-from rans.evaluation.agent import Agent
-from rans.fast.config import PPOSettings
+from rans.evaluation.fly.agent import Agent
 from rans.fast.engine import Engine
-from rans.fast.trainer import make_ppo
+from rans.fast.learn.config import PPOSettings
+from rans.fast.learn.trainer import make_ppo
 from rans.tasks import TASKS, GoToPose, GoToPosition
 from tests.fast.engines import FLYER, PLATFORM, both_crafts
 from tests.fast.test_policy import seen

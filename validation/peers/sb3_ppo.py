@@ -15,20 +15,20 @@ from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.vec_env import VecEnvWrapper
 from stopwatch import options, say, steps_per_second
 
-from rans.fast.config import PPOSettings
 from rans.fast.engine import Engine
-from rans.fast.presets import preset
-from rans.fast.sb3 import SB3VecEnv
-from rans.fast.selection import Selection
-from rans.fast.trainer import SOLVED_IN_A_ROW, architecture
-from rans.spacecraft_file import load_spacecraft
+from rans.fast.envs.sb3 import SB3VecEnv
+from rans.fast.learn.config import PPOSettings
+from rans.fast.learn.presets import preset
+from rans.fast.learn.selection import Selection
+from rans.fast.learn.trainer import SOLVED_IN_A_ROW, architecture
+from rans.model.spacecraft_file import load_spacecraft
+from rans.model.timing import Timing
 from rans.tasks import GoToPose
-from rans.timing import Timing
 
 _LIMIT = 300.0
 """Training not solved after so many seconds is given up."""
 _REPORT_INTERVAL, _SOLVED_SHARE = 16, 0.995
-"""As `rans.fast.config.TrainConfig` has them: iterations between reports, and what they must find."""
+"""As `rans.fast.learn.config.TrainConfig` has them: iterations between reports, and what they must find."""
 _CRAFT, _TASK = load_spacecraft("floating-platform"), GoToPose()
 
 

@@ -6,9 +6,9 @@ import torch
 from torch import Tensor
 
 from rans.fast.engine import Engine
-from rans.fast.graph import graphed
+from rans.fast.learn.graph import graphed
 from rans.fast.step import Step
-from rans.spacecraft import Spacecraft
+from rans.model.spacecraft import Spacecraft
 from rans.tasks import Task
 from validation.speed.measurement import Clock, Measurement
 from validation.speed.roofline import step_work

@@ -18,14 +18,14 @@ import torch
 from stable_baselines3.common.policies import ActorCriticPolicy
 from torch import nn
 
-from rans.evaluation.agent import Agent
-from rans.fast.config import PPOSettings
+from rans.evaluation.fly.agent import Agent
 from rans.fast.engine import Engine
+from rans.fast.learn.config import PPOSettings
+from rans.fast.learn.selection import likeliest_action
+from rans.fast.learn.trainer import make_ppo
 from rans.fast.policy import NormalisedMlp
-from rans.fast.selection import likeliest_action
 from rans.fast.symmetry import Symmetries
-from rans.fast.trainer import make_ppo
-from rans.spacecraft import Spacecraft
+from rans.model.spacecraft import Spacecraft
 from rans.tasks import Task
 from validation.speed.measurement import Measurement, one_thread
 
@@ -63,7 +63,7 @@ def latencies(craft: Spacecraft, task: Task, settings: PPOSettings, calls: int) 
 
 
 def numpy_policy(policy: ActorCriticPolicy) -> Policy:
-    """The deterministic agent in NumPy, equal to `rans.evaluation.agent.Agent` but for rounding."""
+    """The deterministic agent in NumPy, equal to `rans.evaluation.fly.agent.Agent` but for rounding."""
     extractor = policy.features_extractor
     assert isinstance(extractor, NormalisedMlp)  # as `rans.fast.policy.network` makes them
     mean, scale, zoom = extractor.mean.numpy(), torch.rsqrt(extractor.variance + 1e-6).numpy(), extractor.zoom

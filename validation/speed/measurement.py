@@ -48,7 +48,7 @@ class Clock:
     """Wall time of each repeat, about."""
 
     _WARM_UP = 4
-    """Calls; a `rans.fast.graph.graphed` function is recorded in the third."""
+    """Calls; a `rans.fast.learn.graph.graphed` function is recorded in the third."""
 
     def time(self, function: Callable[[], object]) -> tuple[float, float]:
         """Median seconds of one call, and seconds of warm-up."""
@@ -76,7 +76,7 @@ class Clock:
 
 @contextlib.contextmanager
 def one_thread() -> Iterator[None]:
-    """Let torch use one thread in this block, as every training does (`rans.fast.config.TrainConfig`)."""
+    """Let torch use one thread in this block, as every training does (`TrainConfig`)."""
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:

@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from rans.fast.presets import preset
-from rans.spacecraft_file import load_spacecraft
+from rans.fast.learn.presets import preset
+from rans.model.spacecraft_file import load_spacecraft
 from rans.tasks import GoToPose
 from validation.peers.runner import PEERS, PeerResult, measure_peer
 from validation.speed.engine import engine_rate

@@ -1,8 +1,9 @@
 """What one step of one environment must read, write and compute, counted from the engine itself.
 
-The engine's step is run on symbols (`rans.fast.kernel.program.trace`), which write down what is done to them:
-every operation once, constants folded. What only the few episodes that end in a step need (their start, their
-goal, the final observation) is not counted: with one end in 125 or 52 it is one or two bytes a step.
+The engine's step is run on symbols (`rans.fast.kernels.program.trace`), which write down what is done to
+them: every operation once, constants folded. What only the few episodes that end in a step need (their
+start, their goal, the final observation) is not counted: with one end in 125 or 52 it is one or two bytes
+a step.
 
 ``python -m validation.speed.roofline`` prints the tables of docs/speed.md.
 """
@@ -15,10 +16,10 @@ from dataclasses import dataclass
 from itertools import groupby
 
 from rans.fast.engine import Engine
-from rans.fast.kernel.program import Program, Store, trace
-from rans.fast.kernel.trace import Symbol, ordered
-from rans.fields import leaves
-from rans.spacecraft_file import load_spacecraft
+from rans.fast.kernels.program import Program, Store, trace
+from rans.model.fields import leaves
+from rans.model.spacecraft_file import load_spacecraft
+from rans.model.trace import Symbol, ordered
 from rans.tasks import GoToPose
 
 _BYTES = {"int": 4, "signed char": 1}

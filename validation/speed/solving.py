@@ -7,9 +7,8 @@ import time
 from collections.abc import Iterator
 
 from rans.errors import ConfigError
-from rans.flight import scenarios
-from rans.scenario import EVALUATION_SEED
-from rans.spacecraft import Spacecraft
+from rans.model.spacecraft import Spacecraft
+from rans.scenario import EVALUATION_SEED, scenarios
 from rans.tasks import Task
 from validation.speed.measurement import Measurement
 
@@ -20,9 +19,9 @@ def solver_rate(craft: Spacecraft, task: Task, starts: int) -> Iterator[Measurem
     """Milliseconds a solve and solves per second of relaxed least time, in this process, on one core."""
     name = f"least time, {craft.name}"
     try:
-        from rans.optimal.objectives import MinimumTime
-        from rans.optimal.pool import each
-        from rans.optimal.transcription import Transcription
+        from rans.optimal.trajectory.objectives import MinimumTime
+        from rans.optimal.trajectory.pool import each
+        from rans.optimal.trajectory.transcription import Transcription
 
         begun = time.perf_counter()
         problem = Transcription(craft, task, MinimumTime())

@@ -19,13 +19,13 @@ from matplotlib.ticker import FuncFormatter, NullLocator
 from rich.console import Console
 
 from rans.errors import ConfigError, RansError
-from rans.evaluation.figures import styled, svg
-from rans.evaluation.panels import BLUE, GREY, INK, label
-from rans.fast.config import PPOSettings, TrainConfig
-from rans.fast.presets import preset
-from rans.fast.trainer import check_device
+from rans.fast.learn.config import PPOSettings, TrainConfig
+from rans.fast.learn.presets import preset
+from rans.fast.learn.trainer import check_device
 from rans.files import environment, ready_folder, write_json, write_text
-from rans.spacecraft_file import load_spacecraft
+from rans.model.spacecraft_file import load_spacecraft
+from rans.show.figures import styled, svg
+from rans.show.panels import BLUE, GREY, INK, label
 from validation.speed.training import Success, train_until_solved
 
 _MINIBATCHES = 4

@@ -8,12 +8,12 @@ from typing import NamedTuple
 
 import torch
 
-from rans.fast.config import PPOSettings, TrainConfig
 from rans.fast.engine import Engine
-from rans.fast.run_folder import RunFolder
-from rans.fast.trainer import Trainer, make_ppo
-from rans.spacecraft import Spacecraft
-from rans.spacecraft_file import load_spacecraft
+from rans.fast.learn.config import PPOSettings, TrainConfig
+from rans.fast.learn.run_folder import RunFolder
+from rans.fast.learn.trainer import Trainer, make_ppo
+from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft_file import load_spacecraft
 from rans.tasks import GoToPose, Task
 from validation.speed.measurement import Clock, Measurement, one_thread
 

@@ -1,0 +1,109 @@
+"""Agents to share: a run folder without what only training needs, and a card with what it is worth."""
+
+from __future__ import annotations
+
+import io
+import math
+import zipfile
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from rans.errors import ConfigError
+from rans.evaluation.fly.agent import load_agent
+from rans.evaluation.fly.contestants import contestant, judged_separately
+from rans.evaluation.fly.protocols import ProtocolName, fitting_protocols
+from rans.evaluation.measure.summary import Metrics, measure
+from rans.fast.learn.config import to_table
+from rans.fast.learn.run_folder import RunFolder
+from rans.files import read_json, replace_file, write_json, write_text
+from rans.flight import fly
+from rans.scenario import EVALUATION_SEED, scenarios
+
+_OPTIMISER, _SYSTEM = "policy.optimizer.pth", "system_info.txt"
+
+
+def export(run: Path, folder: Path, episodes: int = 1024, seed: int = EVALUATION_SEED) -> dict[str, Any]:
+    """Write policy.zip, config.json, spacecraft.toml and card.json of a run into a folder of its own.
+
+    `load_agent` and ``stable_baselines3.PPO.load`` open it as they open the run.
+
+    Args:
+        run: the run folder.
+        folder: to write into; its name is the agent's.
+        episodes: flown for the card, under each of `fitting_protocols` and, by a multi-task agent, with
+            each of its tasks.
+        seed: of their starts.
+
+    Returns:
+        The card.
+
+    Raises:
+        ConfigError: the run holds no agent, the folder is the run, or the disk refused.
+    """
+    if folder.resolve() == run.resolve():
+        raise ConfigError(f"{folder} is the run itself: export it into another folder.")
+    load_agent(run)  # says what is wrong with it, if anything
+    source, target = RunFolder(run), RunFolder(folder)
+    craft, config, training = source.spacecraft(), source.config(), _training(source)
+    content = _without_optimiser(source.policy_file)
+    replace_file(target.policy_file, lambda draft: draft.write_bytes(content))
+    write_json(target.config_file, to_table(config) | {"spacecraft": craft.name})
+    write_text(target.spacecraft_file, source.spacecraft_file.read_text("utf-8"))
+    evaluations = {protocol: judged(str(folder), protocol, episodes, seed)
+                   for protocol in fitting_protocols(craft)}
+    card = {"name": folder.resolve().name, "task": config.task, "spacecraft": craft.name,
+            "training": training, "episodes": episodes, "evaluation_seed": seed,
+            "evaluation": {name: {task: _values(metrics) for task, metrics in by_task.items()}
+                           for name, by_task in evaluations.items()},
+            "date": datetime.now(UTC).date().isoformat()}
+    write_json(folder / "card.json", card)
+    return card
+
+
+def judged(spec: str, protocol: ProtocolName, episodes: int, seed: int) -> dict[str, Metrics]:
+    """Metrics of a contestant by the task's name, which is "" unless it has several."""
+    found = {}
+    for one in judged_separately(spec):
+        controller, craft, task, timing = contestant(one, protocol)
+        task = task.for_evaluation()
+        flight = fly(craft, task, controller, scenarios(task, craft, seed, episodes), timing)
+        found[one.removeprefix(spec).removeprefix("#")] = measure(flight)
+    return found
+
+
+def _without_optimiser(policy: Path) -> bytes:
+    """SB3's archive with an optimiser that has seen nothing, as small as can be."""
+    content = io.BytesIO()
+    with zipfile.ZipFile(policy) as old, zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as new:
+        for name in old.namelist():
+            if name == _OPTIMISER:
+                state = torch.load(io.BytesIO(old.read(name)), map_location="cpu", weights_only=True)
+                packed = io.BytesIO()
+                torch.save(state | {"state": {}}, packed)
+                new.writestr(name, packed.getvalue())
+            elif name != _SYSTEM:
+                new.writestr(name, old.read(name))
+    return content.getvalue()
+
+
+def _training(run: RunFolder) -> dict[str, Any]:
+    """How the agent came to be."""
+    rows, config = run.metrics(), run.config()
+    if not rows:
+        raise ConfigError(f"{run.path} has no metrics.jsonl, so that a card could not say how the agent was "
+                          "trained: export the run itself.")
+    about = read_json(run.config_file).get("about", {})
+    return {"seed": config.seed, "steps": rows[-1]["steps"], "seconds": rows[-1]["seconds"],
+            "device": config.device, "environment": about.get("environment", {})}
+
+
+def _values(metrics: Metrics) -> dict[str, Any]:
+    """Value, ends of the 95 % interval and unit of every metric; null where it is infinite."""
+    def finite(value: float) -> float | None:
+        return float(f"{value:.5g}") if math.isfinite(value) else None
+
+    return {row.name: [finite(row.value), finite(row.low), finite(row.high), row.unit]
+            for row in metrics.rows}

@@ -1,0 +1,1 @@
+"""Contestants from the same starts beside what is physically possible."""

@@ -1,0 +1,183 @@
+"""What nothing can beat, per start: the certificate where one exists, else the hull bound.
+
+docs/certificate.md proves both.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection, Iterator, Sequence
+from concurrent.futures import as_completed
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import asdict, dataclass
+from typing import Any, NamedTuple
+
+from rich.table import Table
+
+from rans.errors import ConfigError, RansError
+from rans.model.fields import leaves
+from rans.model.spacecraft import Spacecraft
+from rans.optimal.certificate import hull
+from rans.optimal.certificate.certificate import Effort, least_fuel, least_time
+from rans.optimal.certificate.lattice import GoalSet, Lattice
+from rans.processes import submitted
+from rans.scenario import Scenario
+from rans.tasks.base import Task
+
+REST_SPEED = 0.05
+"""A position counts as arrived at only below this speed relative to the goal's, m/s: 1 cm in a period."""
+REST_SPIN = math.radians(5.0)
+"""An attitude counts as arrived at only below this rate relative to the goal's, rad/s. For the floating
+platform at 5 Hz it means no spin at all, as one pulse is worth 17 degrees/s."""
+
+CERTIFIED = ("The hull bound holds for any commands between 0 and 1; relaxed is a local optimum of those; "
+             "certified holds for every on/off controller at the control rate.")
+
+_LONGEST = 25.0
+"""Time up to which the certified least time is looked for, s: an episode's."""
+
+
+class Question(NamedTuple):
+    """What is bounded; plain values, so that equal questions have equal answers and equal texts."""
+
+    craft: Spacecraft
+    aims: tuple[str, ...]
+    """Sorted, see `rans.optimal.trajectory.arrival.aims`."""
+    goals: GoalSet
+    period: float
+    """For which on/off commands are held, s."""
+    horizon: float | None
+    """Bounded is the least thrust-time (N s) with which a controller is in the goal set at this time, s;
+    None: the least time, s."""
+    effort: Effort
+    scenario: Scenario
+    """Of floats."""
+
+
+@dataclass(frozen=True)
+class Bound:
+    """What nothing can beat from one start, in N s or s."""
+
+    start: int
+    horizon: float | None
+    """See `Question`."""
+    hull: float
+    """No commands between 0 and 1 do with less, on/off or not."""
+    lower: float | None = None
+    """No on/off controller at the control rate does with less; None where no certificate exists."""
+    upper: float = math.inf
+    """What ``commands`` need, replayed into the goal set; infinite where none were found."""
+    commands: list[list[int]] | None = None
+    """(T, thrusters) zeros and ones."""
+    seconds: float = 0.0
+    """Wall time of the certificate."""
+
+    @property
+    def best(self) -> float:
+        """What no on/off controller beats, by whichever proof there is."""
+        return self.hull if self.lower is None else self.lower
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values; what is missing or infinite is null."""
+        return {k: None if isinstance(x, float) and not math.isfinite(x) else x
+                for k, x in asdict(self).items()}
+
+
+def goal_set(task: Task) -> GoalSet:
+    """A task's tolerances, and rest where it has a place; what it leaves open is not looked at."""
+    tolerances = task.tolerances()
+    return GoalSet(tolerances.get("position", 0.0), tolerances.get("velocity", REST_SPEED),
+                   tolerances.get("attitude", 0.0), tolerances.get("spin", REST_SPIN))
+
+
+def no_certificate(craft: Spacecraft, wanted: Collection[str], period: float) -> str:
+    """Why on/off controllers have no bound of their own here; nothing if they do.
+
+    Args:
+        craft: what flies.
+        wanted: see `rans.optimal.trajectory.arrival.aims`.
+        period: for which commands are held, s.
+    """
+    try:
+        if not {"position", "attitude"} <= set(wanted):
+            raise ConfigError("the on/off certificate is for tasks that ask for a pose, which fixes the "
+                              "whole state.")
+        Lattice(craft, period)
+    except ConfigError as reason:
+        return str(reason)
+    return ""
+
+
+def bounds(questions: Sequence[Question], starts: Sequence[int], workers: int | None = None,
+           progress: Callable[[], object] = lambda: None) -> Iterator[tuple[int, Bound]]:
+    """The answers as they are found, each with the number of its question.
+
+    Args:
+        questions: what is asked.
+        starts: number of the scenario of each.
+        workers: processes, by default one per processor; 1 works in this process.
+        progress: called once per answer.
+
+    Raises:
+        RansError: a process died.
+    """
+    jobs = list(zip(starts, questions, strict=True))
+    if workers == 1 or not jobs:
+        for k, job in enumerate(jobs):
+            yield k, bound(*job)
+            progress()
+        return
+    with submitted(bound, jobs, workers, leaves, (jobs[0][1].scenario.start,)) as futures:
+        numbers = {future: k for k, future in enumerate(futures)}
+        try:
+            for future in as_completed(futures):
+                yield numbers[future], future.result()
+                progress()
+        except BrokenProcessPool as error:
+            raise RansError("a process that searched for bounds died; the usual cause is too little "
+                            "memory.") from error
+
+
+def bound(start: int, question: Question) -> Bound:
+    """One answer; of a horizon in which nothing can arrive the bounds are infinite."""
+    craft, wanted, goals, period, horizon, effort, scenario = question
+    begin, end = scenario.start, scenario.goal
+    loose = (hull.least_time(craft, wanted, begin, end, goals) if horizon is None
+             else hull.least_fuel(craft, wanted, begin, end, horizon, goals))
+    if no_certificate(craft, wanted, period):
+        return Bound(start, horizon, loose)
+    lattice = Lattice(craft, period)
+    try:
+        goals.net_spins(lattice, begin, end)  # type: ignore[arg-type]
+    except ConfigError:  # a start whose spin no number of pulses takes to the goal's
+        return Bound(start, horizon, loose)
+    ask, length = (least_time, _LONGEST) if horizon is None else (least_fuel, horizon)
+    try:
+        steps = max(1, round(length / period))
+        found = ask(lattice, begin, end, steps, goals, effort)  # type: ignore[arg-type]
+    except ConfigError:  # what is left to refuse: a horizon too short for the goal set
+        return Bound(start, horizon, loose, math.inf)
+    commands = None if found.commands is None else found.commands.astype(int).tolist()
+    return Bound(start, horizon, loose, found.lower, found.upper, commands, found.seconds)
+
+
+def table(sentence: str, measure: str, answers: Sequence[Bound], found: Sequence[float]) -> Table:
+    """A row per start.
+
+    Args:
+        sentence: what the bounds hold for.
+        measure: what is bounded, with its unit.
+        answers: the bounds.
+        found: cost of the relaxed trajectory from each start, NaN where there is none.
+    """
+    result = Table(title=f"What nothing can beat: {measure}", title_justify="left", caption=sentence,
+                   caption_justify="left")
+    for heading in ("start", "hull bound", "relaxed", "certified", "on/off found", "gap"):
+        result.add_column(heading, justify="right")
+    for answer, cost in zip(answers, found, strict=True):
+        lower, upper = answer.lower, answer.upper
+        gap = f"{100 * (upper / lower - 1):.1f} %" if lower and lower < math.inf else "-"
+        certain = ["-"] * 2 if lower is None else [f"{lower:.3f}", f"{upper:.3f}"]
+        relaxed = "-" if math.isnan(cost) else f"{cost:.3f}"
+        result.add_row(str(answer.start), f"{answer.hull:.3f}", relaxed, *certain, gap)
+    return result

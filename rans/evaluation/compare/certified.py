@@ -1,0 +1,82 @@
+"""What no controller can beat, from some of the starts, kept for the next time."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+from rans.errors import ConfigError
+from rans.evaluation.compare.bounds import Bound, Question, bounds, goal_set
+from rans.evaluation.compare.protocol import Protocol
+from rans.files import read_json, write_json
+from rans.optimal.certificate.certificate import Effort
+from rans.optimal.trajectory.arrival import aims
+from rans.optimal.trajectory.pool import each
+
+_EFFORT = Effort(seconds=20.0, nozzle_seconds=2.0, levels=4)
+"""Most questions take two processor seconds. Less of it, or a busy machine, leaves wider gaps but changes
+no bound's truth."""
+
+
+def certify(protocol: Protocol, count: int, horizons: tuple[float, ...], cache: Path | None = None,
+            workers: int | None = None, progress: Callable[[], object] = lambda: None) -> Iterator[Bound]:
+    """Bounds from the first starts, as they are found: the least time, and the least thrust-times.
+
+    Args:
+        protocol: gives the starts.
+        count: of starts.
+        horizons: for the least thrust-time, s.
+        cache: JSON file that keeps the bounds for the next time.
+        workers: see `bounds`.
+        progress: called once per bound.
+
+    Raises:
+        RansError: a process died, or the cache is damaged or cannot be written.
+    """
+    known = _read(cache) if cache and cache.exists() else {}
+    asked: list[tuple[str, int, Question]] = []
+    for start, question in _questions(protocol, count, horizons):
+        key = hashlib.sha256(repr(question).encode()).hexdigest()[:32]
+        if key in known:
+            yield replace(known[key], start=start)
+            progress()
+        else:
+            asked.append((key, start, question))
+    searched = bounds([question for *_, question in asked], [start for _, start, _ in asked], workers,
+                      progress)
+    for k, answer in searched:
+        known[asked[k][0]] = answer
+        if cache:
+            write_json(cache, {key: _plain(one) for key, one in known.items()})
+        yield answer
+
+
+def _questions(protocol: Protocol, count: int,
+               horizons: tuple[float, ...]) -> Iterator[tuple[int, Question]]:
+    common = (protocol.craft, tuple(sorted(aims(protocol.task))), goal_set(protocol.task),
+              protocol.timing.control_period)
+    for start, scenario in zip(range(count), each(protocol.starts), strict=False):
+        yield from ((start, Question(*common, horizon, _EFFORT, scenario)) for horizon in (None, *horizons))
+
+
+_NUMBERS = ("hull", "lower", "upper")
+
+
+def _plain(answer: Bound) -> dict[str, Any]:
+    """For JSON, which has no infinity: the texts that ``float`` reads back."""
+    return {key: str(x) if key in _NUMBERS and x is not None else x for key, x in asdict(answer).items()}
+
+
+def _revived(row: dict[str, Any]) -> Bound:
+    numbers: dict[str, Any] = {key: float(row[key]) for key in _NUMBERS if row[key] is not None}
+    return Bound(**row | numbers)
+
+
+def _read(cache: Path) -> dict[str, Bound]:
+    try:
+        return {key: _revived(row) for key, row in read_json(cache).items()}
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise ConfigError(f"{cache} does not hold bounds; delete it, and they are searched anew.") from error

@@ -1,0 +1,201 @@
+"""Optimal trajectories from the evaluation starts: flown in Drake, bounded, in tables and in files."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.table import Table
+
+from rans.evaluation.measure.metrics import DISPLAY
+from rans.files import environment, replace_file, write_json
+from rans.flight import Flight
+from rans.model.fields import leaves, map_leaves
+from rans.model.spacecraft import Spacecraft
+from rans.model.timing import Timing
+from rans.optimal.trajectory.objectives import Objective
+from rans.optimal.trajectory.pool import each, solve_all
+from rans.optimal.trajectory.transcription import Trajectory
+from rans.reference.flight import replay, rows_from_states, states_from_rows
+from rans.reference.plant import Plant
+from rans.scenario import Scenario
+from rans.tasks.base import Task
+
+REPLAY_BOUND = 1e-3
+"""Largest distance between an optimised and the flown path, m: a fiftieth of what tasks tolerate."""
+
+_AT_ONCE = 64
+"""Trajectories that fly in one plant; more of them take no less time each."""
+
+_SENTENCES = {
+    "Infeasible_Problem_Detected": "nothing found that arrives: the goal is out of reach in this time",
+    "Restoration_Failed": "nothing found that arrives: the goal is out of reach, or the time too short",
+    "Maximum_Iterations_Exceeded": "the solver stopped after 500 iterations without an answer",
+    "Invalid_Number_Detected": "a number became NaN or infinite: the start, goal or task has one",
+    "Worker_Died": "the process that solved it died, usually for lack of memory",
+}
+"""How the optimiser ended, in words."""
+
+
+@dataclass(frozen=True)
+class Optimum:
+    """The answer for one start."""
+
+    start: int
+    """Number of the scenario."""
+    trajectory: Trajectory
+    replay_error: float = math.nan
+    """Largest distance between the optimised path and the one Drake flies, m."""
+    errors: dict[str, float] = field(default_factory=dict)
+    """The task's errors at the end of Drake's flight, SI units."""
+
+    @property
+    def good(self) -> bool:
+        """Whether there is a trajectory, and Drake flies it."""
+        return self.trajectory.solved and self.replay_error <= REPLAY_BOUND
+
+    @property
+    def sentence(self) -> str:
+        """How it ended, in words."""
+        status = self.trajectory.status
+        if not self.trajectory.solved:
+            return _SENTENCES.get(status, f"the solver stopped: {status.replace('_', ' ').lower()}")
+        return "solved" if self.good else "solved, but Drake flies elsewhere"
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values; what is missing is null."""
+        path = self.trajectory
+        found = 1.0 if path.solved else math.nan
+        values = {"cost": found * path.cost, "time": found * path.control_period * len(path.commands),
+                  "replay_error": self.replay_error, "seconds": path.seconds}
+        return {"start": self.start, "status": path.status, "good": self.good, "sentence": self.sentence,
+                **{k: x if math.isfinite(x) else None for k, x in values.items()},
+                "iterations": path.iterations, "attempts": path.attempts, "errors": self.errors}
+
+
+def optima(craft: Spacecraft, task: Task, objective: Objective, starts: Scenario, guesses: int = 1,
+           workers: int | None = None, progress: Callable[[], object] = lambda: None) -> list[Optimum]:
+    """Solve from every start and fly what was found in Drake.
+
+    Args:
+        craft: what flies.
+        task: where to, or what for.
+        objective: what to minimise.
+        starts: fields of arrays (N,).
+        guesses: see `rans.optimal.trajectory.transcription.Transcription.solve`.
+        workers: see `rans.optimal.trajectory.pool.solve_all`.
+        progress: called once per solved problem.
+
+    Returns:
+        One per start, solved or not, in their order.
+    """
+    [found] = solve_all(craft, task, [objective], starts, workers, progress, guesses)
+    answers = {k: Optimum(k, trajectory) for k, trajectory in enumerate(found)}
+    goals = [scenario.goal for scenario in each(starts)]
+    for group in _groups(found):
+        for k, path in zip(group, _flown(craft, [found[k] for k in group]), strict=True):
+            away = (path.p - found[k].states.p).norm()
+            end = task.errors(map_leaves(lambda x: float(x[-1]), path), goals[k])
+            answers[k] = Optimum(k, found[k], float(away.max()), {n: float(e) for n, e in end.items()})
+    return list(answers.values())
+
+
+def _groups(found: Sequence[Trajectory]) -> Iterator[list[int]]:
+    """Numbers of solved trajectories with the same control period, few enough for one plant."""
+    solved = sorted((t.control_period, k) for k, t in enumerate(found) if t.solved)
+    for _, same in groupby(solved, key=lambda pair: pair[0]):
+        numbers = [k for _, k in same]
+        yield from (numbers[i:i + _AT_ONCE] for i in range(0, len(numbers), _AT_ONCE))
+
+
+def _flown(craft: Spacecraft, trajectories: Sequence[Trajectory]) -> Iterator[Any]:
+    """Drake's states along each, fields (T + 1,)."""
+    states = [t.states for t in trajectories]
+    starts = np.stack([rows_from_states(map_leaves(lambda x: x[0], s)) for s in states])
+    commands = np.stack([t.commands for t in trajectories], axis=1)
+    rows = Plant(craft, len(states)).rollout(starts, commands, trajectories[0].control_period)
+    return (states_from_rows(rows[:, k], like) for k, like in enumerate(states))
+
+
+def episode(craft: Spacecraft, task: Task, timing: Timing, scenario: Scenario,
+            trajectory: Trajectory) -> Flight:
+    """A trajectory flown by Drake for a whole episode, thrusters shut once it has arrived.
+
+    Args:
+        craft: what flies.
+        task: what for.
+        timing: how long an episode is; the control period is the trajectory's own.
+        scenario: where it begins, of floats.
+        trajectory: that was solved.
+    """
+    period, planned = trajectory.control_period, len(trajectory.commands)
+    steps = max(planned, math.ceil(timing.episode_steps * timing.control_period / period - 1e-9))
+    commands = np.vstack([trajectory.commands, np.zeros((steps - planned, len(craft.thrusters)))])
+    own = Timing(control_period=period, episode_steps=steps)
+    states = map_leaves(lambda x: x[:, None], replay(craft, scenario.start, commands, own))
+    return Flight(craft, task, own, states, map_leaves(lambda x: np.array([x]), scenario.goal),
+                  commands[:, None], trajectory.objective, "drake")
+
+
+def table(title: str, objective: Objective, answers: Sequence[Optimum]) -> Table:
+    """A row per start, and a sentence for those without a trajectory."""
+    lost: dict[str, list[str]] = {}
+    for answer in answers:
+        if not answer.good:
+            lost.setdefault(answer.sentence, []).append(str(answer.start))
+    notes = [f"Start {', '.join(starts)}: {sentence}." for sentence, starts in lost.items()]
+    result = Table(title=title, title_justify="left", caption="\n".join(notes), caption_justify="left")
+    names = list(next((answer.errors for answer in answers if answer.errors), {}))
+    result.add_column("start", justify="right")
+    for heading in (objective.measure, *(f"{n} {DISPLAY[n][1]}" for n in names), "replay mm", "steps", "ms"):
+        result.add_column(heading, justify="right")
+    result.add_column("")
+    for answer in answers:
+        result.add_row(*_cells(answer, names), style=None if answer.good else "red")
+    return result
+
+
+def _cells(answer: Optimum, names: Sequence[str]) -> list[str]:
+    path = answer.trajectory
+    numbers = (path.cost, *(DISPLAY[n][0] * answer.errors.get(n, math.nan) for n in names),
+               1e3 * answer.replay_error)
+    shown = [f"{x:.3f}" if path.solved else "-" for x in numbers]
+    return [str(answer.start), *shown, str(path.iterations), f"{1e3 * path.seconds:.0f}",
+            "solved" if answer.good else "lost"]
+
+
+def write(folder: Path, about: dict[str, Any], answers: Sequence[Optimum]) -> None:
+    """Write optimal.json, the answers, and optimal.npz, the trajectories, into a folder.
+
+    The arrays of optimal.npz: ``states`` (N, T + 1, leaves) in the order that ``leaves`` names,
+    ``commands`` (N, T, thrusters) and ``control_period`` (N,); NaN where a problem was not solved.
+
+    Raises:
+        ConfigError: the disk refused.
+    """
+    paths = [answer.trajectory for answer in answers]
+    arrays = {"states": np.stack([np.stack(leaves(p.states), axis=-1) for p in paths]),
+              "commands": np.stack([p.commands for p in paths]),
+              "control_period": np.array([p.control_period for p in paths]),
+              "leaves": np.array(_leaf_names(len(leaves(paths[0].states))))}
+    arrays["states"][[not p.solved for p in paths]] = np.nan
+    arrays["commands"][[not p.solved for p in paths]] = np.nan
+
+    def save(draft: Path) -> None:
+        with draft.open("wb") as file:
+            np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
+
+    replace_file(folder / "optimal.npz", save)
+    rows = [answer.to_json() for answer in answers]
+    write_json(folder / "optimal.json", {**about, "environment": environment(), "starts": rows})
+
+
+def _leaf_names(count: int) -> tuple[str, ...]:
+    if count == 6:
+        return ("p.x", "p.y", "heading", "v.x", "v.y", "w")
+    return ("p.x", "p.y", "p.z", "q.w", "q.x", "q.y", "q.z", "v.x", "v.y", "v.z", "w.x", "w.y", "w.z")

@@ -1,0 +1,204 @@
+"""The conditions that all contestants share, and what their flights are scored by."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from rans.evaluation.compare.bounds import REST_SPEED, REST_SPIN
+from rans.evaluation.fly.judge import Engine, Flown, flown
+from rans.evaluation.fly.protocols import Conditions
+from rans.evaluation.measure.metrics import final_errors, settling_times
+from rans.flight import Controller, Flight, fly
+from rans.model.dynamics import thrust
+from rans.model.fields import map_leaves
+from rans.model.spacecraft import Spacecraft
+from rans.model.timing import Timing
+from rans.optimal.trajectory.arrival import aims
+from rans.scenario import Scenario, scenarios
+from rans.tasks import Task
+
+_TIMED_STARTS = 4
+
+
+@dataclass(frozen=True)
+class Protocol:
+    """Same plant, starts, rate and goal set for everyone."""
+
+    craft: Spacecraft
+    task: Task
+    """With the starts that agents are judged on."""
+    timing: Timing
+    seed: int
+    episodes: int
+    """Starts: scenarios 0 to N - 1 of the seed."""
+    engine: Engine = "fast"
+    """What computes the motion of the contestants."""
+
+    @cached_property
+    def starts(self) -> Scenario:
+        """Fields of float64 arrays (N,)."""
+        return scenarios(self.task, self.craft, self.seed, self.episodes)
+
+    @property
+    def duration(self) -> float:
+        """Of an episode, s."""
+        return self.timing.episode_steps * self.timing.control_period
+
+    def start(self, k: int) -> Scenario:
+        """Number k alone, fields (1,)."""
+        return map_leaves(lambda x: x[k:k + 1], self.starts)
+
+    @property
+    def conditions(self) -> Conditions:
+        """What flies, what for and how long."""
+        return Conditions(self.craft, self.task, self.timing)
+
+    def fly(self, controller: Controller, workers: int | None = None,
+            progress: Callable[[int], object] = lambda _: None) -> Flown:
+        """All starts, see `rans.evaluation.fly.judge.flown`."""
+        return flown(controller, self.conditions, self.seed, self.episodes, self.engine, workers, progress)
+
+    def latencies(self, controller: Controller) -> np.ndarray:
+        """Processor time of single actions, one observation at a time, (T,) s.
+
+        That is its wall time on an idle core; wall time itself would count what else the machine does.
+        Of the first fifth of an episode from a few starts: later on who rests need not think.
+        """
+        watch = _Stopwatch(controller)
+        short = replace(self.timing, episode_steps=max(1, self.timing.episode_steps // 5))
+        for k in range(min(_TIMED_STARTS, self.episodes)):
+            fly(self.craft, self.task, watch, self.start(k), short)
+        return np.array(watch.seconds)
+
+    def title(self) -> str:
+        """What is compared, in one line."""
+        return (f"{self.episodes} starts of seed {self.seed}, {self.craft.name}, {self.duration:g} s at "
+                f"{1.0 / self.timing.control_period:g} Hz")
+
+
+class _Stopwatch:
+    """A controller whose every action is timed."""
+
+    def __init__(self, controller: Controller) -> None:
+        self.name, self.seconds = controller.name, []
+        self._controller = controller
+
+    def reset(self, count: int) -> None:
+        self._controller.reset(count)
+
+    def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
+        begun = time.process_time()
+        command = self._controller.act(state, goal, observation)
+        self.seconds.append(time.process_time() - begun)
+        return command
+
+
+def arrived(task: Task, states: Any, goals: Any) -> np.ndarray:
+    """Whether states are in the goal set: within the task's tolerances, and at rest where it has a place.
+
+    The set is that of `rans.evaluation.compare.bounds.goal_set`.
+
+    Args:
+        task: its tolerances; where `aims` adds velocity or spin, those are `REST_SPEED` and `REST_SPIN`.
+        states: fields (T + 1, N).
+        goals: fields (N,).
+    """
+    inside, added = task.reached(states, goals), aims(task) - task.tolerances().keys()
+    if "velocity" in added:
+        inside = inside & ((goals.v - states.v).norm() <= REST_SPEED)
+    if "spin" in added:
+        spin = [a - b for a, b in zip(goals.spin(), states.spin(), strict=True)]
+        inside = inside & (np.linalg.norm(np.broadcast_arrays(*spin), axis=0) <= REST_SPIN)
+    return np.asarray(inside)
+
+
+@dataclass(frozen=True)
+class Contestant:
+    """Who flies, and what it took to make it."""
+
+    name: str
+    controller: Controller
+    knows: str
+    """What it is given: observations, the state, a model."""
+    tuning: str
+    """How much was spent on making or tuning it."""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """Somebody's flights and their scores; an array has one entry a start, none is left out."""
+
+    contestant: Contestant
+    flight: Flight
+    latencies: np.ndarray
+    """See `Protocol.latencies`."""
+
+    @property
+    def name(self) -> str:
+        """Of the contestant."""
+        return self.contestant.name
+
+    @cached_property
+    def settling(self) -> np.ndarray:
+        """When all errors enter their tolerances for good, (N,) s; infinite if never."""
+        return settling_times(self.flight)
+
+    @cached_property
+    def at_goal(self) -> np.ndarray:
+        """(T + 1, N), see `arrived`."""
+        return arrived(self.flight.task, self.flight.states, self.flight.goals)
+
+    @cached_property
+    def spent(self) -> np.ndarray:
+        """Thrust-time until every instant, (T + 1, N) N s."""
+        shares = thrust(self.flight.craft, tuple(np.moveaxis(self.flight.commands, 2, 0)))
+        forces = [s * t.force for s, t in zip(shares, self.flight.craft.thrusters, strict=True)]
+        total = np.sum(forces, axis=0)
+        return np.vstack([0.0 * total[:1], np.cumsum(total, axis=0)]) * self._period
+
+    @cached_property
+    def arrival(self) -> np.ndarray:
+        """First time in the goal set, (N,) s; infinite if never."""
+        first = self.at_goal.argmax(axis=0)
+        return np.where(self.at_goal.any(axis=0), first * self._period, np.inf)
+
+    @cached_property
+    def arrival_thrust(self) -> np.ndarray:
+        """Thrust-time until then, (N,) N s; infinite if never."""
+        spent = np.take_along_axis(self.spent, self.at_goal.argmax(axis=0)[None], axis=0)[0]
+        return np.where(np.isfinite(self.arrival), spent, np.inf)
+
+    def thrust_by(self, horizon: float) -> np.ndarray:
+        """Thrust-time of a flight that is in the goal set at this time, (N,) N s; infinite elsewhere."""
+        k = round(horizon / self._period)
+        return np.where(self.at_goal[k], self.spent[k], np.inf)
+
+    @cached_property
+    def thrust(self) -> np.ndarray:
+        """Thrust-time of the whole episode, (N,) N s."""
+        return self.spent[-1]
+
+    @cached_property
+    def duty(self) -> np.ndarray:
+        """Mean share of thrusters open, (N,)."""
+        return self.flight.commands.mean(axis=(0, 2))
+
+    @cached_property
+    def errors(self) -> dict[str, np.ndarray]:
+        """Mean of every error over the last fifth, (N,) SI units."""
+        return final_errors(self.flight)
+
+    @cached_property
+    def returns(self) -> np.ndarray:
+        """Sum of the task's rewards, (N,)."""
+        return np.sum(list(self.flight.rewards().values()), axis=(0, 1))
+
+    @property
+    def _period(self) -> float:
+        return self.flight.timing.control_period

@@ -1,0 +1,85 @@
+"""Relaxed optima: trajectories whose thrust may be anything between shut and open, flown in Drake.
+
+They are locally optimal, know the future and, but for the greatest reward, arrive at the exact goal:
+marks to measure by, neither controllers nor certificates.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from rans.evaluation.compare.optima import Optimum, episode, optima
+from rans.evaluation.compare.protocol import Protocol
+from rans.evaluation.measure.metrics import impulses, settling_times
+from rans.optimal.trajectory.objectives import MaximumReward, MinimumFuel, MinimumTime, Objective
+from rans.optimal.trajectory.pool import each
+from rans.scenario import Scenario
+
+_GUESSES = 2
+"""For the greatest reward, whose local optima are many: turning either way round."""
+
+
+@dataclass(frozen=True)
+class Relaxed:
+    """One optimum from one start; NaN for what an unsolved problem does not have."""
+
+    objective: Objective
+    start: int
+    status: str
+    """How it ended, in words."""
+    solved: bool
+    """Whether there is a trajectory, and Drake flies it."""
+    seconds: float
+    """Wall time of the optimiser."""
+    arrival: float = math.nan
+    """At the exact goal, s."""
+    settling: float = math.nan
+    """When all errors enter their tolerances for good, in Drake, s."""
+    thrust: float = math.nan
+    """Thrust-time, N s."""
+    total: float = math.nan
+    """Sum of the task's rewards over the episode, in Drake; NaN if it acts at a rate of its own."""
+    replay_error: float = math.nan
+    """Largest distance between the optimised path and the one flown in Drake, m."""
+
+
+def objectives(protocol: Protocol, horizons: Sequence[float]) -> list[Objective]:
+    """Least time, least thrust-time for each horizon (s), and the greatest sum of the task's rewards."""
+    period = protocol.timing.control_period
+    greatest: Any = MaximumReward(protocol.duration, period)
+    return [MinimumTime(), *(MinimumFuel(horizon, period) for horizon in horizons), greatest]
+
+
+def solve(protocol: Protocol, objective: Objective, workers: int | None = None,
+          progress: Callable[[], object] = lambda: None) -> list[Relaxed]:
+    """The optimum from every start.
+
+    Args:
+        protocol: gives the starts.
+        objective: what to minimise.
+        workers: processes, by default one per processor.
+        progress: called once per start.
+    """
+    guesses = _GUESSES if isinstance(objective, MaximumReward) else 1
+    found = optima(protocol.craft, protocol.task, objective, protocol.starts, guesses, workers, progress)
+    return [_scored(protocol, objective, one, scenario)
+            for one, scenario in zip(found, each(protocol.starts), strict=True)]
+
+
+def _scored(protocol: Protocol, objective: Objective, one: Optimum, scenario: Scenario) -> Relaxed:
+    trajectory = one.trajectory
+    head = (objective, one.start, one.sentence, one.good, trajectory.seconds)
+    if not one.good:
+        return Relaxed(*head)
+    flight = episode(protocol.craft, protocol.task, protocol.timing, scenario, trajectory)
+    same_rate = math.isclose(trajectory.control_period, protocol.timing.control_period)
+    total = float(np.sum(list(flight.rewards().values())))
+    return Relaxed(
+        *head, arrival=len(trajectory.commands) * trajectory.control_period,
+        settling=float(settling_times(flight)[0]), thrust=float(impulses(flight)[0]),
+        total=total if same_rate else math.nan, replay_error=one.replay_error)

@@ -1,0 +1,107 @@
+"""Who takes part: contestants by name, the simple controllers beside them, and what each of them cost."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Literal
+
+from rans.errors import ConfigError
+from rans.evaluation.compare.protocol import Contestant, Protocol
+from rans.evaluation.fly.agent import LoadedRun
+from rans.evaluation.fly.contestants import contestant, controller
+from rans.evaluation.fly.user_policies import is_user_policy
+from rans.fast.learn.run_folder import RunFolder
+from rans.files import read_json
+from rans.optimal.control.lqr import LQR
+from rans.optimal.control.regulator import Weights
+from rans.pretrained import pretrained_folder
+from rans.scenario import EVALUATION_SEED
+from rans.tasks.multi_task import MultiTask
+
+SWEEP = (0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0)
+"""Factors on the LQR's default weights: from twice as stiff to four
+times as lazy."""
+
+_OBSERVATION = "observation"
+_MODEL = "state, exact model"
+_UNTUNED = "none: default settings"
+
+
+def protocol_of(spec: str, episodes: int, seed: int = EVALUATION_SEED,
+                engine: Literal["fast", "drake"] = "fast") -> Protocol:
+    """The conditions of the first contestant, under which all others fly too.
+
+    Raises:
+        ConfigError: there is no such contestant, it knows no task, or a number is too small.
+    """
+    if episodes < 1:
+        raise ConfigError(f"--episodes must be at least 1, got {episodes}.")
+    _, craft, task, timing = contestant(spec)
+    if isinstance(task, MultiTask):
+        raise ConfigError(f"{spec} knows several tasks: pick one, as in {spec}#{next(iter(task.parts()))}.")
+    return Protocol(craft, task.for_evaluation(), timing, seed, episodes, engine)
+
+
+def enlist(spec: str, protocol: Protocol) -> Contestant:
+    """The contestant of this name, if it is for the same task and spacecraft.
+
+    Raises:
+        ConfigError: there is none, or it is for another task, spacecraft or control rate.
+    """
+    run = contestant(spec, lent=protocol.conditions)
+    _check_same(spec, run, protocol)
+    simple = spec.partition(":")[0] in ("lqr", "mpc")
+    return Contestant(run.controller.name, run.controller, _MODEL if simple else _OBSERVATION, _tuning(spec))
+
+
+def _check_same(spec: str, run: LoadedRun, protocol: Protocol) -> None:
+    if type(run.task) is not type(protocol.task):
+        raise ConfigError(f"{spec} is for the task {type(run.task).__name__}, but the first contestant for "
+                          f"{type(protocol.task).__name__}; compare them separately.")
+    if run.craft != protocol.craft:
+        raise ConfigError(f"{spec} is for the spacecraft {run.craft.name}, but the first contestant for "
+                          f"{protocol.craft.name}, or for other values of it; compare them separately.")
+    periods = run.timing.control_period, protocol.timing.control_period
+    if periods[0] != periods[1]:
+        raise ConfigError(f"{spec} acts every {periods[0]:g} s, but the first contestant every "
+                          f"{periods[1]:g} s; compare them separately.")
+
+
+def _tuning(spec: str) -> str:
+    """What was spent on a contestant, as far as its files tell."""
+    spec, _, _ = spec.partition("#")
+    kind, _, name = spec.partition(":")
+    if kind in ("lqr", "mpc"):
+        return _UNTUNED
+    if is_user_policy(spec):
+        return "not known"
+    folder = pretrained_folder(name) if kind == "pretrained" else Path(spec)
+    card, run = folder / "card.json", RunFolder(folder)
+    if card.exists():
+        training = read_json(card)["training"]
+    elif rows := run.metrics():
+        training = {**rows[-1], "device": run.config().device}
+    else:
+        return "training: not known"
+    device = "a GPU" if training["device"].startswith("cuda") else "a CPU"
+    return f"training: {training['steps'] / 1e6:,.1f} M steps, {training['seconds']:.3g} s on {device}"
+
+
+def simple_controller(name: str, protocol: Protocol) -> Contestant:
+    """The "lqr" or the "mpc" with its default settings.
+
+    Raises:
+        ConfigError: it cannot fly this spacecraft.
+    """
+    return Contestant(name.upper(), controller(name, protocol.conditions), _MODEL, _UNTUNED)
+
+
+def swept_lqr(protocol: Protocol) -> list[Contestant]:
+    """The LQR with its weights scaled by every factor of `SWEEP`."""
+    found = []
+    for factor in SWEEP:
+        weights = Weights(**{name: factor * value for name, value in asdict(Weights()).items()})
+        lqr = LQR(*protocol.conditions, weights)
+        found.append(Contestant(f"LQR x {factor:g}", lqr, _MODEL, f"one of {len(SWEEP)} weights"))
+    return found

@@ -1,0 +1,168 @@
+"""A comparison from beginning to end: what is finished is there at every moment, whatever fails."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from rans.errors import RansError
+from rans.evaluation.compare import relaxed, roster
+from rans.evaluation.compare.bounds import Bound, no_certificate
+from rans.evaluation.compare.certified import certify
+from rans.evaluation.compare.protocol import Contestant, Entry, Protocol
+from rans.evaluation.compare.relaxed import Relaxed
+from rans.files import first_line
+from rans.optimal.trajectory.arrival import aims
+
+_HORIZONS = (0.24, 0.32, 0.4, 0.6, 0.8)
+"""Shares of an episode at which the least thrust-time is certified: 6, 8, 10, 15 and 20 s of 25 s."""
+
+_RELAXED = (0.4, 0.8)
+"""Those of them for which the relaxed optimum is found too."""
+
+Track = Callable[[str, int], Callable[..., object]]
+"""Called with what begins and how many steps it has; what it returns is called after each, or after
+several with their number."""
+
+
+@dataclass
+class Comparison:
+    """Everything found so far."""
+
+    protocol: Protocol
+    entries: list[Entry] = field(default_factory=list)
+    """Contestants in their order; the first is the one that others are compared with."""
+    curve: list[Entry] = field(default_factory=list)
+    """LQRs of other weights."""
+    relaxed: dict[str, list[Relaxed]] = field(default_factory=dict)
+    """Optima from every start, by objective."""
+    certified: list[Bound] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    """What does not exist here, and why."""
+    failures: list[str] = field(default_factory=list)
+    """What went wrong, a sentence each."""
+
+    def names(self) -> set[str]:
+        """Of the contestants."""
+        return {entry.name for entry in self.entries}
+
+    def horizons(self, shares: Sequence[float] = _HORIZONS) -> tuple[float, ...]:
+        """Times at which thrust is compared, s: whole control periods."""
+        timing = self.protocol.timing
+        steps = {max(1, round(share * timing.episode_steps)) for share in shares}
+        return tuple(k * timing.control_period for k in sorted(steps))
+
+    def certified_starts(self) -> list[int]:
+        """Numbers of the starts of which every bound is known."""
+        counts = [c.start for c in self.certified]
+        return [k for k in sorted(set(counts)) if counts.count(k) == 1 + len(self.horizons())]
+
+    def bounds(self, horizon: float | None) -> tuple[np.ndarray, np.ndarray]:
+        """Lower and upper bounds of the certified starts for one question."""
+        answers = {c.start: c for c in self.certified if c.horizon == horizon}
+        rows = [answers[k] for k in self.certified_starts()]
+        return np.array([c.best for c in rows]), np.array([c.upper for c in rows])
+
+    def impossible(self) -> list[str]:
+        """Flights below a certified bound: each would prove an error of ours."""
+        return [f"{entry.name} beats the certified bound from start {k}: the certificate or a flight is "
+                "wrong." for entry in (*self.entries, *self.curve) for k in self._beaten(entry)]
+
+    def _beaten(self, entry: Entry) -> list[int]:
+        starts = np.array(self.certified_starts(), dtype=int)
+        low = entry.arrival[starts] < self.bounds(None)[0] - 1e-9
+        for horizon in self.horizons():
+            low |= entry.thrust_by(horizon)[starts] < self.bounds(horizon)[0] - 1e-9
+        return [int(k) for k in starts[low]]
+
+
+def fill(comparison: Comparison, specs: Sequence[str], beside: Sequence[str] = ("lqr", "mpc", "optimal"),
+         certified: int = 4, cache: Path | None = None, track: Track = lambda *_: lambda *_: None,
+         workers: int | None = None) -> None:
+    """Fly everyone and find what is possible; failures are noted and the rest goes on.
+
+    Args:
+        comparison: is filled step by step, so that an interrupt leaves what was finished.
+        specs: contestants, see `rans.evaluation.fly.contestants.contestant`; the first gave the protocol.
+        beside: "lqr", "mpc" and "optimal".
+        certified: starts whose bounds are certified.
+        cache: see `certify`.
+        track: shows progress.
+        workers: processes, by default one per processor.
+    """
+    for spec in dict.fromkeys(specs):
+        with _noted(comparison, spec):
+            _fly(comparison, roster.enlist(spec, comparison.protocol), spec, track, workers)
+    for name in beside:
+        if name != "optimal" and name.upper() not in comparison.names():  # nobody flies twice
+            with _noted(comparison, name.upper()):
+                simple = roster.simple_controller(name, comparison.protocol)
+                _fly(comparison, simple, name, track, workers)
+    if "lqr" in beside:
+        with _noted(comparison, "LQR"):
+            comparison.curve += [_entry(comparison, one, track, workers)
+                                 for one in roster.swept_lqr(comparison.protocol)]
+    if "optimal" in beside:
+        _find_relaxed(comparison, track, workers)
+        _find_certified(comparison, certified, cache, track, workers)
+        comparison.failures += comparison.impossible()
+
+
+def _fly(comparison: Comparison, contestant: Contestant, spec: str, track: Track,
+         workers: int | None) -> None:
+    """Its name is told apart from those of others by how it was asked for."""
+    if contestant.name in comparison.names():
+        contestant = replace(contestant, name=spec)
+    comparison.entries.append(_entry(comparison, contestant, track, workers))
+
+
+def _entry(comparison: Comparison, contestant: Contestant, track: Track, workers: int | None) -> Entry:
+    step = track(f"flying {contestant.name}", comparison.protocol.episodes)
+    flight, stopped = comparison.protocol.fly(contestant.controller, workers, step)
+    if stopped:
+        comparison.failures.append(f"{contestant.name}: its solver stopped {stopped} times; the plan before "
+                                   "was flown on.")
+    return Entry(contestant, flight, comparison.protocol.latencies(contestant.controller))
+
+
+@contextlib.contextmanager
+def _noted(comparison: Comparison, what: str) -> Iterator[None]:
+    """A failure becomes a sentence."""
+    try:
+        yield
+    except RansError as error:
+        comparison.failures.append(str(error))
+    except Exception as error:  # solvers and other people's code raise anything
+        comparison.failures.append(f"{what} failed: {type(error).__name__}: {first_line(error)}.")
+
+
+def _find_relaxed(comparison: Comparison, track: Track, workers: int | None) -> None:
+    protocol = comparison.protocol
+    for objective in relaxed.objectives(protocol, comparison.horizons(_RELAXED)):
+        step = track(f"relaxed optimum: {objective.name}", protocol.episodes)
+        with _noted(comparison, objective.name):
+            found = relaxed.solve(protocol, objective, workers, step)
+            comparison.relaxed[objective.name] = found
+            lost = [one.status for one in found if not one.solved]
+            if lost:
+                comparison.failures.append(
+                    f"{objective.name}: no trajectory from {len(lost)} of {len(found)} starts "
+                    f"({'; '.join(sorted(set(lost)))}).")
+
+
+def _find_certified(comparison: Comparison, count: int, cache: Path | None, track: Track,
+                    workers: int | None) -> None:
+    protocol, horizons = comparison.protocol, comparison.horizons()
+    count = min(count, protocol.episodes)
+    missing = no_certificate(protocol.craft, aims(protocol.task), protocol.timing.control_period)
+    if missing:
+        comparison.notes.append(f"No tight certificate exists: {missing} The bounds shown let translation "
+                                "and rotation use all thrusters each, and hold for throttled thrust too.")
+    step = track("certified bounds", count * (1 + len(horizons)))
+    with _noted(comparison, "certified bounds"):
+        for answer in certify(protocol, count, horizons, cache, workers, step):
+            comparison.certified.append(answer)

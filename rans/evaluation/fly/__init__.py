@@ -1,0 +1,1 @@
+"""Who can be judged, and how they fly."""

@@ -1,0 +1,130 @@
+"""Whoever can be judged, by one text: an agent of a run, an agent that comes with RANS, an LQR, an MPC."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from rans.errors import ConfigError
+from rans.evaluation.fly.agent import LoadedRun, load_agent
+from rans.evaluation.fly.protocols import Conditions, ProtocolName, under_protocol
+from rans.evaluation.fly.user_policies import is_user_policy, user_policy
+from rans.flight import Controller
+from rans.model.spacecraft_file import load_spacecraft
+from rans.model.timing import Timing
+from rans.pretrained import pretrained_folder, pretrained_names
+from rans.tasks import task_class
+from rans.tasks.multi_task import MultiTask
+
+FORMS = "a run folder, pretrained:NAME, lqr:TASK-2d or mpc:TASK-2d (or -3d, with @SPACECRAFT if you like)"
+"""What `contestant` understands, for messages and help."""
+
+EVALUATIONS = Path("runs") / "evaluations"
+"""Where results of contestants without a run folder of their own go."""
+
+_SPACECRAFT = {"2d": "floating-platform", "3d": "free-flyer"}
+
+
+def contestant(spec: str, protocol: ProtocolName = "own", lent: Conditions | None = None) -> LoadedRun:
+    """A controller ready to fly, and under which conditions.
+
+    Args:
+        spec: a run folder; ``pretrained:NAME`` (see `rans.pretrained`); ``lqr:TASK-2d``, ``mpc:TASK-3d``
+            and the like, which fly the floating platform or the free flyer, or another spacecraft as in
+            ``lqr:go-to-pose-2d@floating-platform-shared``. ``#TASK`` at the end picks one of the tasks of
+            a multi-task agent. Policies made elsewhere (see `rans.evaluation.fly.user_policies`) know no task
+            of their own.
+        protocol: see `rans.evaluation.fly.protocols.under_protocol`.
+        lent: somebody's conditions, under which policies made elsewhere fly.
+
+    Raises:
+        ConfigError: there is no such contestant, the protocol is not for its spacecraft, or a policy made
+            elsewhere was lent no conditions.
+    """
+    if is_user_policy(spec):
+        if lent is None:
+            raise ConfigError(f"{spec} knows no task: name somebody who does before it, as in rans compare "
+                              f"RUN {spec}.")
+        return LoadedRun(user_policy(spec, lent.craft), *lent)
+    kind, name, part = _parse(spec)
+    if kind in ("lqr", "mpc"):
+        conditions = under_protocol(protocol, _picked(_named_conditions(name, spec), part, spec))
+        return LoadedRun(controller(kind, conditions), *conditions)
+    run = load_agent(pretrained_folder(name) if kind == "pretrained" else Path(name))
+    own = _picked(Conditions(run.craft, run.task, run.timing), part, spec)
+    return LoadedRun(run.controller, *under_protocol(protocol, own))
+
+
+def judged_separately(spec: str) -> list[str]:
+    """The contestant itself, or where it is a multi-task agent, it with each of its tasks.
+
+    Raises:
+        ConfigError: there is no such contestant.
+    """
+    task = contestant(spec).task
+    return [f"{spec}#{name}" for name in task.parts()] if isinstance(task, MultiTask) else [spec]
+
+
+def output_folder(spec: str) -> Path:
+    """Where the results of a contestant go: into its run folder, or a folder of `EVALUATIONS`."""
+    kind, name, _ = _parse(spec)
+    return EVALUATIONS / re.sub(r"[^\w.-]+", "-", f"{kind}-{name}") if kind else Path(name)
+
+
+def picked_task(spec: str) -> str:
+    """Name of the task that was picked from a multi-task agent's, or nothing."""
+    return _parse(spec)[2]
+
+
+def _parse(spec: str) -> tuple[str, str, str]:
+    """Kind, name and picked task; a run folder has no kind."""
+    spec, _, part = spec.partition("#")
+    kind, _, name = spec.partition(":")
+    if kind in ("pretrained", "lqr", "mpc") and name:
+        return kind, name, part
+    if ":" in spec and not Path(spec).exists():
+        raise ConfigError(f"there is no contestant {spec!r}; known are {FORMS}.")
+    if spec in pretrained_names() and not Path(spec).exists():
+        raise ConfigError(f"there is no run folder {spec!r}; the agent of this name that comes with RANS is "
+                          f"pretrained:{spec}.")
+    return "", spec, part
+
+
+def _named_conditions(name: str, spec: str) -> Conditions:
+    """The conditions behind "TASK-2d@SPACECRAFT"."""
+    name, _, spacecraft = name.partition("@")
+    task, _, dimension = name.rpartition("-")
+    if dimension not in _SPACECRAFT:
+        raise ConfigError(f"{spec!r} must say in how many dimensions, as in {spec.partition(':')[0]}:"
+                          "go-to-pose-2d or -3d.")
+    craft = load_spacecraft(spacecraft or _SPACECRAFT[dimension])
+    if craft.dimension != int(dimension[0]):
+        raise ConfigError(f"{spec!r} asks for {dimension}, but {craft.name} moves in {craft.dimension} "
+                          "dimensions.")
+    return Conditions(craft, task_class(task)(), Timing())
+
+
+def _picked(conditions: Conditions, part: str, spec: str) -> Conditions:
+    """The conditions with one of the tasks of a multi-task."""
+    if not part:
+        return conditions
+    parts = conditions.task.parts() if isinstance(conditions.task, MultiTask) else {}
+    if part not in parts:
+        raise ConfigError(f"{spec!r} picks the task {part!r}, but there is "
+                          f"{'only ' + ', '.join(parts) if parts else 'only one task'}.")
+    return conditions._replace(task=parts[part])
+
+
+def controller(kind: str, conditions: Conditions) -> Controller:
+    """The "lqr" or the "mpc" with its default settings.
+
+    Raises:
+        ConfigError: it cannot fly this spacecraft.
+    """
+    if kind == "mpc":
+        from rans.optimal.control.mpc import MPC
+
+        return MPC(*conditions)
+    from rans.optimal.control.lqr import LQR
+
+    return LQR(*conditions)

@@ -1,0 +1,226 @@
+"""Flights along a path: a velocity tracker guided by the look-ahead planner, and how well it follows."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from rich.table import Table
+
+from rans.errors import ConfigError
+from rans.evaluation.fly.paths import SPACING, LookAhead, Path
+from rans.flight import Controller, Flight, fly
+from rans.model.fields import map_leaves
+from rans.model.random import Random, seed_words
+from rans.model.spacecraft import Spacecraft
+from rans.model.timing import Timing
+from rans.scenario import Scenario
+from rans.tasks import Task, TrackVelocity, observation
+
+START_SPREAD = 0.2
+"""Farthest that a flight starts from the path's first point, m."""
+_PATIENCE, _GRACE = 1.5, 10.0
+"""A flight may take so many times as long as at full speed, and so many seconds more."""
+
+
+class Guided:
+    """A velocity tracker whose goal is the planner's command of the moment.
+
+    Args:
+        tracker: the controller that opens thrusters.
+        task: decides what the tracker observes.
+        planner: gives the commands.
+    """
+
+    def __init__(self, tracker: Controller, task: Task, planner: LookAhead) -> None:
+        self.name = tracker.name
+        self._tracker, self._task, self._planner = tracker, task, planner
+        self.progress: list[np.ndarray] = []
+        self.commands: list[np.ndarray] = []
+
+    def reset(self, count: int) -> None:
+        """See `rans.flight.Controller`; every flight starts at the path's first point."""
+        self._tracker.reset(count)
+        self.progress, self.commands = [], []
+
+    def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
+        """See `rans.flight.Controller`; replaces the velocity of the goal it is given."""
+        position = np.stack(state.p.columns(), axis=1)
+        before = self.progress[-1] if self.progress else np.zeros(len(position), dtype=int)
+        progress, _, command = self._planner.plan(position, before)
+        self.progress.append(progress)
+        self.commands.append(command)
+        wanted = replace(goal, v=type(goal.v)(*command.T))
+        return self._tracker.act(state, wanted, _seen(self._task, state, wanted))
+
+
+def _seen(task: Task, state: Any, goal: Any) -> np.ndarray:
+    return np.stack(observation(task, state, goal), axis=1).astype(np.float32)
+
+
+class Quantity(NamedTuple):
+    """One measured quantity of every flight."""
+
+    name: str
+    meaning: str
+    unit: str
+    values: np.ndarray
+    """(N,)."""
+
+
+@dataclass(frozen=True)
+class Following:
+    """N flights along a path.
+
+    Errors count from the end of the approach (`LookAhead.approach`) to the end of the path. A flight
+    that never leaves the approach is judged on its last instant.
+    """
+
+    planner: LookAhead
+    flight: Flight
+    """Everybody's motion for the full time, however early they arrived."""
+    progress: np.ndarray
+    """(T, N) path point each flight had come to when it was given a command."""
+    commands: np.ndarray
+    """(T, N, d) velocity commands, m/s."""
+
+    @property
+    def positions(self) -> np.ndarray:
+        """(T + 1, N, d) m."""
+        return np.stack(self.flight.states.p.columns(), axis=2)
+
+    @property
+    def velocities(self) -> np.ndarray:
+        """(T + 1, N, d) m/s."""
+        return np.stack(self.flight.states.v.columns(), axis=2)
+
+    @property
+    def cross_track(self) -> np.ndarray:
+        """(T, N) distance from the path when a command was given, m."""
+        path, reach = self.planner.path, self.planner.radius
+        instants = zip(self.positions, self.progress, strict=False)
+        return np.stack([path.cross_track(position, progress, reach) for position, progress in instants])
+
+    @property
+    def measured(self) -> np.ndarray:
+        """(T, N) whether the period counts."""
+        inside = (self.progress >= self.planner.approach) & (self.progress < self.planner.end)
+        inside[-1] |= ~inside.any(axis=0)
+        return inside
+
+    @property
+    def durations(self) -> np.ndarray:
+        """(N,) time from the start to the end of the path, approach included, s; infinite if never."""
+        waited = (self.progress < self.planner.end).sum(axis=0)
+        period = self.flight.timing.control_period
+        return np.where(waited < len(self.progress), waited * period, np.inf)
+
+    def quantities(self) -> tuple[Quantity, ...]:
+        """How well each flight followed."""
+        counts, reached = self.measured, self.velocities[1:]
+        mean = lambda x: (x * counts).sum(axis=0) / counts.sum(axis=0)  # noqa: E731
+        distance, speed = self.cross_track, np.linalg.norm(reached, axis=2)
+        missed = np.linalg.norm(reached - self.commands, axis=2)
+        lap = "the approach and one lap" if self.planner.path.closed else "the path"
+        return (
+            Quantity("cross-track RMS", "root mean square distance from the path", "cm",
+                     100.0 * np.sqrt(mean(distance**2))),
+            Quantity("cross-track maximum", "largest distance from the path", "cm",
+                     100.0 * (distance * counts).max(axis=0)),
+            Quantity("velocity error", "mean distance from the command one period later", "cm/s",
+                     100.0 * mean(missed)),
+            Quantity("speed error", f"mean difference from {self.planner.speed:g} m/s", "cm/s",
+                     100.0 * mean(np.abs(speed - self.planner.speed))),
+            Quantity("duration", f"time for {lap}", "s", self.durations),
+            Quantity("duty", "mean share of thrusters open", "%",
+                     100.0 * mean(self.flight.commands.mean(axis=2))),
+        )
+
+    def title(self) -> str:
+        """What was flown, in one line."""
+        arrived = int(np.isfinite(self.durations).sum())
+        path = self.planner.path
+        return (f"{self.flight.controller} along {path.name} ({path.length:.1f} m): {arrived} of "
+                f"{len(self.durations)} flights arrive")
+
+    def table(self) -> Table:
+        """For the terminal."""
+        table = Table("quantity", "mean", "worst flight", "meaning", title=self.title(),
+                      title_justify="left")
+        for name, meaning, unit, values in self.quantities():
+            table.add_row(name, *(_text(x, unit) for x in (values.mean(), values.max())), meaning)
+        return table
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values for a JSON file; null is the duration of a flight that never arrived."""
+        planner = self.planner
+        rows = [{"name": name, "meaning": meaning, "unit": unit, "mean": _json(values.mean()),
+                 "worst": _json(values.max()), "flights": [_json(x) for x in values]}
+                for name, meaning, unit, values in self.quantities()]
+        return {"title": self.title(), "path": planner.path.name, "length": planner.path.length,
+                "closed": planner.path.closed, "speed": planner.speed, "look_ahead": planner.radius,
+                "spacecraft": self.flight.craft.name,
+                "control_period": self.flight.timing.control_period, "quantities": rows}
+
+
+def follow(craft: Spacecraft, task: Task, tracker: Controller, planner: LookAhead, timing: Timing,
+           seed: int, count: int) -> Following:
+    """Fly along a path with our equations, in float64.
+
+    Flights start at rest with any attitude, up to `START_SPREAD` from the path's first point.
+
+    Args:
+        craft: what flies.
+        task: the one the tracker was made for.
+        tracker: holds velocities.
+        planner: path, speed and look-ahead; a planar path also serves in space.
+        timing: gives the control period; flights end when all had time enough to arrive.
+        seed: of the starts.
+        count: number of flights.
+
+    Raises:
+        ConfigError: the tracker does not track velocities or not such fast ones, or the path leaves
+            the plane of a planar spacecraft.
+    """
+    if not isinstance(task, TrackVelocity):
+        raise ConfigError("only an agent trained for track-velocity can follow a path, but "
+                          f"{tracker.name} was trained for another task.")
+    if planner.speed > task.target_speed[1]:
+        raise ConfigError(f"the speed must be at most the {task.target_speed[1]:g} m/s that "
+                          f"{tracker.name} was trained for, got {planner.speed:g}.")
+    if planner.path.dimension > craft.dimension:
+        raise ConfigError(f"the path {planner.path.name} is spatial, but {craft.name} moves in a plane; "
+                          "give a path of x and y only, such as the circle.")
+    if planner.path.dimension < craft.dimension:
+        planner = replace(planner, path=planner.path.in_space())
+    guided = Guided(tracker, task, planner)
+    flight = fly(craft, task, guided, _starts(planner.path, seed, count), _long_enough(planner, timing))
+    return Following(planner, flight, np.stack(guided.progress), np.stack(guided.commands))
+
+
+def _starts(path: Path, seed: int, count: int) -> Scenario:
+    """At rest near the first point; the goal's velocity is the planner's to give."""
+    episodes = np.arange(count, dtype=np.int32)
+    dimension: Any = path.dimension
+    random: Any = Random(dimension, *seed_words(seed), episodes, np.float64)
+    first = type(random.origin())(*path.points[0])
+    offset = random.direction().scale(random.uniform(0.0, START_SPREAD))
+    start = random.at_rest(first + offset, random.attitude())
+    goal = random.at_rest(random.origin(), random.no_rotation())
+    full = lambda x: np.zeros(count) + x  # noqa: E731
+    return Scenario(map_leaves(full, start), map_leaves(full, goal))
+
+
+def _long_enough(planner: LookAhead, timing: Timing) -> Timing:
+    seconds = _PATIENCE * planner.end * SPACING / planner.speed + _GRACE
+    return replace(timing, episode_steps=math.ceil(seconds / timing.control_period))
+
+
+def _text(value: float, unit: str) -> str:
+    return f"{value:.3g} {unit}" if math.isfinite(value) else "never"
+
+
+def _json(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None

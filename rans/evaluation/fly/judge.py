@@ -1,0 +1,112 @@
+"""Flights on all processors where one would take long: in Drake, and of controllers that are slow."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Callable
+from concurrent.futures import as_completed
+from concurrent.futures.process import BrokenProcessPool
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+
+from rans.errors import RansError
+from rans.evaluation.fly.protocols import Conditions
+from rans.flight import Controller, Flight, fly
+from rans.model.fields import map_leaves
+from rans.processes import submitted
+from rans.scenario import scenarios
+
+Engine = Literal["fast", "drake"]
+
+_SHARE = 64
+"""Episodes a process flies at once in Drake: from here on more of them take no less time each."""
+_SLOW_SHARE = 8
+"""The same of a controller that says it is ``slow``, which takes its time for every episode."""
+
+
+class Flown(NamedTuple):
+    """N flights, and how their controller fared."""
+
+    flight: Flight
+    stopped: int
+    """Times that the controller's solver found nothing; 0 of a controller without one."""
+
+
+def flown(controller: Controller, conditions: Conditions, seed: int, episodes: int,
+          engine: Engine = "fast", workers: int | None = None,
+          progress: Callable[[int], object] = lambda _: None) -> Flown:
+    """Fly from the task's starts.
+
+    Args:
+        controller: can be pickled; one that is slow has a true attribute ``slow``.
+        conditions: what flies, what for and how long; with the starts to fly from.
+        seed: of starts and goals; they are those of `rans.flight.scenarios`.
+        episodes: how many, from episode 0 of the seed on.
+        engine: what computes the motion.
+        workers: processes (see `rans.processes.submitted`); by default one per processor.
+        progress: called with the number of episodes that were flown since the last call.
+
+    Raises:
+        ConfigError: Drake refuses the spacecraft's mass properties.
+        RansError: a worker process died.
+    """
+    slow = getattr(controller, "slow", False)
+    share = _SLOW_SHARE if slow else _SHARE if engine == "drake" else episodes
+    jobs = [(seed, first, min(share, episodes - first)) for first in range(0, episodes, share)]
+    if len(jobs) == 1:
+        only = _flown(controller, conditions, engine, *jobs[0])
+        progress(episodes)
+        return only
+    given = pickle.dumps((controller, conditions, engine))  # torch would share tensors by open files
+    with submitted(_work, jobs, min(len(jobs), workers) if workers else None, _load, (given,)) as futures:
+        try:
+            for done in as_completed(futures):
+                progress(done.result().flight.commands.shape[1])
+        except BrokenProcessPool as error:
+            raise RansError(f"a process that flew {controller.name} died; the usual cause is too little "
+                            "memory.") from error
+        return _joined([future.result() for future in futures])
+
+
+_given: list[Any] = []
+"""Controller, conditions and engine, in each worker process."""
+
+
+def _load(given: bytes) -> None:
+    import torch
+
+    torch.set_num_threads(1)  # one process per processor
+    _given[:] = pickle.loads(given)
+
+
+def _work(seed: int, first: int, count: int) -> Flown:
+    controller, conditions, engine = _given
+    return _flown(controller, conditions, engine, seed, first, count)
+
+
+def _flown(controller: Controller, conditions: Conditions, engine: Engine, seed: int, first: int,
+           count: int) -> Flown:
+    craft, task, timing = conditions
+    starts = scenarios(task, craft, seed, count, first)
+    if engine == "fast":
+        flight = fly(craft, task, controller, starts, timing)
+    else:
+        from rans.reference.flight import fly_in_drake
+
+        flight = fly_in_drake(craft, task, controller, starts, timing)
+    return Flown(flight, getattr(controller, "failures", 0))
+
+
+def _joined(parts: list[Flown]) -> Flown:
+    """Flights of other episodes of the same task as one; episodes are the last axis of a field."""
+    def join(*fields: Any) -> np.ndarray:
+        return np.concatenate(fields, axis=-1)
+
+    first, *others = (part.flight for part in parts)
+    flight = Flight(first.craft, first.task, first.timing,
+                    map_leaves(join, first.states, *(f.states for f in others)),
+                    map_leaves(join, first.goals, *(f.goals for f in others)),
+                    np.concatenate([first.commands, *(f.commands for f in others)], axis=1),
+                    first.controller, first.engine)
+    return Flown(flight, sum(part.stopped for part in parts))

@@ -1,0 +1,60 @@
+"""Under which conditions a controller is judged: spacecraft, starts and length of the episodes."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+from typing import Any, Literal, NamedTuple
+
+from rans.errors import ConfigError
+from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft_file import load_spacecraft
+from rans.model.timing import Timing
+from rans.tasks import Task
+
+ProtocolName = Literal["own", "paper", "original"]
+
+_SPACECRAFT: dict[ProtocolName, str] = {
+    "paper": "floating-platform", "original": "floating-platform-shared"}
+_STEPS = 250
+"""50 s at 5 Hz (original system's evaluations)."""
+_START = (3.0, 4.0)
+"""Distance of the starts, m (paper, section 4.1)."""
+
+
+class Conditions(NamedTuple):
+    """What flies, what for and how long."""
+
+    craft: Spacecraft
+    task: Task
+    """Judge it on ``task.for_evaluation()``."""
+    timing: Timing
+
+
+def under_protocol(protocol: ProtocolName, own: Conditions) -> Conditions:
+    """The conditions of a protocol for somebody whose own ones are given.
+
+    "own" changes nothing. "paper" is the floating platform of 5.32 kg with 1 N a thruster, 250 steps of
+    0.2 s and, where a task starts away from its goal, starts 3 to 4 m away (paper, section 4.1).
+    "original" is the same with a total thrust of 1 N that the open thrusters share, as the published
+    code of the original system flies it.
+
+    Raises:
+        ConfigError: only planar spacecraft with eight thrusters fly under "paper" and "original".
+    """
+    if protocol == "own":
+        return own
+    craft = load_spacecraft(_SPACECRAFT[protocol])
+    if (own.craft.dimension, len(own.craft.thrusters)) != (craft.dimension, len(craft.thrusters)):
+        raise ConfigError(f"--protocol {protocol} is for planar spacecraft with {len(craft.thrusters)} "
+                          f"thrusters, but {own.craft.name} is another kind; use --protocol own.")
+    return Conditions(craft, _started_away(own.task), replace(Timing(), episode_steps=_STEPS))
+
+
+def fitting_protocols(craft: Spacecraft) -> tuple[ProtocolName, ...]:
+    """The protocols that fly this spacecraft: its own conditions, and those made for it."""
+    return ("own", *(name for name, known in _SPACECRAFT.items() if known == craft.name))
+
+
+def _started_away(task: Any) -> Task:
+    names = {field.name for field in fields(task)}
+    return replace(task, evaluation_distance=_START) if "evaluation_distance" in names else task

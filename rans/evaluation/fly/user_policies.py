@@ -1,0 +1,163 @@
+"""Policies made elsewhere, as controllers: an SB3 file, an ONNX file, or any Python function."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rans.errors import ConfigError
+from rans.files import first_line
+from rans.model.spacecraft import Spacecraft
+from rans.tasks import observation_width
+
+FORMS = "sb3:FILE.zip, onnx:FILE or python:MODULE:FUNCTION"
+"""What `user_policy` understands, for messages and help."""
+
+Policy = Callable[[np.ndarray], Any]
+"""(N, width) float32 observations, as `rans.tasks.observation` orders them, to (N, thrusters) zeros and
+ones."""
+
+
+class UserPolicy:
+    """A function of the observation, each of whose answers is checked before it flies.
+
+    Args:
+        name: as `user_policy` knows it.
+        policy: called with all episodes at once.
+        craft: whose thrusters it must command.
+    """
+
+    def __init__(self, name: str, policy: Policy, craft: Spacecraft) -> None:
+        self.name = name
+        self._policy, self._craft = policy, craft
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Another process loads it anew: not every policy can be pickled."""
+        return user_policy, (self.name, self._craft)
+
+    def reset(self, count: int) -> None:
+        """See `rans.flight.Controller`; a function has no memory."""
+
+    def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
+        """See `rans.flight.Controller`; looks at the observation only.
+
+        Raises:
+            ConfigError: the function fails, or answers something else than zeros and ones.
+        """
+        try:
+            commands = np.asarray(self._policy(observation), dtype=np.float64)
+        except Exception as error:  # somebody else's code raises anything
+            raise ConfigError(f"{self.name} failed: {type(error).__name__}: {first_line(error)}.") from error
+        wanted = (len(observation), len(self._craft.thrusters))
+        if commands.shape != wanted:
+            raise ConfigError(f"{self.name} must answer {wanted[0]} observations with commands of shape "
+                              f"{wanted}, got {commands.shape}.")
+        wrong = commands[(commands != 0.0) & (commands != 1.0)]
+        if wrong.size:
+            raise ConfigError(f"{self.name} must answer zeros (shut) and ones (open), got {wrong[0]:g}; "
+                              "probabilities have to be rounded by the policy.")
+        return commands
+
+
+def is_user_policy(spec: str) -> bool:
+    """Whether a text names a policy of `FORMS`."""
+    return spec.partition(":")[0] in _LOADERS and ":" in spec
+
+
+def user_policy(spec: str, craft: Spacecraft) -> UserPolicy:
+    """The policy behind ``sb3:FILE.zip``, ``onnx:FILE`` or ``python:MODULE:FUNCTION``.
+
+    Args:
+        spec: see above. An SB3 file is a pickle and a module is code: open only what you trust.
+        craft: whose thrusters it commands.
+
+    Raises:
+        ConfigError: it cannot be loaded, or is for another observation or other actions.
+    """
+    kind, _, name = spec.partition(":")
+    if not is_user_policy(spec) or not name:
+        raise ConfigError(f"there is no policy {spec!r}; known are {FORMS}.")
+    return UserPolicy(spec, _LOADERS[kind](name, craft), craft)
+
+
+def _sb3(name: str, craft: Spacecraft) -> Policy:
+    """The policy of any SB3 algorithm: the file names its class, so the algorithm need not be known."""
+    from stable_baselines3.common.save_util import load_from_zip_file
+
+    _check_file(name)
+    try:
+        data, parameters, _ = load_from_zip_file(name, device="cpu")
+        assert data is not None  # every SB3 file has them
+        spaces = data["observation_space"], data["action_space"]
+        policy = data["policy_class"](*spaces, lambda _: 0.0, **data["policy_kwargs"])
+        policy.load_state_dict(parameters["policy"])
+    except Exception as error:  # a damaged pickle raises anything
+        raise ConfigError(f"{name} is no policy that Stable-Baselines3 saved: "
+                          f"{first_line(error)}.") from error
+    policy.set_training_mode(False)
+    _check_spaces(name, *spaces, craft)
+    return lambda observation: policy.predict(observation, deterministic=True)[0]
+
+
+def _check_spaces(name: str, seen: Any, action: Any, craft: Spacecraft) -> None:
+    width, count = observation_width(craft.dimension), len(craft.thrusters)
+    if seen.shape != (width,):
+        raise ConfigError(f"{name} observes {seen.shape}, but {craft.name} shows ({width},).")
+    if not _on_off(action, count):
+        raise ConfigError(f"{name} acts by {action}, but all contestants open and shut {count} thrusters: "
+                          f"MultiDiscrete([2] * {count}) or MultiBinary({count}).")
+
+
+def _on_off(action: Any, count: int) -> bool:
+    from gymnasium.spaces import MultiBinary, MultiDiscrete
+
+    if isinstance(action, MultiDiscrete):
+        return action.nvec.shape == (count,) and bool((action.nvec == 2).all())
+    return isinstance(action, MultiBinary) and action.shape == (count,)
+
+
+def _onnx(name: str, craft: Spacecraft) -> Policy:
+    """A network with one input of observations, whose first output is the commands."""
+    try:
+        from onnxruntime import InferenceSession  # pyright: ignore[reportMissingImports]
+    except ImportError as error:
+        raise ConfigError(f"onnx:{name} needs the package onnxruntime: pip install 'rans[onnx]'.") from error
+    _check_file(name)
+    try:
+        session = InferenceSession(name, providers=["CPUExecutionProvider"])
+    except Exception as error:  # onnxruntime's errors have no common class
+        raise ConfigError(f"{name} is no ONNX network: {first_line(error)}.") from error
+    inputs = [node.name for node in session.get_inputs()]
+    if len(inputs) != 1:
+        raise ConfigError(f"{name} must have one input, the observation, got {', '.join(inputs)}.")
+    return lambda observation: session.run(None, {inputs[0]: observation})[0]
+
+
+def _python(name: str, craft: Spacecraft) -> Policy:
+    module, _, function = name.rpartition(":")
+    if not module or not function:
+        raise ConfigError(f"python:{name} must name a module and a function, as python:my_policy:act.")
+    folder = str(Path.cwd())
+    if folder not in sys.path:  # as `python -m` does; an installed command does not
+        sys.path.insert(0, folder)
+    try:
+        policy = getattr(importlib.import_module(module), function)
+    except Exception as error:  # a module's top level raises anything
+        raise ConfigError(f"python:{name} cannot be imported: {type(error).__name__}: "
+                          f"{first_line(error)}.") from error
+    if not callable(policy):
+        raise ConfigError(f"python:{name} is a {type(policy).__name__}, no function.")
+    return policy
+
+
+def _check_file(name: str) -> None:
+    if not Path(name).is_file():
+        raise ConfigError(f"there is no file {name}.")
+
+
+_LOADERS: dict[str, Callable[[str, Spacecraft], Policy]] = {"sb3": _sb3, "onnx": _onnx, "python": _python}

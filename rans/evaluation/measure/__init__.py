@@ -1,0 +1,1 @@
+"""What flights are worth, in numbers with intervals."""

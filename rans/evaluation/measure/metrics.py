@@ -1,0 +1,177 @@
+"""What is measured on every single episode; `rans.evaluation.measure.summary` makes statistics of it.
+
+"Steps" are the T states that follow the commands; the start is nobody's merit and is left out. The
+"last fifth" is the last T/5 of them, rounded down but at least one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rans.flight import Flight
+from rans.model.dynamics import thrust
+from rans.model.fields import map_leaves
+from rans.tasks.base import UNITS
+
+DISPLAY = {"position": (100.0, "cm"), "attitude": (math.degrees(1.0), "deg"),
+           "velocity": (100.0, "cm/s"), "spin": (math.degrees(1.0), "deg/s")}
+"""Factor from the SI unit and the unit in which people read an error."""
+
+_TIME_WITHIN = {"position": ("PT", (10, 5, 2, 1)), "attitude": ("OT", (5, 2, 1)),
+                "velocity": ("VT", (10, 5, 2, 1)), "spin": ("ST", (20, 10, 5, 2, 1))}
+"""Name and bounds, in the units of `DISPLAY`, of the time within. PT and OT are the original system's
+(2023), VT10, VT5 and VT2 its VE1, VE05 and VE02 (2024); ST continues them."""
+
+_REACH = {"position": (0.02, "2 cm", "1 cm", "15 cm"), "attitude": (0.087, "5 deg", "2.5 deg", "37 deg"),
+          "velocity": (0.15, "15 cm/s", "7.5 cm/s", "113 cm/s"),
+          "spin": (0.3, "0.3 rad/s", "0.15 rad/s", "2.25 rad/s")}
+"""The original system's success threshold (2023), SI; and it, its half and 7.5 times it in words."""
+_STAY = 7.5
+
+_HELD = {"position": (5, 2, 1), "attitude": (3, 2, 1), "velocity": (10, 5, 2), "spin": (20, 10, 5)}
+"""Bounds of three grades of holding a goal, in the units of `DISPLAY`."""
+
+_TRANSIENT = 5.0
+"""Time that tracking tasks are given to get up to speed before their errors count, s."""
+
+
+class Sample(NamedTuple):
+    """What one metric is made of."""
+
+    group: str
+    """Heading under which it belongs."""
+    name: str
+    meaning: str
+    """Equal for metrics that differ in the bound in their name only: tables show them in one line."""
+    unit: str
+    values: ArrayLike
+    """(N,), one per episode."""
+    centre: Callable[..., Any] = np.mean
+
+
+def samples(flight: Flight) -> Iterator[Sample]:
+    """Everything that is measured on a flight of any task."""
+    yield from _success(flight)
+    yield from _held(flight)
+    for quantity, error in flight.errors().items():
+        yield from _accuracy(flight, quantity, error)
+    yield from _motion(flight)
+    yield from _effort(flight)
+
+
+def settling_times(flight: Flight) -> np.ndarray:
+    """Time at which each episode enters all tolerances for good, (N,) s; infinite if it never does."""
+    inside = flight.task.reached(flight.states, flight.goals)
+    stays = np.logical_and.accumulate(inside[::-1])[::-1]
+    waited = (~stays).sum(axis=0)
+    return np.where(waited < len(stays), waited * flight.timing.control_period, np.inf)
+
+
+def on_times(flight: Flight) -> np.ndarray:
+    """Summed time the thrusters of each episode were open, (N,) thruster-seconds."""
+    return flight.commands.sum(axis=(0, 2)) * flight.timing.control_period
+
+
+def impulses(flight: Flight) -> np.ndarray:
+    """Thrust spent by each episode, force times time summed over thrusters, (N,) N s."""
+    shares = thrust(flight.craft, tuple(np.moveaxis(flight.commands, 2, 0)))
+    forces = (share * t.force for share, t in zip(shares, flight.craft.thrusters, strict=True))
+    return np.sum([f.sum(axis=0) for f in forces], axis=0) * flight.timing.control_period
+
+
+def final_errors(flight: Flight) -> dict[str, np.ndarray]:
+    """Mean error of each episode over its last fifth, each (N,), SI units."""
+    return {name: last_fifth(error).mean(axis=0) for name, error in flight.errors().items()}
+
+
+def solved(flight: Flight) -> np.ndarray:
+    """(N,) whether each episode is within all tolerances at every step of the last fifth."""
+    return np.asarray(last_fifth(flight.task.reached(flight.states, flight.goals)).all(axis=0))
+
+
+def last_fifth(instants: np.ndarray) -> np.ndarray:
+    """The end of an array whose first axis is the T + 1 instants."""
+    return instants[-max(1, (len(instants) - 1) // 5):]
+
+
+def _success(flight: Flight) -> Iterator[Sample]:
+    means, settling = final_errors(flight), settling_times(flight)
+    mean = np.all([means[name] < bound for name, bound in flight.task.tolerances().items()], axis=0)
+    for name, meaning, inside in (
+            ("solved", "within all tolerances at every step of the last fifth", solved(flight)),
+            ("solved in the mean", "mean errors of the last fifth within tolerances", mean),
+            ("settled", "enters all tolerances and stays", np.isfinite(settling))):
+        yield Sample("success", name, meaning, "%", 100.0 * inside)
+    yield Sample("success", "settling time", "median time to enter and stay", "s", settling, np.median)
+    yield Sample("success", "failed", "declared failed by the task at any time", "%",
+                 100.0 * flight.failed())
+
+
+def _held(flight: Flight) -> Iterator[Sample]:
+    """Like "solved", with other bounds than the task's tolerances."""
+    ends = {name: DISPLAY[name][0] * last_fifth(error) for name, error in flight.errors().items()
+            if name in flight.task.tolerances()}
+    for grade in range(3):
+        inside = np.all([(end < _HELD[name][grade]).all(axis=0) for name, end in ends.items()], axis=0)
+        bounds = " ".join(f"{_HELD[name][grade]} {DISPLAY[name][1]}" for name in ends)
+        yield Sample("success", f"held {bounds}", "within so much at every step of the last fifth", "%",
+                     100.0 * inside)
+
+
+def _accuracy(flight: Flight, quantity: str, error: np.ndarray) -> Iterator[Sample]:
+    factor, unit = DISPLAY[quantity]
+    after = error[1:]
+    short, bounds = _TIME_WITHIN[quantity]
+    for bound in bounds:
+        yield Sample(quantity, f"{short}{bound}", f"time steps with {quantity} error below so many {unit}",
+                     "%", 100.0 * (factor * after < bound).mean(axis=0))
+    threshold, whole, half, margin = _REACH[quantity]
+    for bound, text in ((threshold, whole), (threshold / 2, half)):
+        yield Sample(quantity, f"reach {text}", "ever closer than that", "%",
+                     100.0 * (after < bound).any(axis=0))
+    yield Sample(quantity, f"stay {margin}", f"once closer than {whole}, never farther than that", "%",
+                 100.0 * _stays(after, threshold))
+    yield Sample(quantity, f"{quantity} error", "mean over the last fifth", unit,
+                 factor * last_fifth(error).mean(axis=0))
+    tracked = flight.times > _TRANSIENT
+    if "position" not in flight.errors() and tracked.any():
+        yield Sample(quantity, f"{quantity} error after {_TRANSIENT:g} s", "mean from then on",
+                     UNITS[quantity], error[tracked].mean(axis=0))
+
+
+def _stays(error: np.ndarray, threshold: float) -> np.ndarray:
+    """(N,) whether each episode gets below the threshold and from then on keeps within the margin.
+
+    The original system also counts episodes that never got there but were always within the margin.
+    """
+    hit = np.logical_or.accumulate(error < threshold)
+    lost = hit & (error >= _STAY * threshold)
+    return np.logical_and(hit[-1], ~lost.any(axis=0))
+
+
+def _motion(flight: Flight) -> Iterator[Sample]:
+    after = map_leaves(lambda x: x[1:], flight.states)
+    spin = np.linalg.norm(after.spin(), axis=0)
+    yield Sample("motion", "speed", "mean linear speed (ALV)", "m/s", after.v.norm().mean(axis=0))
+    yield Sample("motion", "spin", "mean angular speed (AAV)", "rad/s", spin.mean(axis=0))
+    yield Sample("motion", "spin at rest", "the same over the last fifth", "rad/s",
+                 last_fifth(spin).mean(axis=0))
+
+
+def _effort(flight: Flight) -> Iterator[Sample]:
+    opened = np.diff(flight.commands, axis=0, prepend=0.0).clip(min=0.0).sum(axis=(0, 2))
+    last = flight.commands[-max(1, len(flight.commands) // 5):]
+    rewards = np.sum(list(flight.rewards().values()), axis=(0, 1))
+    for name, meaning, unit, values in (
+            ("duty", "mean share of thrusters open (AAC)", "%", 100.0 * flight.commands.mean(axis=(0, 2))),
+            ("duty at rest", "the same over the last fifth", "%", 100.0 * last.mean(axis=(0, 2))),
+            ("openings", "times a thruster opens, an episode", "", opened),
+            ("on-time", "thruster-seconds an episode", "s", on_times(flight)),
+            ("impulse", "thrust spent an episode", "N s", impulses(flight)),
+            ("return", "sum of rewards of the full episode", "", rewards)):
+        yield Sample("effort", name, meaning, unit, values)

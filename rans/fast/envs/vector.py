@@ -1,0 +1,148 @@
+"""Many spacecraft as one Gymnasium vector environment: torch tensors in and out, on one device."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from gymnasium.error import ResetNeeded
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from torch import Tensor
+
+from rans.errors import ConfigError
+from rans.fast.engine import Engine
+from rans.fast.envs.film import Film
+from rans.model.spacecraft import Spacecraft
+from rans.model.timing import Timing
+from rans.spaces import action_space, checked_render_mode, choose, observation_space
+from rans.tasks import Task
+from rans.tasks.base import Dimension
+
+
+class SpacecraftVectorEnv(VectorEnv[Tensor, Tensor, Tensor]):
+    """An `Engine` seen through Gymnasium's interface.
+
+    Made by ``gymnasium.make_vec("rans/GoToPose2D-v0", num_envs=4096)``. For wrappers that want NumPy
+    arrays use ``gymnasium.wrappers.vector.ArrayConversion(env, torch, numpy)``.
+
+    One seed serves the whole batch: environment i flies episodes i, i + N, i + 2 N, ... of it, and
+    episode k is the same whatever N is, here and in `SpacecraftEnv`.
+
+    Episodes restart in the step that ends them (``AutoresetMode.SAME_STEP``). Nothing waits for the
+    device, so every step's ``info`` has the same keys, tensors whose masks say where they count:
+    "final_obs" (N, width) and "final_info" {"is_success": (N,)} under "_final_obs" and "_final_info",
+    and "reward_terms" {name: (N,)} everywhere.
+
+    Args:
+        num_envs: N, number of spacecraft stepped together.
+        task_name: key of `rans.tasks.TASKS`.
+        dimension: 2 (plane) or 3 (space).
+        spacecraft: name, TOML file or object; None: the usual one of this dimension.
+        task: settings; None: the defaults.
+        timing: control period, accuracy and length of an episode.
+        device: torch device of every tensor.
+        dtype: torch.float32, or torch.float64 for comparisons.
+        compiled: see `Engine`.
+        render_mode: None; "rgb_array": `render` gives a frame of every environment; "human": every `reset`
+            and `step` shows the first 16 in the browser, at real time (see `rans.window.Window`).
+
+    Raises:
+        ConfigError: one of these does not exist or does not fit the others.
+    """
+
+    metadata = {"autoreset_mode": AutoresetMode.SAME_STEP,  # noqa: RUF012  (Gymnasium's)
+                "render_modes": ["human", "rgb_array"], "render_fps": 5}
+
+    def __init__(self, num_envs: int, task_name: str, dimension: Dimension, *,
+                 spacecraft: str | Path | Spacecraft | None = None, task: Task | None = None,
+                 timing: Timing | None = None, device: str | torch.device = "cpu",
+                 dtype: torch.dtype = torch.float32, compiled: bool | None = None,
+                 render_mode: str | None = None) -> None:
+        self.render_mode = checked_render_mode(render_mode)
+        craft, task = choose(task_name, dimension, spacecraft, task)
+        self.engine = Engine(craft, task, num_envs, timing, device=device, dtype=dtype,
+                             compiled=compiled)
+        self.num_envs, self.device = num_envs, self.engine.device
+        width = np.float32 if dtype == torch.float32 else np.float64
+        self.single_observation_space = observation_space(craft, width)
+        self.single_action_space = action_space(craft)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self._seeded = False
+        self.metadata = {**self.metadata, "render_fps": 1.0 / self.engine.timing.control_period}
+        self._film = None if render_mode is None else Film(self.engine, render_mode)
+
+    def reset(self, *, seed: int | None = None,
+              options: dict[str, Any] | None = None) -> tuple[Tensor, dict[str, Any]]:
+        """Start a new episode everywhere; the observation is (N, width).
+
+        Args:
+            seed: count episodes from 0 under this seed; by default go on counting, or at first under
+                a random seed.
+            options: there are none.
+
+        Raises:
+            ConfigError: the seed is a list, or there are options.
+        """
+        if options:
+            raise ConfigError(f"reset has no options here, got {options!r}.")
+        if seed is not None and not isinstance(seed, int):
+            raise ConfigError(f"the seed must be one whole number for the whole batch, got {seed!r}.")
+        super().reset(seed=seed)
+        if seed is None and not self._seeded:
+            seed = int(self.np_random.integers(2**63))
+        self._seeded = True
+        observation = self.engine.reset(seed)
+        if self._film is not None:
+            self._film.restart()
+        return observation, {}
+
+    def step(self, actions: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor, dict[str, Any]]:
+        """Hold the thrusters for one control period.
+
+        Args:
+            actions: (N, thrusters), 0 (shut) or 1 (open); a tensor of any dtype or an array.
+
+        Returns:
+            Observation (N, width), reward (N,), terminated (N,) bool, truncated (N,) bool, and the
+            info described in the class.
+
+        Raises:
+            ConfigError: the actions have another shape.
+            gymnasium.error.ResetNeeded: there was no `reset` yet.
+        """
+        self._require_reset()
+        actions = torch.as_tensor(actions, device=self.device)
+        step = self.engine.step(actions)
+        ended = step.terminated | step.truncated
+        if self._film is not None:
+            self._film.advance(actions, ended)
+        info = {
+            "reward_terms": dict(zip(self.engine.term_names, step.terms, strict=True)),
+            "final_obs": step.final_observation,
+            "_final_obs": ended,
+            "final_info": {"is_success": step.reached & step.truncated},
+            "_final_info": ended,
+        }
+        return step.observation, step.reward, step.terminated, step.truncated, info
+
+    def render(self) -> tuple[np.ndarray, ...] | None:  # type: ignore[override]
+        """A frame (240, 320, 3) uint8 of every environment in the mode "rgb_array".
+
+        Raises:
+            gymnasium.error.ResetNeeded: there was no `reset` yet.
+        """
+        self._require_reset()
+        return self._film.frames() if self._film is not None and self.render_mode == "rgb_array" else None
+
+    def _require_reset(self) -> None:
+        if not self._seeded:
+            raise ResetNeeded("call reset() before step() and render().")
+
+    def close_extras(self, **_: Any) -> None:
+        """Close the window, if there is one."""
+        if self._film is not None:
+            self._film.close()

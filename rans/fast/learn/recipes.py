@@ -1,0 +1,106 @@
+"""How the agents that come with RANS are trained, one row of values each (docs/agents.md)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from rans.fast.learn.config import PPOSettings, TrainConfig
+from rans.fast.learn.curriculum import Ramp
+from rans.tasks import task_class
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """What differs from agent to agent; the rest is as in every training."""
+
+    task: str
+    spacecraft: str
+    settings: dict[str, Any]
+    """Of the task, where they are not its defaults."""
+    ppo: PPOSettings = field(default_factory=PPOSettings)
+    total_timesteps: int = 10_000_000
+    curriculum: tuple[Ramp, ...] = ()
+
+
+_PLANE = PPOSettings(n_envs=256, n_steps=64, batch_size=4096, gamma=0.99, max_learning_rate=3e-3, anneal=0.7)
+"""Twice a preset's batch and a step size that falls to zero: minutes on one core, closer in the end."""
+_SHARP = replace(_PLANE, zoom=16.0)
+"""For goals that are held to millimetres."""
+_STILL = replace(_SHARP, initial_duty=0.12)
+"""With shut valves."""
+_WIDE = (128, 128)
+"""Layers for space."""
+_HOLD = {"fine_weight": 1.0, "rest_position": 0.006}
+_LARGE: dict[str, Any] = {"n_envs": 4096, "n_steps": 32, "batch_size": 32768, "layers": (256, 256)}
+_LONGER = 16
+"""On a GPU."""
+_PLATFORM, _SHARED, _FLYER, _FLYER_SHARED = (
+    "floating-platform", "floating-platform-shared", "free-flyer", "free-flyer-shared")
+_VELOCITY = {"fine_scale": 0.01, "thrust_weight": 0.05}
+_TWIST = {**_VELOCITY, "fine_spin_weight": 1.0, "fine_spin_scale": 0.01}
+
+RECIPES: dict[str, Recipe] = {
+    "go-to-pose-2d": Recipe(
+        "go-to-pose", _PLATFORM, {**_HOLD, "rest_attitude": 0.035, "thrust_weight": 0.13}, _SHARP,
+        25_000_000, (Ramp("thrust_weight", 0.05, 15_000_000, shape="geometric"),)),
+    "go-to-pose-2d-fast": Recipe(
+        "go-to-pose", _PLATFORM, {**_HOLD, "rest_attitude": 0.035}, _SHARP, 8_000_000),
+    "go-to-pose-2d-thrifty": Recipe(
+        "go-to-pose", _PLATFORM,
+        {"spawn_distance": (2.0, 4.3), "fine_weight": 2.5, "fine_position_scale": 0.015,
+         "fine_attitude_scale": 0.015, "misaligned_weight": 20.0, "rest_position": 0.04,
+         "rest_attitude": 0.07, "thrust_weight": 9.0, "spin_weight": 3.0},
+        replace(_STILL, gamma=0.995, reward_scale=0.03), 75_000_000,
+        tuple(Ramp(price, start, 52_500_000, shape="geometric") for price, start in
+              (("thrust_weight", 0.1), ("spin_weight", 0.1), ("misaligned_weight", 0.3)))),
+    "go-to-pose-2d-shared": Recipe(
+        "go-to-pose", _SHARED,
+        {"fine_weight": 1.0, "fine_position_scale": 0.006, "fine_attitude_scale": 0.006,
+         "rest_position": 0.007, "rest_attitude": 0.01, "thrust_weight": 0.175, "spin_weight": 0.08},
+        _STILL, 40_000_000,
+        (Ramp("fine_weight", 0.3, 25_000_000, 2_500_000, "geometric"),)),
+    "go-to-position-2d-shared": Recipe(
+        "go-to-position", _SHARED, {**_HOLD, "rest_spin": 0.03, "thrust_weight": 0.15}, _STILL, 25_000_000,
+        (Ramp("thrust_weight", 0.06, 15_000_000, 5_000_000, "geometric"),)),
+    "track-velocity-2d": Recipe("track-velocity", _PLATFORM, _VELOCITY, replace(_PLANE, symmetric=False)),
+    "track-twist-2d-shared": Recipe("track-twist", _SHARED, _TWIST, _STILL, 10_000_000,
+                                    (Ramp("thrust_weight", 0.01, 5_000_000, 1_250_000, "geometric"),)),
+    "track-velocity-heading-2d": Recipe(
+        "track-velocity-heading", _PLATFORM, {"fine_scale": 0.02}, _PLANE, 12_000_000),
+    "multi-task-2d": Recipe("multi-task", _PLATFORM, {}, replace(_PLANE, symmetric=False, layers=_WIDE),
+                            24_000_000),
+    "go-to-pose-3d": Recipe(
+        "go-to-pose", _FLYER, {"fine_weight": 1.5, "rest_position": 0.01, "rest_attitude": 0.02,
+                               "thrust_weight": 0.04}, replace(_SHARP, layers=_WIDE), 20_000_000),
+    "go-to-position-3d": Recipe(
+        "go-to-position", _FLYER,
+        {"fine_weight": 0.5, "rest_position": 0.007, "rest_spin": 0.03, "thrust_weight": 0.05,
+         "evaluation_distance": (1.0, 5.0), "spawn_distance": (0.5, 5.5)},
+        replace(_STILL, layers=_WIDE), 6_000_000),
+    "track-velocity-3d": Recipe(
+        "track-velocity", _FLYER, _VELOCITY, replace(_PLANE, symmetric=False, layers=_WIDE)),
+    "track-twist-3d-shared": Recipe(
+        "track-twist", _FLYER_SHARED, {**_TWIST, "fine_weight": 0.8, "thrust_weight": 0.015},
+        replace(_STILL, layers=_WIDE), 6_000_000),
+    "track-velocity-heading-3d": Recipe(
+        "track-velocity-heading", _FLYER, {"fine_scale": 0.02}, replace(_PLANE, layers=_WIDE), 8_000_000),
+    "multi-task-3d": Recipe("multi-task", _FLYER, {}, replace(_PLANE, symmetric=False, layers=_WIDE),
+                            16_000_000),
+}
+"""By the agent's name."""
+
+
+def recipe(name: str, device: str) -> TrainConfig:
+    """The training that the agent of this name, one of `RECIPES`, comes from on this device.
+
+    A GPU takes a larger network through `_LONGER` times the steps in less time than a CPU core its own.
+    """
+    given = RECIPES[name]
+    large = not device.startswith("cpu")
+    times = _LONGER if large else 1
+    ramps = tuple(replace(ramp, duration=ramp.duration * times, begin=ramp.begin * times)
+                  for ramp in given.curriculum)
+    return TrainConfig(given.task, task_class(given.task)(**given.settings), given.spacecraft,
+                       replace(given.ppo, **_LARGE) if large else given.ppo, curriculum=ramps, device=device,
+                       total_timesteps=given.total_timesteps * times, report_interval=64, solved_share=None)

@@ -1,0 +1,121 @@
+"""A run folder: what a training leaves on disk, complete at every moment."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from rans.errors import ConfigError
+from rans.fast.learn.config import TrainConfig, from_table, to_table
+from rans.files import (
+    environment,
+    first_line,
+    read_json,
+    read_json_lines,
+    replace_file,
+    write_json,
+    write_text,
+)
+from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft_file import load_spacecraft, spacecraft_text
+
+
+class RunFolder:
+    """Names and formats of the files of one training.
+
+    ``config.json`` re-runs it, ``spacecraft.toml`` is the spacecraft as it was, ``metrics.jsonl`` has
+    one row per report, ``checkpoint.pt`` continues it, ``policy.zip`` is the agent in SB3's format.
+
+    Args:
+        path: the folder; need not exist.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.config_file, self.spacecraft_file = path / "config.json", path / "spacecraft.toml"
+        self.metrics_file, self.checkpoint_file = path / "metrics.jsonl", path / "checkpoint.pt"
+        self.policy_file = path / "policy.zip"
+
+    def begin(self, config: TrainConfig, command: str) -> None:
+        """Write what is known before training.
+
+        Raises:
+            ConfigError: the folder holds another training already.
+        """
+        if self.config_file.exists():
+            raise ConfigError(
+                f"{self.path} holds a training already; continue it with --resume {self.path}, or "
+                "choose another folder with --run.")
+        write_text(self.spacecraft_file, spacecraft_text(config.spacecraft))
+        about = {"command": command, "environment": environment()}
+        write_json(self.config_file, to_table(config) | {"about": about})
+
+    def config(self) -> TrainConfig:
+        """The training's config.
+
+        Raises:
+            ConfigError: the folder holds no training, or one of another version.
+        """
+        if not self.config_file.exists():
+            raise ConfigError(f"{self.path} is not a run folder: it has no config.json.")
+        return read_config(self.config_file)
+
+    def spacecraft(self) -> Spacecraft:
+        """The spacecraft as it was when training began, whatever became of its file."""
+        return load_spacecraft(self.spacecraft_file)
+
+    def append_metrics(self, row: dict[str, Any]) -> None:
+        """Add one row to ``metrics.jsonl``.
+
+        Raises:
+            ConfigError: the disk refused.
+        """
+        try:
+            with self.metrics_file.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(row) + "\n")
+        except OSError as error:
+            raise ConfigError(f"cannot write {self.metrics_file}: {error}; is the disk full?") from error
+
+    def metrics(self) -> list[dict[str, Any]]:
+        """Rows so far; a row cut off in the middle of writing is left out."""
+        return read_json_lines(self.metrics_file) if self.metrics_file.exists() else []
+
+    def forget_after(self, steps: int) -> None:
+        """Drop the metrics of steps that a resumed training will take again."""
+        rows = [row for row in self.metrics() if row["steps"] <= steps]
+        write_text(self.metrics_file, "".join(json.dumps(row) + "\n" for row in rows))
+
+    def save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        """Write everything needed to go on, or leave the old checkpoint in place."""
+        replace_file(self.checkpoint_file, lambda draft: torch.save(checkpoint, draft))
+
+    def load_checkpoint(self, device: str) -> dict[str, Any]:
+        """The latest checkpoint.
+
+        Raises:
+            ConfigError: it cannot be read or is damaged.
+        """
+        try:
+            return torch.load(self.checkpoint_file, map_location=device, weights_only=True)
+        except Exception as error:  # a damaged pickle raises anything
+            raise ConfigError(f"{self.checkpoint_file} is damaged: {first_line(error)}.") from error
+
+
+def read_config(file: Path) -> TrainConfig:
+    """The config in a JSON file, such as a run's ``config.json``.
+
+    Raises:
+        ConfigError: the file or its content is not what it should be.
+    """
+    table = read_json(file)
+    if isinstance(table, dict):
+        table.pop("about", None)
+        if isinstance(timing := table.get("timing"), dict) and timing.get("substeps", 1) is None:
+            del timing["substeps"]  # older runs left the choice open
+    try:
+        return from_table(table)
+    except ConfigError as error:
+        raise ConfigError(f"{file}: {error}") from error

@@ -1,0 +1,283 @@
+"""Vectors and rotations whose members are *fields*, and the functions that act on fields.
+
+A field is one scalar quantity of however many spacecraft: a torch tensor ``(N,)`` in the fast
+engine, a float or NumPy array in a test or the Drake environment, a CasADi ``SX`` in an optimal
+control problem, a `rans.model.trace.Symbol` while a GPU kernel is generated. Equations written
+over fields are plain arithmetic on named scalars, so one source serves all these libraries and
+compiles into one kernel (docs/decisions/001-structure-of-fields.md).
+
+Two rules keep it traceable: multiply a vector with ``v.scale(s)``, never ``s * v`` (a torch tensor
+on the left takes the operator first), and never branch on a field: use `where`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, TypeVar
+
+import numpy as np
+
+Field = Any
+"""A torch tensor (N,), a NumPy array, a float, or a CasADi SX; see the module's docstring."""
+
+Tree = TypeVar("Tree")
+"""A field, or a frozen dataclass of trees."""
+
+_CASADI_NAMES = {"abs": "fabs", "minimum": "fmin", "maximum": "fmax", "where": "if_else"}
+_NUMPY_NAMES = {"atan2": "arctan2"}
+
+
+def _function(name: str, *fields: Field) -> Callable[..., Field]:
+    """The function of this name in the library that the first non-float field belongs to."""
+    for field in fields:
+        library = type(field).__module__.partition(".")[0]
+        if library == "torch":
+            return getattr(sys.modules["torch"], name)
+        if library == "casadi":
+            return getattr(sys.modules["casadi"], _CASADI_NAMES.get(name, name))
+        if library == "rans":
+            return partial(type(field).apply, name)
+    return getattr(np, _NUMPY_NAMES.get(name, name))
+
+
+def sin(x: Field) -> Field:
+    """Sine of an angle in rad."""
+    return _function("sin", x)(x)
+
+
+def cos(x: Field) -> Field:
+    """Cosine of an angle in rad."""
+    return _function("cos", x)(x)
+
+
+def exp(x: Field) -> Field:
+    """Natural exponential."""
+    return _function("exp", x)(x)
+
+
+def sqrt(x: Field) -> Field:
+    """Square root."""
+    return _function("sqrt", x)(x)
+
+
+def absolute(x: Field) -> Field:
+    """Absolute value."""
+    return _function("abs", x)(x)
+
+
+def floor(x: Field) -> Field:
+    """Largest whole number not above x."""
+    return _function("floor", x)(x)
+
+
+def atan2(y: Field, x: Field) -> Field:
+    """Angle of the point (x, y), rad, in [-pi, pi]."""
+    return _function("atan2", y, x)(y, x)
+
+
+def where(condition: Field, a: Field, b: Field) -> Field:
+    """``a`` where the condition holds, else ``b``."""
+    return _function("where", condition, a, b)(condition, a, b)
+
+
+def at_least(x: Field, bound: float) -> Field:
+    """The larger of a field and a constant."""
+    if type(x).__module__.startswith("torch"):
+        return x.clamp(min=bound)
+    return _function("maximum", x)(x, bound)
+
+
+def wrap(angle: Field) -> Field:
+    """The same angle within [-pi, pi), rad."""
+    return angle - math.tau * floor(angle / math.tau + 0.5)
+
+
+def leaves(tree: Any) -> tuple[Field, ...]:
+    """The fields of a tree of frozen dataclasses, in the order of definition."""
+    if not dataclasses.is_dataclass(tree):
+        return (tree,)
+    return tuple(x for f in dataclasses.fields(tree) for x in leaves(getattr(tree, f.name)))
+
+
+def map_leaves(function: Callable[..., Field], tree: Tree, *others: Tree) -> Tree:
+    """A tree of the same shape whose every field is ``function(field, *fields_of_the_others)``."""
+    if not dataclasses.is_dataclass(tree):
+        return function(tree, *others)
+    members = [
+        map_leaves(function, getattr(tree, f.name), *(getattr(o, f.name) for o in others))
+        for f in dataclasses.fields(tree)
+    ]
+    return type(tree)(*members)  # type: ignore[return-value]
+
+
+def unflatten(tree: Tree, fields: Any) -> Tree:
+    """A tree of the same shape filled with the fields, in the order `leaves` gives them."""
+    fields = iter(fields)
+    return map_leaves(lambda _: next(fields), tree)
+
+
+@dataclass(frozen=True)
+class Vec2:
+    """A vector in the plane."""
+
+    x: Field
+    y: Field
+
+    def __add__(self, other: Vec2) -> Vec2:
+        return Vec2(self.x + other.x, self.y + other.y)
+
+    def __sub__(self, other: Vec2) -> Vec2:
+        return Vec2(self.x - other.x, self.y - other.y)
+
+    def scale(self, s: Field) -> Vec2:
+        """The vector times a scalar field."""
+        return Vec2(self.x * s, self.y * s)
+
+    def dot(self, other: Vec2) -> Field:
+        """Scalar product."""
+        return self.x * other.x + self.y * other.y
+
+    def norm(self) -> Field:
+        """Euclidean length."""
+        return sqrt(self.dot(self))
+
+    def columns(self) -> tuple[Field, ...]:
+        """The components, in order."""
+        return (self.x, self.y)
+
+
+@dataclass(frozen=True)
+class Vec3:
+    """A vector in space."""
+
+    x: Field
+    y: Field
+    z: Field
+
+    def __add__(self, other: Vec3) -> Vec3:
+        return Vec3(self.x + other.x, self.y + other.y, self.z + other.z)
+
+    def __sub__(self, other: Vec3) -> Vec3:
+        return Vec3(self.x - other.x, self.y - other.y, self.z - other.z)
+
+    def scale(self, s: Field) -> Vec3:
+        """The vector times a scalar field."""
+        return Vec3(self.x * s, self.y * s, self.z * s)
+
+    def dot(self, other: Vec3) -> Field:
+        """Scalar product."""
+        return self.x * other.x + self.y * other.y + self.z * other.z
+
+    def cross(self, other: Vec3) -> Vec3:
+        """Vector product."""
+        return Vec3(
+            self.y * other.z - self.z * other.y,
+            self.z * other.x - self.x * other.z,
+            self.x * other.y - self.y * other.x,
+        )
+
+    def norm(self) -> Field:
+        """Euclidean length."""
+        return sqrt(self.dot(self))
+
+    def columns(self) -> tuple[Field, ...]:
+        """The components, in order."""
+        return (self.x, self.y, self.z)
+
+
+@dataclass(frozen=True)
+class Heading:
+    """A rotation in the plane, R_WB, given by its angle.
+
+    Like `Quat`, it rotates vectors, compares with another rotation and lists its entries, so that a
+    task written for one serves both.
+    """
+
+    angle: Field
+    """Heading of B's x axis in W, rad, not wrapped."""
+
+    def rotate(self, v: Vec2) -> Vec2:
+        """A vector given in B, expressed in W."""
+        c, s = cos(self.angle), sin(self.angle)
+        return Vec2(c * v.x - s * v.y, s * v.x + c * v.y)
+
+    def to(self, goal: Heading) -> Heading:
+        """The rotation from this attitude to the goal's, R_B^T R_goal."""
+        return Heading(goal.angle - self.angle)
+
+    def magnitude(self) -> Field:
+        """The angle of the shortest equal rotation, rad, in [0, pi]."""
+        return absolute(wrap(self.angle))
+
+    def normalised(self) -> Heading:
+        """The same rotation with its angle in [-pi, pi)."""
+        return Heading(wrap(self.angle))
+
+    def columns(self) -> tuple[Field, ...]:
+        """The first column of the rotation matrix: (cos, sin)."""
+        return (cos(self.angle), sin(self.angle))
+
+
+@dataclass(frozen=True)
+class Quat:
+    """A rotation in space, R_WB, given by a unit quaternion (w, x, y, z)."""
+
+    w: Field
+    x: Field
+    y: Field
+    z: Field
+
+    def rotate(self, v: Vec3) -> Vec3:
+        """A vector given in B, expressed in W: (w^2 - u.u) v + 2 (u.v) u + 2 w u x v, u = (x, y, z).
+
+        Off unit length this form scales the vector but still turns it exactly; the shorter
+        v + 2 u x (u x v + w v) does not.
+        """
+        w, u = self.w, Vec3(self.x, self.y, self.z)
+        along = v.scale(w * w - u.dot(u)) + u.scale(2.0 * u.dot(v))
+        return along + u.cross(v).scale(2.0 * w)
+
+    def times(self, other: Quat) -> Quat:
+        """Hamilton product: first the other rotation, then this one."""
+        a, b = self, other
+        return Quat(
+            a.w * b.w - a.x * b.x - a.y * b.y - a.z * b.z,
+            a.w * b.x + a.x * b.w + a.y * b.z - a.z * b.y,
+            a.w * b.y - a.x * b.z + a.y * b.w + a.z * b.x,
+            a.w * b.z + a.x * b.y - a.y * b.x + a.z * b.w,
+        )
+
+    def conjugate(self) -> Quat:
+        """The inverse rotation."""
+        return Quat(self.w, -self.x, -self.y, -self.z)
+
+    def to(self, goal: Quat) -> Quat:
+        """The rotation from this attitude to the goal's, R_B^T R_goal."""
+        return self.conjugate().times(goal)
+
+    def magnitude(self) -> Field:
+        """The angle of the rotation, rad, in [0, pi]; without arccos it has no NaN at the ends."""
+        return 2.0 * atan2(Vec3(self.x, self.y, self.z).norm(), absolute(self.w))
+
+    def normalised(self) -> Quat:
+        """The same rotation scaled to unit length."""
+        w, x, y, z = self.w, self.x, self.y, self.z
+        s = 1.0 / sqrt(w * w + x * x + y * y + z * z)
+        return Quat(w * s, x * s, y * s, z * s)
+
+    def columns(self) -> tuple[Field, ...]:
+        """The first two rows of the rotation matrix: the continuous 6-D representation."""
+        w, x, y, z = self.w, self.x, self.y, self.z
+        return (
+            1.0 - 2.0 * (y * y + z * z),
+            2.0 * (x * y - w * z),
+            2.0 * (x * z + w * y),
+            2.0 * (x * y + w * z),
+            1.0 - 2.0 * (x * x + z * z),
+            2.0 * (y * z - w * x),
+        )

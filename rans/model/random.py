@@ -1,0 +1,134 @@
+"""Counter-based random numbers: what an episode draws is a function of seed and episode number alone."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Literal
+
+import numpy as np
+
+from rans.errors import ConfigError
+from rans.model.dynamics import PlanarState, SpatialState, State
+from rans.model.fields import Field, Heading, Quat, Vec2, Vec3, cos, sin, sqrt
+
+
+def seed_words(seed: int) -> tuple[int, int]:
+    """A 64-bit seed, signed or not, as two signed 32-bit words (low, high).
+
+    Raises:
+        ConfigError: the seed has more than 64 bits.
+    """
+    if not -(2**63) <= seed < 2**64:
+        raise ConfigError(f"the seed must be a whole number of at most 64 bits, got {seed}.")
+    bits = np.array([seed & 0xFFFFFFFF, (seed >> 32) & 0xFFFFFFFF], dtype=np.uint32)
+    low, high = bits.view(np.int32)
+    return int(low), int(high)
+
+
+def hash4(a: Field, b: Field, c: Field, d: Field) -> tuple[Field, ...]:
+    """Four random 32-bit words from four counters, each an int32 field with wrap-around arithmetic.
+
+    PCG4D of Jarzynski and Olano, "Hash Functions for GPU Rendering", JCGT 9(3), 2020: the cheapest
+    of their hashes that passes the statistical tests at four words in, four words out.
+    """
+    a, b, c, d = (x * 1664525 + 1013904223 for x in (a, b, c, d))
+    a, b, c, d = _mix(a, b, c, d)
+    a, b, c, d = (x ^ ((x >> 16) & 0xFFFF) for x in (a, b, c, d))
+    return _mix(a, b, c, d)
+
+
+def _mix(a: Field, b: Field, c: Field, d: Field) -> tuple[Field, ...]:
+    a = a + b * d
+    b = b + c * a
+    c = c + a * b
+    d = d + b * c
+    return a, b, c, d
+
+
+class Random:
+    """Draws for one episode (of many spacecraft at once); each call takes the next numbers.
+
+    Args:
+        dimension: 2 or 3; decides what `direction` and `attitude` return.
+        low: low word of the seed, an int or an int32 field.
+        high: high word of the seed.
+        episode: number of the episode, int32 field.
+        dtype: floating dtype of the draws, of the episode's library.
+    """
+
+    def __init__(self, dimension: Literal[2, 3], low: Field, high: Field, episode: Field,
+                 dtype: Any) -> None:
+        self.dimension = dimension
+        self._key = (low, high)
+        self._episode = episode
+        self._dtype = dtype
+        self._words: tuple[Field, ...] = ()
+        self._blocks = 0
+
+    def unit(self) -> Field:
+        """Uniform in [0, 1), a multiple of 2^-24 and so the same in float32 and float64."""
+        if not self._words:
+            low, high = (self._episode * 0 + word for word in self._key)
+            self._words = hash4(self._episode, self._episode * 0 + self._blocks, low, high)
+            self._blocks += 1
+        word, self._words = self._words[0], self._words[1:]
+        bits = (word >> 8) & 0xFFFFFF
+        real = bits.astype(self._dtype) if isinstance(bits, np.ndarray) else bits.to(self._dtype)
+        return real * 2.0**-24
+
+    def uniform(self, low: float, high: float) -> Field:
+        """Uniform between two bounds."""
+        return low + (high - low) * self.unit()
+
+    def direction(self) -> Vec2 | Vec3:
+        """A unit vector, uniform on the circle or the sphere (Archimedes' cylinder)."""
+        angle = self.uniform(-math.pi, math.pi)
+        if self.dimension == 2:
+            return Vec2(cos(angle), sin(angle))
+        z = self.uniform(-1.0, 1.0)
+        r = sqrt(1.0 - z * z)
+        return Vec3(r * cos(angle), r * sin(angle), z)
+
+    def attitude(self) -> Heading | Quat:
+        """A rotation, uniform over the full circle or over SO(3) (Shoemake, Graphics Gems III)."""
+        if self.dimension == 2:
+            return Heading(self.uniform(-math.pi, math.pi))
+        u = self.unit()
+        first, second = self.uniform(-math.pi, math.pi), self.uniform(-math.pi, math.pi)
+        a, b = sqrt(1.0 - u), sqrt(u)
+        return Quat(b * cos(second), a * sin(first), a * cos(first), b * sin(second))
+
+    def spin(self, fastest: float) -> Field | Vec3:
+        """An angular velocity up to this rate, rad/s: about z either way, or about any axis of B."""
+        if self.dimension == 2:
+            return self.uniform(-fastest, fastest)
+        return self.direction().scale(self.uniform(0.0, fastest))  # type: ignore[return-value]
+
+    def around(self, low: float, high: float) -> State:
+        """A state at rest so far from the origin, m, with any bearing and attitude."""
+        direction, distance = self.direction(), self.uniform(low, high)
+        return self.at_rest(direction.scale(distance), self.attitude())
+
+    def at_rest(self, p: Vec2 | Vec3, attitude: Heading | Quat) -> State:
+        """The state at this place with no velocity."""
+        return self._state(p, attitude, self.origin(), self.no_spin())
+
+    def moving(self, velocity: Vec2 | Vec3, attitude: Heading | Quat,
+               spin: Field | Vec3 | None = None) -> State:
+        """The state at the origin with this velocity and spin, by default none."""
+        return self._state(self.origin(), attitude, velocity, self.no_spin() if spin is None else spin)
+
+    def _state(self, p: Any, attitude: Any, v: Any, w: Any) -> State:
+        return PlanarState(p, attitude, v, w) if self.dimension == 2 else SpatialState(p, attitude, v, w)
+
+    def no_spin(self) -> Field | Vec3:
+        """No angular velocity."""
+        return 0.0 if self.dimension == 2 else Vec3(0.0, 0.0, 0.0)
+
+    def no_rotation(self) -> Heading | Quat:
+        """The attitude of W."""
+        return Heading(0.0) if self.dimension == 2 else Quat(1.0, 0.0, 0.0, 0.0)
+
+    def origin(self) -> Vec2 | Vec3:
+        """The origin of W."""
+        return Vec2(0.0, 0.0) if self.dimension == 2 else Vec3(0.0, 0.0, 0.0)

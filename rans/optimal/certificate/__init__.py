@@ -1,0 +1,1 @@
+"""Certified bounds: what no on/off controller can do better."""

@@ -1,0 +1,113 @@
+"""Maximisation of the dual function over the costate: cutting planes within a trust region.
+
+Kelley's method ("The cutting-plane method for solving convex programs", J. SIAM 8(4), 1960), kept from
+jumping by a box around the best costate so far. How well it does decides only how good a bound is:
+every costate it asks for gives a valid one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rans.optimal.certificate.dual import Bound, Branch, Relaxation
+
+_FARTHEST = 10.0
+"""Half the edge of the largest box, in scaled costate; those of least fuel are about 1."""
+
+
+@dataclass(frozen=True)
+class Cut:
+    """A path's cost is linear in the costate: the dual function lies below it everywhere."""
+
+    offset: float
+    """Of the plane at costate zero."""
+    slope: np.ndarray
+    """(4,) per scaled costate."""
+    path: np.ndarray
+    """(N,) patterns."""
+
+
+@dataclass(frozen=True)
+class Ascent:
+    """Where the maximisation stopped."""
+
+    best: Bound
+    """The greatest bound found."""
+    cuts: list[Cut]
+    """Of every costate asked for."""
+    weights: np.ndarray
+    """(cuts,) of the mixture of paths that the relaxation takes for a solution; sum 1 or all zero."""
+
+
+def scale(relaxation: Relaxation) -> np.ndarray:
+    """(4,) costates that are worth as much as the fuel: one newton second changes m v by one."""
+    mass, time = relaxation.lattice.craft.mass, relaxation.steps * relaxation.lattice.period
+    return mass * np.array([1.0, 1.0, 2.0 / time, 2.0 / time])
+
+
+def towards_goal(relaxation: Relaxation) -> np.ndarray:
+    """(4,) the scaled costate of a flight in a straight line: thrust ahead, then back."""
+    start, goal = relaxation.start, relaxation.goal
+    way = goal.p - start.p - start.v.scale(relaxation.steps * relaxation.lattice.period)
+    length = way.norm()
+    direction = np.array([way.x, way.y]) / length if length > 0 else np.array([1.0, 0.0])
+    return np.concatenate([direction, -direction])
+
+
+def ascend(relaxation: Relaxation, branch: Branch, start: np.ndarray, cuts: list[Cut], target: float,
+           tolerance: float, trust: float, most: int) -> Ascent:
+    """Raise the bound until it exceeds the target, can hardly rise any more, or patience ends.
+
+    Args:
+        relaxation: whose dual function to maximise. Where fuel is free the function is homogeneous, and
+            costates are kept on the plane through the start on which only their direction varies.
+        branch: the paths that count.
+        start: (4,) scaled costate.
+        cuts: known planes of paths of the branch.
+        target: bound that suffices.
+        tolerance: rise not worth another evaluation.
+        trust: half the edge of the first box, in scaled costate.
+        most: evaluations.
+    """
+    unit, cuts = scale(relaxation), list(cuts)
+    normal = towards_goal(relaxation) if relaxation.fuel == 0.0 else None
+    best, centre, weights = relaxation.bound(start * unit, branch), start, np.zeros(0)
+    latest, point = best, start
+    for _ in range(most):
+        if np.isinf(latest.value):
+            return Ascent(latest, cuts, weights)
+        slope = latest.gradient * unit
+        cuts.append(Cut(float(latest.value - slope @ point), slope, latest.path))
+        if best.value > target:
+            break
+        point, ceiling, weights = _highest(cuts, centre, trust, normal)
+        while (ceiling - best.value < tolerance and trust < _FARTHEST
+               and np.abs(point - centre).max() > 0.99 * trust):
+            trust *= 4.0  # the box holds it back, not the cuts
+            point, ceiling, weights = _highest(cuts, centre, trust, normal)
+        if ceiling - best.value < tolerance:
+            break
+        latest = relaxation.bound(point * unit, branch)
+        rise = (latest.value - best.value) / (ceiling - best.value)
+        trust *= 2.0 if rise > 0.5 else 1.0 if rise > 0.1 else 0.5
+        if rise > 0:
+            best, centre = latest, point
+    return Ascent(best, cuts, np.append(weights, np.zeros(len(cuts) - len(weights))))
+
+
+def _highest(cuts: list[Cut], centre: np.ndarray, trust: float,
+             normal: np.ndarray | None) -> tuple[np.ndarray, float, np.ndarray]:
+    """The point of the box where the lowest cut is highest, its height, and the cuts' weights."""
+    from scipy.optimize import linprog
+
+    planes = np.array([np.append(-cut.slope, 1.0) for cut in cuts])
+    box = [(x - trust, x + trust) for x in centre]
+    plane = None if normal is None else np.append(normal, 0.0)[None]
+    level = None if normal is None else [normal @ centre]
+    answer = linprog([0.0, 0.0, 0.0, 0.0, -1.0], A_ub=planes, b_ub=[cut.offset for cut in cuts],
+                     A_eq=plane, b_eq=level, bounds=[*box, (None, None)], method="highs")
+    if answer.x is None:  # planes so large that the solver gives up: stay
+        return centre, -np.inf, np.zeros(len(cuts))
+    return answer.x[:4], -float(answer.fun), np.abs(answer.ineqlin.marginals)

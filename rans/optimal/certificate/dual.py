@@ -1,0 +1,269 @@
+"""Lagrangian relaxation of the on/off problem: exact in attitude, dual in position and velocity.
+
+For any costate the relaxation's value bounds from below what every on/off controller pays that ends in
+the goal set. docs/certificate.md proves it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from rans.errors import ConfigError
+from rans.model.dynamics import PlanarState
+from rans.model.fields import wrap
+from rans.optimal.certificate.lattice import GoalSet, Lattice
+
+_EPSILON = float(np.finfo(np.float64).eps)
+_MERGED = 3e-12
+"""Patterns whose forces differ by less than 1e-12 of the largest, in x and in y, count as one."""
+_LARGEST = float(np.finfo(np.float64).max)
+
+
+@dataclass(frozen=True)
+class Branch:
+    """A part of the paths: heading indices low <= a < high per period and spin, patterns per period."""
+
+    low: np.ndarray
+    """(N + 1, spins) whole numbers, counted from the array's start."""
+    high: np.ndarray
+    patterns: np.ndarray
+    """(N, P) whether a pattern may be used."""
+
+    def at_most(self, k: int, a: int) -> Branch:
+        """Those paths whose heading index at period k does not exceed a."""
+        high = self.high.copy()
+        high[k] = np.maximum(self.low[k], np.minimum(high[k], a + 1))
+        return replace(self, high=high)
+
+    def above(self, k: int, a: int) -> Branch:
+        """The other paths."""
+        low = self.low.copy()
+        low[k] = np.minimum(self.high[k], np.maximum(low[k], a + 1))
+        return replace(self, low=low)
+
+    def using(self, k: int, patterns: np.ndarray) -> Branch:
+        """Those paths that use one of these patterns, (P,) of truth values, in period k."""
+        allowed = self.patterns.copy()
+        allowed[k] &= patterns
+        return replace(self, patterns=allowed)
+
+    def range(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lowest and highest index per period, (N + 1,) each; the lowest is above where none is left."""
+        some = self.high > self.low
+        lowest = np.where(some, self.low, np.iinfo(np.int64).max).min(axis=1)
+        return lowest, np.where(some, self.high - 1, -1).max(axis=1)
+
+
+@dataclass(frozen=True)
+class Bound:
+    """What one costate proves."""
+
+    value: float
+    """No path of the branch costs less; rounding is subtracted. N s, or m/s where fuel is free."""
+    gradient: np.ndarray
+    """(4,) a supergradient with respect to the costate."""
+    costate: np.ndarray
+    """(4,) multipliers of the final velocity (x, y) and position (x, y), N s per m/s and per m."""
+    path: np.ndarray
+    """(N,) the cheapest pattern of every period."""
+
+
+class Relaxation:
+    """The dual problem from one start to one goal in N periods.
+
+    Args:
+        lattice: of the spacecraft and its control period.
+        start: of floats.
+        goal: of floats.
+        goal_set: what counts as arrived.
+        steps: N.
+        cap: only controllers that burn at most this are looked at, N s; None: all.
+        fuel: weight of the fuel: 1, or 0 to ask only whether the goal set can be reached.
+
+    Raises:
+        ConfigError: no whole number of pulses ends with the goal's spin, or numba is missing.
+    """
+
+    def __init__(self, lattice: Lattice, start: PlanarState, goal: PlanarState, goal_set: GoalSet,
+                 steps: int, cap: float | None, fuel: float = 1.0) -> None:
+        self.lattice, self.start, self.goal, self.goal_set = lattice, start, goal, goal_set
+        self.steps, self.cap, self.fuel = steps, cap, fuel
+        self.net = goal_set.net_spins(lattice, start, goal)
+        self._kernel = _kernel()
+        self._tables(self._spin_limits())
+        self._before, self._after = np.empty(self._shape), np.empty(self._shape)
+        self._after[-1] = np.where(self._arrived(), 0.0, np.inf)
+        self._before[0] = np.inf
+        self._before[0, self._reach, self._origin] = 0.0
+
+    def _spin_limits(self) -> np.ndarray:
+        """(N + 1,) bounds of |n|: by the torque at hand before and after, and by the fuel to spend."""
+        k, most = np.arange(self.steps + 1), np.abs(self.lattice.patterns.torque).max()
+        last = max(abs(n) for n in self.net)
+        limit = np.minimum(most * k, most * (self.steps - k) + last)
+        if self.cap is not None:
+            bought = self.cap * self.lattice.quanta_per_fuel * (1 + 1e-12)
+            limit = np.minimum(limit, int((bought + last) / 2))
+        return limit
+
+    def _tables(self, limits: np.ndarray) -> None:
+        lattice, steps, h = self.lattice, self.steps, self.lattice.period
+        self._reach = int(max(limits.max(), max(abs(n) for n in self.net)))
+        widest = np.concatenate([[0], np.cumsum(limits[:-1])])
+        self._origin = int(widest[-1])
+        self._shape = (steps + 1, 2 * self._reach + 1, 2 * self._origin + 1)
+        n = np.arange(-self._reach, self._reach + 1)
+        inside = np.abs(n) <= limits[:, None]
+        self.everything = Branch(np.where(inside, self._origin - widest[:, None], 0),
+                                 np.where(inside, self._origin + widest[:, None] + 1, 0),
+                                 np.ones((steps, len(lattice.patterns.torque)), dtype=bool))
+        angle = self.start.attitude.angle + self.start.w * h * np.arange(steps)[:, None]
+        self._base = np.exp(1j * (angle + 0.5 * lattice.spin * h * n))
+        self._turned = lattice.spin * h * (np.arange(self._shape[2]) - self._origin)
+        self._responses = lattice.responses(self.start.w + lattice.spin * n)
+        patterns, torques = lattice.patterns, lattice.torque_range
+        firsts = np.searchsorted(patterns.torque, np.append(torques, torques[-1] + 1))
+        self._fixed = (np.cos(self._turned), np.sin(self._turned), patterns.thrust, patterns.force,
+                       firsts, int(torques[0]), self._reach, self._origin)
+
+    def _arrived(self) -> np.ndarray:
+        """(spins, headings) whether the last point is in the goal set."""
+        n = np.arange(-self._reach, self._reach + 1)
+        final = self.start.attitude.angle + self.start.w * self.steps * self.lattice.period
+        heading = final + self._turned + 0.5 * self.lattice.spin * self.lattice.period * n[:, None]
+        error = np.abs(wrap(heading - self.goal.attitude.angle))
+        margin = self.lattice.drift(self.steps) + 1e-9
+        return np.isin(n, list(self.net))[:, None] & (error <= self.goal_set.heading + margin)
+
+    def _arguments(self, costate: np.ndarray, branch: Branch) -> tuple[Any, ...]:
+        velocity, position = complex(*costate[:2]), complex(*costate[2:])
+        left = (self.steps - np.arange(self.steps)) * self.lattice.period
+        first, second = self._responses
+        pull = np.conj(velocity + position * left)[:, None, None] * first - np.conj(position) * second
+        turns = self._base[:, :, None] * pull / self.lattice.craft.mass
+        return (self.fuel * self.lattice.period, turns, self._fixed, branch.low, branch.high,
+                branch.patterns)
+
+    def bound(self, costate: np.ndarray, branch: Branch) -> Bound:
+        """The dual function: its value is infinite where the branch holds no path."""
+        arguments = self._arguments(costate, branch)
+        self._kernel.backward(*arguments, self._after)
+        constant, slope = self.constant(costate)
+        inside = branch.low[0, self._reach] <= self._origin < branch.high[0, self._reach]
+        inner = self._after[0, self._reach, self._origin] if inside else np.inf
+        if not np.isfinite(inner):
+            return Bound(np.inf, np.zeros(4), costate, np.zeros(0, dtype=int))
+        path = self._kernel.trace(*arguments, self._after)
+        gained, moved = self.effect(path)
+        effect = np.array([gained.real, gained.imag, moved.real, moved.imag])
+        return Bound(constant + inner - self.margin(costate), slope + effect, costate, path)
+
+    def reachable(self) -> Branch:
+        """All paths that end in the goal attitude within the cap."""
+        limit = _LARGEST if self.cap is None else self.cap * self.fuel
+        return self.shrunk(np.zeros(4), self.everything, limit)
+
+    def shrunk(self, costate: np.ndarray, branch: Branch, limit: float) -> Branch:
+        """The branch without points through which every path's value exceeds the limit.
+
+        Args:
+            costate: any; the better, the more is dropped.
+            branch: to shrink.
+            limit: of the relaxation's value.
+        """
+        arguments = self._arguments(costate, branch)
+        self._kernel.backward(*arguments, self._after)
+        self._kernel.forward(*arguments, self._before)
+        limit = limit - self.constant(costate)[0] + self.margin(costate)
+        low, high = self._kernel.shrink(self._before, self._after, limit, branch.low, branch.high)
+        return replace(branch, low=low, high=high)
+
+    @cached_property
+    def miss(self) -> np.ndarray:
+        """(4,) final velocity (x, y) and position (x, y) without any thrust, from the goal's."""
+        start, goal = self.start, self.goal
+        way = start.p + start.v.scale(self.steps * self.lattice.period) - goal.p
+        return np.array([start.v.x - goal.v.x, start.v.y - goal.v.y, way.x, way.y])
+
+    def constant(self, costate: np.ndarray) -> tuple[float, np.ndarray]:
+        """What the dual function has besides the inner minimum, and its supergradient."""
+        miss = self.miss
+        value, slope = float(costate @ miss), miss.copy()
+        radii = (self.goal_set.velocity, self.goal_set.position)
+        for part, radius in zip((slice(0, 2), slice(2, 4)), radii, strict=True):
+            size = float(np.linalg.norm(costate[part]))
+            value -= radius * size
+            slope[part] -= radius * costate[part] / size if size > 0 else 0.0
+        return value, slope
+
+    def points(self, path: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Spin and heading indices n_k and a_k of a path of patterns, (N + 1,) each."""
+        n = np.concatenate([[0], np.cumsum(self.lattice.patterns.torque[path])])
+        return n, np.concatenate([[0], np.cumsum(n[:-1])])
+
+    def heading_indices(self, path: np.ndarray) -> np.ndarray:
+        """(N + 1,) indices of a path, as branches count them."""
+        return self.points(path)[1] + self._origin
+
+    def inside(self, path: np.ndarray, branch: Branch) -> bool:
+        """Whether a path belongs to the branch."""
+        n, a = self.points(path)
+        k, i, a = np.arange(self.steps + 1), n + self._reach, a + self._origin
+        return bool(np.all((branch.low[k, i] <= a) & (a < branch.high[k, i]))
+                    and branch.patterns[k[:-1], path].all())
+
+    def effects(self, path: np.ndarray, patterns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Final velocity and position that patterns would add along the attitudes of a path.
+
+        Args:
+            path: (N,) patterns that turn the spacecraft.
+            patterns: (N,) or (N, M) with the same net torques, of which the forces are taken.
+
+        Returns:
+            Two complex arrays like ``patterns``, m/s and m in W.
+        """
+        n, a = self.points(path)
+        k, i = np.arange(self.steps), n[:-1] + self._reach
+        t = self.lattice.patterns.torque[path] - self.lattice.torque_range[0]
+        turn = self._base[k, i] * np.exp(1j * self._turned[a[:-1] + self._origin])
+        turn = turn / self.lattice.craft.mass
+        speed = turn * self._responses[0][i, t]
+        left = (self.steps - k) * self.lattice.period
+        way = left * speed - turn * self._responses[1][i, t]
+        force = self.lattice.patterns.force[patterns].T
+        return (force * speed).T, (force * way).T
+
+    def effect(self, path: np.ndarray) -> tuple[complex, complex]:
+        """Final velocity and position that a path adds, m/s and m in W as complex numbers."""
+        gained, moved = self.effects(path, path)
+        return complex(gained.sum()), complex(moved.sum())
+
+    def thrust_time(self, path: np.ndarray) -> float:
+        """Fuel of a path, N s."""
+        return float(self.lattice.patterns.thrust[path].sum()) * self.lattice.period
+
+    def margin(self, costate: np.ndarray) -> float:
+        """More than rounding and inexact torques can change a value by (docs/certificate.md)."""
+        craft, h = self.lattice.craft, self.lattice.period
+        time = self.steps * h
+        pull = float(np.linalg.norm(costate[:2]) + time * np.linalg.norm(costate[2:])) / craft.mass
+        stage = h * sum(thruster.force for thruster in craft.thrusters) * (self.fuel + pull)
+        angle = (abs(self.start.attitude.angle) + abs(self.start.w) * time
+                 + self.lattice.spin * h * (self._origin + self._reach))
+        miss = float(np.abs(costate) @ np.abs(self.miss))
+        rounding = _EPSILON * (64.0 + 8.0 * angle + 2.0 * self.steps)
+        relative = _MERGED + rounding + self.lattice.drift(self.steps)
+        return self.steps * stage * relative + 16.0 * _EPSILON * miss
+
+
+def _kernel() -> Any:
+    try:
+        from rans.optimal.certificate import lattice_kernel
+    except ImportError as error:
+        raise ConfigError(f"the on/off certificate needs the package numba, which could not be loaded "
+                          f"({error}); install it with: pip install numba") from None
+    return lattice_kernel

@@ -1,0 +1,221 @@
+"""Bounds for every spacecraft, in the plane and in space, from the most that its thrusters can do.
+
+They look at the translation and the rotation one at a time and let either use all thrusters in any
+direction of B, so they are looser than those of `rans.optimal.certificate.certificate`, but hold for
+shared thrust, any layout and any commands between 0 and 1, held for a period or not
+(docs/certificate.md proves them).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from rans.errors import ConfigError
+from rans.model.dynamics import State
+from rans.model.spacecraft import Spacecraft
+from rans.optimal.certificate.lattice import GoalSet
+from rans.optimal.trajectory.guess import rotation_vector
+
+_MOST_THRUSTERS = 16
+"""Up to which all sets of open thrusters are looked at, 65,536 of them."""
+
+_PARTS = 256
+"""Of the trapezoidal rule; more of them raise a bound by less than 1e-4 of itself."""
+
+_LEVER = 1e-6
+"""Arm that thrusters count as having at least, m: bounds of a craft that cannot turn stay finite."""
+
+_ROUNDING = 1e-9
+"""Relative, given away for the rounding of the computer: some thousand additions of numbers alike."""
+
+
+@dataclass(frozen=True)
+class Reach:
+    """What thrusters can do at most, whatever the attitude."""
+
+    thrust: np.ndarray
+    """(K,) sums of the open thrusters' forces, N."""
+    force: np.ndarray
+    """(K,) the greatest force on B at each of them, N."""
+    torque: float
+    """Greatest torque about any axis, N m."""
+    arm: float
+    """Torque per newton of thrust at most, m."""
+
+    @classmethod
+    @cache
+    def of(cls, craft: Spacecraft) -> Reach:
+        """Of a spacecraft."""
+        wrenches, forces = np.array(craft.wrench_map), np.array([t.force for t in craft.thrusters])
+        torques = np.linalg.norm(wrenches[:, craft.dimension:], axis=1)
+        torques = np.maximum(torques, _LEVER * forces)
+        arm = float((torques / forces).max())
+        if craft.thrust_sharing == "split":
+            return cls(np.append(0.0, forces), np.append(0.0, forces), float(torques.max()), arm)
+        if len(forces) > _MOST_THRUSTERS:  # no force exceeds the thrust
+            ends = np.array([0.0, forces.sum()])
+            return cls(ends, ends, float(torques.sum()), arm)
+        sets = (np.arange(2 ** len(forces))[:, None] >> np.arange(len(forces))) & 1
+        total = sets @ wrenches
+        size = np.linalg.norm(total[:, :craft.dimension], axis=1)
+        turning = float(np.linalg.norm(total[:, craft.dimension:], axis=1).max())
+        return cls(*_frontier(sets @ forces, size), max(turning, _LEVER * float(forces.sum())), arm)
+
+
+def _frontier(thrust: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Those sets that no other beats with less thrust or as much force."""
+    order = np.lexsort((-force, thrust))
+    thrust, force = thrust[order], force[order]
+    best = np.maximum.accumulate(np.append(-1.0, force))[:-1]
+    return thrust[force > best], force[force > best]
+
+
+def least_time(craft: Spacecraft, aims: Collection[str], start: State, goal: State,
+               goal_set: GoalSet) -> float:
+    """A time before which nothing can have arrived, s.
+
+    Args:
+        craft: what flies.
+        aims: what must be in the goal set, see `rans.optimal.trajectory.arrival.aims`.
+        start: of floats.
+        goal: of floats.
+        goal_set: what counts as arrived.
+    """
+    reach, body = Reach.of(craft), _rotation(craft, aims, start, goal, goal_set)
+    times = [_least_time(body.way, body.before, body.after, body.change, reach.torque)]
+    push = float(reach.force.max()) / craft.mass
+    way, before, after = (np.array(x.columns()) for x in (goal.p - start.p, start.v, goal.v))  # type: ignore[operator]
+    margin = goal_set.velocity if "velocity" in aims else math.inf
+    for axis in _axes(way, after - before, before):
+        far = way @ axis - goal_set.position if "position" in aims else -math.inf
+        change = max(0.0, abs(float((after - before) @ axis)) - margin)
+        speeds = float(before @ axis), float(after @ axis) + margin
+        times.append(_least_time(float(far), *speeds, change, push))
+    return max(times) * (1.0 - _ROUNDING)
+
+
+def _axes(*vectors: np.ndarray) -> list[np.ndarray]:
+    """Unit vectors along these and against them."""
+    return [sign * v / np.linalg.norm(v) for v in vectors if np.linalg.norm(v) > 0 for sign in (1.0, -1.0)]
+
+
+def _least_time(way: float, before: float, after: float, change: float, push: float) -> float:
+    """Least T with push T >= change and way <= integral of min(before + push t, after + push (T - t))."""
+    first = change / push
+    if not math.isfinite(way):
+        return first
+    # while push T <= after - before the first line is the lower one throughout
+    early = _roots(0.5 * push, before, -way)
+    late = _roots(0.25 * push, 0.5 * (before + after), -way - 0.25 * (before - after)**2 / push) \
+        if math.isfinite(after) else []
+    for time in sorted(t for t in (first, *early, *late) if t >= first):
+        if _covered(time, before, after, push) >= way - 1e-9 * abs(way):
+            return time
+    return first  # pragma: no cover - the last root always covers the way
+
+
+def _roots(a: float, b: float, c: float) -> list[float]:
+    discriminant = b * b - 4.0 * a * c
+    return [] if discriminant < 0 else [(-b + sign * math.sqrt(discriminant)) / (2.0 * a) for sign in (-1, 1)]
+
+
+def _covered(time: float, before: float, after: float, push: float) -> float:
+    switch = min(time, max(0.0, 0.5 * (time + (after - before) / push)))
+    rest = time - switch
+    braking = after * rest + 0.5 * push * rest**2 if rest > 0 else 0.0
+    return before * switch + 0.5 * push * switch**2 + braking
+
+
+def least_fuel(craft: Spacecraft, aims: Collection[str], start: State, goal: State, horizon: float,
+               goal_set: GoalSet) -> float:
+    """Thrust-time below which nothing can be in the goal set at a given time, N s; infinite if nothing can.
+
+    Args:
+        craft: what flies.
+        aims: what must be in the goal set, see `rans.optimal.trajectory.arrival.aims`.
+        start: of floats.
+        goal: of floats.
+        horizon: the time, s.
+        goal_set: what counts as arrived.
+
+    Raises:
+        ConfigError: the horizon is not positive.
+    """
+    if not (math.isfinite(horizon) and horizon > 0):
+        raise ConfigError(f"a bound of thrust-time needs a finite horizon > 0 s, got {horizon}.")
+    body = _rotation(craft, aims, start, goal, goal_set)
+    reach = Reach.of(craft)
+    swing = max(2.0 * body.way / horizon - body.before - body.after, body.change) - _ROUNDING * body.before
+    turning = swing / reach.arm if swing > 0 else 0.0
+    dual = _Dual(craft, aims, start, goal, horizon, goal_set)
+    bound = max(turning, dual.ascend(), 0.0) * (1.0 - _ROUNDING)
+    return bound if bound <= horizon * float(reach.thrust.max()) else math.inf
+
+
+@dataclass(frozen=True)
+class _Rotation:
+    """What the angular momentum must do, as bounds of its size."""
+
+    way: float
+    """Angle to turn times the least moment of inertia, kg m^2."""
+    before: float
+    """Size of the angular momentum at the start, kg m^2/s."""
+    after: float
+    """At most, at the end."""
+    change: float
+    """Least change of its size."""
+
+
+def _rotation(craft: Spacecraft, aims: Collection[str], start: Any, goal: Any,
+              goal_set: GoalSet) -> _Rotation:
+    inertia = np.array([[craft.inertia[2][2]]] if craft.dimension == 2 else craft.inertia)
+    moments = np.linalg.eigvalsh(inertia)
+    angle = float(np.linalg.norm(rotation_vector(start.attitude.to(goal.attitude)))) - goal_set.heading
+    before, after = (float(np.linalg.norm(inertia @ np.array(x.spin()))) for x in (start, goal))
+    slack = float(moments[-1]) * goal_set.spin if "spin" in aims else math.inf
+    return _Rotation(angle * float(moments[0]) if "attitude" in aims else -math.inf, before,
+                     after + slack, max(0.0, abs(after - before) - slack))
+
+
+class _Dual:
+    """The dual function of the translation: every costate gives a bound of the thrust-time."""
+
+    def __init__(self, craft: Spacecraft, aims: Collection[str], start: Any, goal: Any, horizon: float,
+                 goal_set: GoalSet) -> None:
+        self._reach, self._mass, self._horizon = Reach.of(craft), craft.mass, horizon
+        self._left = np.linspace(horizon, 0.0, _PARTS + 1)
+        self._gain = np.array((goal.v - start.v).columns())
+        self._way = np.array((goal.p - start.p - start.v.scale(horizon)).columns())
+        self._aimed = np.array([["velocity" in aims], ["position" in aims]], dtype=float)
+        self._radii = np.array([goal_set.velocity, goal_set.position])
+
+    def value(self, costate: np.ndarray) -> float:
+        """Of multipliers (2 * dimension,) of the final velocity and position."""
+        costate = costate.reshape(2, -1) * self._aimed
+        wanted = costate[0] @ self._gain + costate[1] @ self._way
+        spared = self._radii @ np.linalg.norm(costate, axis=1)
+        pull = np.linalg.norm(costate[0] + self._left[:, None] * costate[1], axis=1)
+        worth = np.max(pull[:, None] * self._reach.force - self._reach.thrust, axis=1)
+        # convex in time, so the trapezoidal rule is never below the integral
+        used = float(np.sum(worth[1:] + worth[:-1])) * 0.5 * self._horizon / _PARTS
+        return self._mass * float(wanted - spared) - used
+
+    def ascend(self) -> float:
+        """The best bound found, from thrust ahead and then back."""
+        from scipy.optimize import minimize
+
+        way = self._way if self._aimed[1, 0] else self._gain
+        size = float(np.linalg.norm(way))
+        ahead = way / size if size > 0 else np.eye(len(way))[0]
+        back = 2.0 * ahead / self._horizon * self._aimed[1, 0]
+        first = np.concatenate([ahead - self._horizon * back, back])
+        unit = np.repeat([1.0, 1.0 / self._horizon], len(way))
+        found = minimize(lambda x: -self.value(x * unit), first / unit, method="Nelder-Mead",
+                         options={"maxfev": 2000, "fatol": 1e-5, "xatol": 1e-5})
+        return max(self.value(first), -float(found.fun))

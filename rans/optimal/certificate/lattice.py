@@ -1,0 +1,234 @@
+"""The lattice on which heading and spin live when thrusters are on or off for whole control periods.
+
+With constant inertia one pulse of a thruster changes the spin by a whole multiple of one quantum,
+however the spacecraft moves. Spin and heading at the start of period k are then
+
+    w_k = w_0 + q n_k,   heading_k = heading_0 + w_0 k h + q h (a_k + n_k / 2),
+
+with whole numbers n_k, a_k that obey n_{k+1} = n_k + t_k and a_{k+1} = a_k + n_k, where t_k is the net
+torque of the period in quanta. docs/certificate.md derives this and what follows from it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from rans.errors import ConfigError
+from rans.model.dynamics import PlanarState
+from rans.model.fields import wrap
+from rans.model.spacecraft import Spacecraft
+
+_LARGEST_MULTIPLE = 64
+"""Torque of a thruster in quanta, at most: finer lattices have too many points to enumerate."""
+
+_ROUNDING = 1e-12
+"""By which torques of a file may differ from whole multiples, relative to the largest: directions and
+positions have finitely many digits. It costs heading, see `Lattice.drift`."""
+
+_MOST_PATTERNS = 10_000
+"""Of thrusters open together: 8 thrusters have at most 256, of which 81 differ."""
+
+_NODES = 24
+"""Of the Gauss-Legendre rule over a period: error below 1e-16 of the force up to 6 rad turned in it."""
+
+
+@dataclass(frozen=True)
+class Patterns:
+    """Sets of open thrusters that differ in force or torque, the cheapest of each, sorted by torque."""
+
+    torque: np.ndarray
+    """(P,) whole numbers, quanta."""
+    force: np.ndarray
+    """(P,) complex, F_x + i F_y on B, N."""
+    thrust: np.ndarray
+    """(P,) sum of the open thrusters' forces, N: fuel is its integral over time."""
+    commands: np.ndarray
+    """(P, thrusters) zeros and ones."""
+
+
+class Lattice:
+    """Spins and headings that on/off thrust can reach, and the force that each pattern gives.
+
+    Args:
+        craft: planar, without thrust sharing.
+        period: time for which a command is held, s.
+
+    Raises:
+        ConfigError: this spacecraft has no such lattice.
+    """
+
+    def __init__(self, craft: Spacecraft, period: float) -> None:
+        _check(craft)
+        self.craft, self.period = craft, period
+        torques = np.array([column[2] for column in craft.wrench_map])
+        self.torque, self.multiples = _quantum(craft, torques)
+        self.spin = self.torque * period / craft.inertia[2][2]
+        """q: change of spin by one quantum of torque held for one period, rad/s."""
+        self.patterns = _patterns(craft, self.multiples)
+        error = np.abs(torques - self.torque * self.multiples).sum()
+        self._angular_error = float(error) / craft.inertia[2][2]
+
+    def drift(self, steps: int) -> float:
+        """Heading by which torques that are not exact multiples may leave the lattice, rad."""
+        return 0.5 * self._angular_error * (steps * self.period) ** 2
+
+    @property
+    def pulse(self) -> float | None:
+        """Fuel of one thruster open for one period where all are equally strong, N s, else None."""
+        forces = np.array([thruster.force for thruster in self.craft.thrusters])
+        equal = np.ptp(forces) <= 1e-12 * forces.max()
+        return float(forces[0]) * self.period if equal else None
+
+    @property
+    def parity(self) -> bool:
+        """Whether the number of pulses is even or odd as the change of spin in quanta is."""
+        return self.pulse is not None and bool((self.multiples % 2 == 1).all())
+
+    def next_fuel(self, fuel: float, net: set[int]) -> float:
+        """Least fuel that pulses can add up to and that is not below this, N s.
+
+        Args:
+            fuel: N s; returned as it is where thrusters differ in strength.
+            net: the changes of spin, in quanta, that a controller may end with.
+        """
+        if self.pulse is None:
+            return fuel
+        count = max(0, math.ceil(fuel / self.pulse * (1.0 - 1e-12)))
+        if self.parity and len({n % 2 for n in net}) == 1:
+            count += (count - next(iter(net))) % 2
+        return count * self.pulse
+
+    def fuel_above(self, fuel: float, net: set[int]) -> float:
+        """Greatest lower bound of the fuels that pulses can add up to and that exceed this, N s."""
+        return fuel if self.pulse is None else self.next_fuel(fuel + 0.5 * self.pulse, net)
+
+    @cached_property
+    def quanta_per_fuel(self) -> float:
+        """Most torque that a newton second of fuel buys, in quanta: bounds the spin, 1/(N s)."""
+        forces = np.array([thruster.force for thruster in self.craft.thrusters])
+        return float((np.abs(self.multiples) / forces).max()) / self.period
+
+    def responses(self, spins: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Integrals of exp(i (w s + t q s^2 / (2 h))) and of s times that, over one period.
+
+        Args:
+            spins: (W,) at the start of the period, rad/s.
+
+        Returns:
+            Two complex arrays (W, torques), s and s^2, where torques are `torque_range`.
+        """
+        nodes, weights = np.polynomial.legendre.leggauss(_NODES)
+        s = 0.5 * self.period * (nodes + 1.0)
+        weights = 0.5 * self.period * weights
+        rate = self.spin / self.period * self.torque_range
+        angle = spins[:, None, None] * s + 0.5 * rate[:, None] * s * s
+        turned = np.exp(1j * angle) * weights
+        return turned.sum(axis=2), (turned * s).sum(axis=2)
+
+    @cached_property
+    def torque_range(self) -> np.ndarray:
+        """(torques,) every net torque of a pattern, in quanta, rising by one."""
+        torque = self.patterns.torque
+        return np.arange(torque.min(), torque.max() + 1)
+
+
+@dataclass(frozen=True)
+class GoalSet:
+    """Where a controller must be at the end: balls around the goal.
+
+    Raises:
+        ConfigError: a tolerance is negative or not finite.
+    """
+
+    position: float = 0.05
+    """m."""
+    velocity: float = 0.05
+    """m/s."""
+    heading: float = math.radians(5.0)
+    """rad."""
+    spin: float = 1e-9
+    """rad/s; a start that spins may need more, see `GoalSet.net_spins`."""
+
+    def __post_init__(self) -> None:
+        for key in ("position", "velocity", "heading", "spin"):
+            value = getattr(self, key)
+            if not (math.isfinite(value) and value >= 0):
+                raise ConfigError(f"goal set: {key} must be finite and not negative, got {value!r}.")
+
+    def net_spins(self, lattice: Lattice, start: PlanarState, goal: PlanarState) -> set[int]:
+        """Changes of spin, in quanta, that end within the tolerance of the goal's spin.
+
+        Raises:
+            ConfigError: there is none.
+        """
+        exact = (goal.w - start.w) / lattice.spin
+        reach = self.spin / lattice.spin + 1e-9
+        found = set(range(math.ceil(exact - reach), math.floor(exact + reach) + 1))
+        if not found:
+            nearest = abs(round(exact) - exact) * lattice.spin
+            raise ConfigError(
+                f"no whole number of pulses takes the spin from {start.w:.6g} to {goal.w:.6g} rad/s: "
+                f"the nearest misses by {nearest:.3g} rad/s, so the goal set's spin tolerance, "
+                f"{self.spin:.3g} rad/s, must be at least that; the usual cause is a start that spins.")
+        return found
+
+    def contains(self, state: PlanarState, goal: PlanarState) -> bool:
+        """Whether a state of floats is in the set."""
+        return bool((goal.p - state.p).norm() <= self.position
+                    and (goal.v - state.v).norm() <= self.velocity
+                    and abs(wrap(state.attitude.angle - goal.attitude.angle)) <= self.heading
+                    and abs(state.w - goal.w) <= self.spin + 1e-9)
+
+
+def _check(craft: Spacecraft) -> None:
+    if craft.dimension != 2:
+        raise ConfigError(f"spacecraft {craft.name!r}: the on/off certificate exists for planar motion "
+                          "only, because attitudes in space do not lie on a lattice.")
+    if craft.thrust_sharing != "none":
+        raise ConfigError(f"spacecraft {craft.name!r}: the on/off certificate does not cover "
+                          f'thrust_sharing = "{craft.thrust_sharing}", where a pulse\'s torque '
+                          "depends on how many thrusters are open.")
+
+
+def _quantum(craft: Spacecraft, torques: np.ndarray) -> tuple[float, np.ndarray]:
+    """The largest torque of which all thrusters' are whole multiples, N m, and the multiples."""
+    largest = np.abs(torques).max()
+    turning = np.abs(torques[np.abs(torques) > _ROUNDING * largest])
+    for parts in range(1, _LARGEST_MULTIPLE + 1):
+        if len(turning) == 0:
+            break
+        quantum = float(turning.min()) / parts
+        multiples = np.round(torques / quantum).astype(np.int64)
+        exact = np.abs(torques - multiples * quantum).max() <= _ROUNDING * largest
+        if exact and np.abs(multiples).max() <= _LARGEST_MULTIPLE:
+            return quantum, multiples
+    raise ConfigError(
+        f"spacecraft {craft.name!r}: the on/off certificate needs thrusters whose torques are whole "
+        f"multiples, at most {_LARGEST_MULTIPLE}, of one quantum, got "
+        f"{', '.join(f'{torque:.4g}' for torque in torques)} N m; the usual cause is a centre of mass "
+        "off the thrusters' centre.")
+
+
+def _patterns(craft: Spacecraft, multiples: np.ndarray) -> Patterns:
+    """All sums of thrusters, one after the other, of equal ones the cheapest."""
+    forces = [complex(column[0], column[1]) for column in craft.wrench_map]
+    tiny = 1e-12 * max(thruster.force for thruster in craft.thrusters)
+    count = len(forces)
+    found = {(0, 0, 0): (0, 0j, 0.0, (0.0,) * count)}
+    for index, thruster in enumerate(craft.thrusters):
+        for torque, force, thrust, open_ in list(found.values()):
+            torque, force = torque + int(multiples[index]), force + forces[index]
+            thrust = thrust + thruster.force
+            key = (torque, round(force.real / tiny), round(force.imag / tiny))
+            if key not in found or thrust < found[key][2] - tiny:
+                found[key] = (torque, force, thrust, (*open_[:index], 1.0, *open_[index + 1:]))
+        if len(found) > _MOST_PATTERNS:
+            raise ConfigError(f"spacecraft {craft.name!r}: its {count} thrusters have more than "
+                              f"{_MOST_PATTERNS} different on/off patterns, too many to search.")
+    ordered = sorted(found.values(), key=lambda pattern: (pattern[0], pattern[2]))
+    torque, force, thrust, commands = zip(*ordered, strict=True)
+    return Patterns(np.array(torque), np.array(force), np.array(thrust), np.array(commands))

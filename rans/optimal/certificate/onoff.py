@@ -1,0 +1,120 @@
+"""On/off controls that reach the goal set: nozzles for a given attitude, and their exact replay."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from rans.model.dynamics import MassProperties, PlanarState, advance, wrench
+from rans.model.spacecraft import Spacecraft
+from rans.optimal.certificate.dual import Bound, Relaxation
+
+_SIDES = 16
+"""Of the polygon inside the goal's discs: it gives away 2 % of their radius."""
+
+
+def replay(craft: Spacecraft, start: PlanarState, commands: np.ndarray, period: float) -> PlanarState:
+    """The state after all commands, by the equations every engine shares.
+
+    Args:
+        craft: what flies.
+        start: of floats.
+        commands: (T, thrusters).
+        period: for which each row is held, s.
+    """
+    state, body = start, MassProperties.of(craft)
+    for command in commands:
+        state = advance(state, wrench(craft, tuple(float(c) for c in command)), body, period)
+    return state
+
+
+def fuel(craft: Spacecraft, commands: np.ndarray, period: float) -> float:
+    """Thrust times time, summed over the thrusters, N s."""
+    return float(commands.sum(axis=0) @ [thruster.force for thruster in craft.thrusters]) * period
+
+
+def nozzles(relaxation: Relaxation, path: np.ndarray, bound: Bound, limit: float,
+            seconds: float) -> np.ndarray | None:
+    """Commands that turn the spacecraft as the path does and end in the goal set, if any are found.
+
+    With the attitude known, velocity and position at the end are linear in the choice of one pattern
+    per period: a mixed-integer linear program (HiGHS). Patterns whose reduced cost alone exceeds what
+    is left of the limit are not offered.
+
+    Args:
+        relaxation: start, goal and goal set.
+        path: (N,) patterns; only their net torques matter.
+        bound: whose costate gives the reduced costs.
+        limit: most fuel, N s; 0 where fuel is free.
+        seconds: for the solver.
+
+    Returns:
+        (N, thrusters) zeros and ones, replayed into the goal set, or None.
+    """
+    period, pattern, speed, way = _choices(relaxation, path, bound, limit)
+    chosen = _solve(relaxation, period, pattern, speed, way, limit, seconds)
+    return None if chosen is None else flown(relaxation, pattern[chosen], limit)
+
+
+def flown(relaxation: Relaxation, path: np.ndarray, limit: float) -> np.ndarray | None:
+    """The commands of a path, (N, thrusters), if their replay ends in the goal set and costs no more."""
+    gained, moved = relaxation.effect(path)
+    miss, goal_set = relaxation.miss, relaxation.goal_set
+    if (abs(complex(*miss[:2]) + gained) > goal_set.velocity
+            or abs(complex(*miss[2:]) + moved) > goal_set.position
+            or relaxation.fuel * relaxation.thrust_time(path) > limit + 1e-9):
+        return None
+    lattice = relaxation.lattice
+    commands = lattice.patterns.commands[path]
+    final = replay(lattice.craft, relaxation.start, commands, lattice.period)
+    return commands if goal_set.contains(final, relaxation.goal) else None
+
+
+def _choices(relaxation: Relaxation, path: np.ndarray, bound: Bound,
+             limit: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Period and pattern of every choice worth offering, and its velocity and position at the end."""
+    patterns = relaxation.lattice.patterns
+    same = patterns.torque[path][:, None] == patterns.torque
+    everything = np.broadcast_to(np.arange(len(patterns.torque)), same.shape)
+    speed, way = relaxation.effects(path, everything)
+    velocity, position = complex(*bound.costate[:2]), complex(*bound.costate[2:])
+    price = relaxation.fuel * relaxation.lattice.period * patterns.thrust
+    price = np.where(same, price + (np.conj(velocity) * speed + np.conj(position) * way).real, np.inf)
+    cheapest = price.min(axis=1)
+    left = limit - relaxation.constant(bound.costate)[0] - cheapest.sum()
+    period, pattern = np.nonzero(price - cheapest[:, None] <= max(0.0, left) + 1e-9)
+    return period, pattern, speed[period, pattern], way[period, pattern]
+
+
+def _solve(relaxation: Relaxation, period: np.ndarray, pattern: np.ndarray, speed: np.ndarray,
+           way: np.ndarray, limit: float, seconds: float) -> np.ndarray | None:
+    """Indices of one choice per period, in their order."""
+    from scipy.optimize import Bounds, LinearConstraint, milp
+    from scipy.sparse import csr_matrix
+
+    count, lattice = len(period), relaxation.lattice
+    once = csr_matrix((np.ones(count), (period, np.arange(count))), (relaxation.steps, count))
+    miss = relaxation.miss
+    constraints = [
+        LinearConstraint(once, 1, 1),
+        _disc(speed, complex(*miss[:2]), relaxation.goal_set.velocity),
+        _disc(way, complex(*miss[2:]), relaxation.goal_set.position),
+    ]
+    if relaxation.fuel > 0:
+        thrust = lattice.period * lattice.patterns.thrust[pattern]
+        constraints.append(LinearConstraint(thrust[None], -np.inf, limit * (1 + 1e-9)))
+    answer = milp(np.zeros(count), integrality=np.ones(count), bounds=Bounds(0, 1),
+                  constraints=constraints, options={"time_limit": seconds})
+    return None if answer.x is None else np.flatnonzero(answer.x > 0.5)
+
+
+def _disc(effect: np.ndarray, miss: complex, radius: float) -> Any:
+    """A `LinearConstraint`: half planes of a polygon inside |miss + sum of effects| <= radius."""
+    from scipy.optimize import LinearConstraint
+
+    normals: np.ndarray = np.exp(2j * np.pi * np.arange(_SIDES) / _SIDES)
+    inside = radius * np.cos(np.pi / _SIDES) * (1 - 1e-9)
+    rows = np.real(np.conj(normals)[:, None] * effect)
+    left: Any = inside - np.real(np.conj(normals) * miss)
+    return LinearConstraint(rows, -np.inf, left)

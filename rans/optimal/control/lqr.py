@@ -1,0 +1,66 @@
+"""The simplest controller that solves every task: what an agent must be compared with."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from rans.model.fields import Heading, Quat, leaves
+from rans.model.spacecraft import Spacecraft
+from rans.model.timing import Timing
+from rans.optimal.control.regulator import Deadband, Regulator, Weights, inertia
+from rans.optimal.control.rounding import SigmaDelta
+from rans.optimal.trajectory.guess import rotation_vector
+from rans.tasks.base import Task
+
+_WEIGHTS, _DEADBAND = Weights(), Deadband()
+
+
+class LQR:
+    """Linear-quadratic regulator, allocation to the thrusters, sigma-delta rounding.
+
+    Position in W and attitude in B are taken for double integrators, one per axis, which they are for
+    small angles and spins; the gain of each is the discrete-time optimum for the control period. Where
+    the task has no tolerance for the position or the attitude, only the velocity or the spin is brought
+    to the goal's.
+
+    Args:
+        craft: what flies.
+        task: says what to hold.
+        timing: gives the control period.
+        weights: what to trade.
+        deadband: when to rest.
+
+    Raises:
+        ConfigError: the thrusters cannot push and turn the spacecraft in every direction.
+    """
+
+    name = "LQR"
+
+    def __init__(self, craft: Spacecraft, task: Task, timing: Timing, weights: Weights = _WEIGHTS,
+                 deadband: Deadband = _DEADBAND) -> None:
+        self._craft, self._task, self._deadband = craft, task, deadband
+        self._inertia = inertia(craft)
+        self._identity = Heading(0.0) if craft.dimension == 2 else Quat(1.0, 0.0, 0.0, 0.0)
+        self._regulator = Regulator.of(craft, task, timing, weights)
+        self._rounding = SigmaDelta(craft, self._regulator.carried(craft))
+
+    def reset(self, count: int) -> None:
+        """See `rans.flight.Controller`."""
+        self._rounding.reset(count)
+
+    def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
+        """See `rans.flight.Controller`; looks at the state, not at the observation."""
+        rest = self._deadband.holds(self._craft, self._task, state, goal)
+        return self._rounding.round(self.wrench(state, goal), rest)
+
+    def wrench(self, state: Any, goal: Any) -> np.ndarray:
+        """The regulator's force and torque on B, (N, 3 or 6), N and N m."""
+        stiffness, damping = self._regulator.translation.gain * self._craft.mass
+        force = (goal.p - state.p).scale(stiffness) + (goal.v - state.v).scale(damping)
+        stiffness, damping = self._regulator.rotation.gain
+        turn = rotation_vector(state.attitude.to(goal.attitude))
+        spin_up = stiffness * turn + damping * (np.array(goal.spin()) - np.array(state.spin()))
+        to_body = state.attitude.to(self._identity)
+        return np.vstack([leaves(to_body.rotate(force)), self._inertia @ spin_up]).T

@@ -1,0 +1,1 @@
+"""Optimal trajectories of relaxed commands, by direct multiple shooting."""

@@ -1,0 +1,96 @@
+"""Where a trajectory must end: what a task asks for, as conditions on the last state."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Literal
+
+import casadi as ca
+import numpy as np
+
+from rans.model.dynamics import State
+from rans.model.fields import leaves, map_leaves
+from rans.optimal.trajectory.smoothing import rounded
+from rans.tasks.base import Task, state_dimension
+
+Ending = Literal["exact", "set", "free"]
+"""At the goal; within the task's tolerances of it; or anywhere."""
+
+_RATES = {"position": "velocity", "attitude": "spin"}
+"""Who is to stay somewhere must not move, who is to keep an attitude must not turn."""
+
+_BRANCH = 0.5
+"""How far a redundant condition may be off its target, see `Arrival`: cosines of the wanted and the
+opposite attitude differ by 2."""
+
+_KNEE = 1e-6
+"""Rounding of errors at zero, where bounds of them are not active; four times that (an angle is twice an
+arctangent, and the solver leaves 1e-8) is kept from the bounds, so that `Task.reached` holds."""
+
+
+def aims(task: Task) -> frozenset[str]:
+    """What a task asks for: "position", "attitude", "velocity", "spin".
+
+    The quantities it has tolerances for, and the rates that must be the goal's for these to stay.
+
+    Raises:
+        ConfigError: a multi-task has no goal of its own.
+    """
+    wanted = task.tolerances().keys()
+    return frozenset(wanted) | {_RATES[name] for name in wanted if name in _RATES}
+
+
+class Arrival:
+    """Conditions on the last state: ``low <= conditions(state, goal) <= high``.
+
+    Exactly: the task's residual at its target, and the rates that `aims` adds the goal's. A rotation's
+    entries are more numbers than it has degrees of freedom, and equalities whose gradients depend on each
+    other at the solution break the optimiser's assumptions (linear independence constraint
+    qualification). So a largest independent set of conditions, judged at the goal, holds as equalities.
+    They alone would also accept some opposite attitudes (sin = 0 at half a turn); the others, which
+    follow from them near the goal, rule those out as wide bands.
+
+    As a set: the task's errors within its tolerances, and the same rates.
+
+    Args:
+        task: what to reach.
+        goal: of floats, any of the task's.
+        ending: how to reach it.
+    """
+
+    def __init__(self, task: Task, goal: State, ending: Ending) -> None:
+        state, aim = (map_leaves(lambda _: ca.SX.sym("s"), goal) for _ in range(2))  # type: ignore[call-arg]
+        arguments = [ca.vertcat(*leaves(s)) for s in (state, aim)]
+
+        def function(conditions: Sequence[Any]) -> ca.Function:
+            return ca.Function("arrival", arguments, [ca.vertcat(*conditions)])
+
+        rates = _rate_gaps(task, state, aim) if ending != "free" else []
+        if ending == "exact":
+            target = task.residual_target(state_dimension(goal))
+            gaps = [r - t for r, t in zip(task.residual(state, aim), target, strict=True)] + rates
+            self.conditions = function(gaps)
+            self.high = np.where(_independent(self.conditions, leaves(goal)), 0.0, _BRANCH)
+        else:
+            tolerances = task.tolerances() if ending == "set" else {}
+            errors = task.errors(state, aim)
+            self.conditions = rounded(function([*(errors[name] for name in tolerances), *rates]), _KNEE)
+            self.high = np.array([*(t - 4 * _KNEE for t in tolerances.values()), *(0.0 for _ in rates)])
+        self.low = -self.high
+
+
+def _rate_gaps(task: Task, state: Any, goal: Any) -> list[Any]:
+    """The goal's rates less the state's, of those that keep it there and are not the task itself."""
+    added = aims(task) - task.tolerances().keys()
+    pairs = [*zip(state.v.columns(), goal.v.columns(), strict=True)] if "velocity" in added else []
+    pairs += [*zip(state.spin(), goal.spin(), strict=True)] if "spin" in added else []
+    return [b - a for a, b in pairs]
+
+
+def _independent(conditions: ca.Function, goal: Sequence[float]) -> np.ndarray:
+    """Whether each condition's gradient at the goal is none of those before it combined."""
+    state, aim = (ca.SX.sym(name, len(goal)) for name in ("state", "aim"))  # type: ignore[arg-type]
+    gradient = ca.Function("gradient", [state, aim], [ca.jacobian(conditions(state, aim), state)])
+    rows = np.array(gradient(goal, goal))
+    ranks = [0, *(np.linalg.matrix_rank(rows[:k + 1], tol=1e-9) for k in range(len(rows)))]
+    return np.diff(ranks) > 0

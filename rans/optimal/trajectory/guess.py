@@ -1,0 +1,167 @@
+"""Where the optimiser starts: a smooth motion from the start to where the task wants the spacecraft."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from rans.model.dynamics import State
+from rans.model.fields import Field, Heading, Quat, leaves, map_leaves, wrap
+from rans.model.spacecraft import Spacecraft
+from rans.optimal.trajectory.allocation import Allocation
+
+_BOW = 0.3
+"""Sideways, of the way to go: standard deviation over the further guesses."""
+
+
+def rotation_vector(rotation: Heading | Quat) -> np.ndarray:
+    """Axis times angle of the shortest equal rotation, rad.
+
+    Args:
+        rotation: of floats or arrays (N,).
+
+    Returns:
+        (1,) or (1, N) in the plane, (3,) or (3, N) in space.
+    """
+    if isinstance(rotation, Heading):
+        return np.array([wrap(rotation.angle)])
+    w, vector = np.asarray(rotation.w), np.array([rotation.x, rotation.y, rotation.z])
+    sine = np.linalg.norm(vector, axis=0)
+    # angle / sin(angle / 2) tends to 2 where the rotation vanishes
+    ratio = np.where(sine > 0, 2.0 * np.arctan2(sine, np.abs(w)) / np.where(sine > 0, sine, 1.0), 2.0)
+    return vector * np.where(w < 0, -ratio, ratio)
+
+
+def guess(aims: Collection[str], start: State, goal: State, duration: float, intervals: int,
+          number: int = 0) -> np.ndarray:
+    """A motion that meets what is asked for; what is not asked for it leaves alone.
+
+    Args:
+        aims: of "position", "attitude", "velocity", "spin", see `rans.optimal.trajectory.arrival.aims`.
+        start: of floats.
+        goal: of floats.
+        duration: s.
+        intervals: N equal parts of the duration.
+        number: odd ones turn the other way round, by 2 pi minus the angle (in space: to the other of
+            the two quaternions of the goal's attitude); from 2 on the path is bowed at random.
+
+    Returns:
+        (leaves of the state, N): the states at the ends of the intervals.
+    """
+    s = np.arange(1, intervals + 1) / intervals
+    p, v = _translation(aims, start, goal, duration, s)
+    if number >= 2:
+        random = np.random.default_rng(number)
+        size = _BOW * np.linalg.norm(p[:, -1] - np.array(start.p.columns()))
+        bow = random.normal(size=(len(p), 1)) * size
+        p, v = p + 16.0 * bow * (s * (1 - s)) ** 2, v + bow * 32.0 * s * (1 - s) * (1 - 2 * s) / duration
+    attitude, w = _rotation(aims, start, goal, duration, s, long_way=number % 2 == 1)
+    return np.vstack([p, attitude, v, w])
+
+
+def _translation(aims: Collection[str], start: State, goal: State, duration: float,
+                 s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Cubic in time (Hermite), or constant acceleration where no place is asked for: p and v."""
+    p0, p1, v0, v1 = (np.array(x.columns())[:, None] for x in (start.p, goal.p, start.v, goal.v))
+    if "velocity" not in aims:
+        v1 = v0
+    if "position" not in aims:
+        p1 = p0 + 0.5 * duration * (v0 + v1)
+    way, before, after = p1 - p0, duration * v0, duration * v1
+    square, cube = 3.0 * way - 2.0 * before - after, before + after - 2.0 * way
+    return (p0 + s * (before + s * (square + s * cube)),
+            (before + s * (2.0 * square + s * 3.0 * cube)) / duration)
+
+
+def _rotation(aims: Collection[str], start: State, goal: State, duration: float, s: np.ndarray,
+              long_way: bool) -> tuple[np.ndarray, np.ndarray]:
+    """About one axis at the pace 3 s^2 - 2 s^3, or with constant angular acceleration: attitude and w.
+
+    Where an attitude is asked for, the rates of start and goal are not matched.
+    """
+    if "attitude" in aims:
+        turn = rotation_vector(start.attitude.to(goal.attitude))  # type: ignore[arg-type]
+        turn = _other_way(turn) if long_way else turn
+        pace, rate = s * s * (3.0 - 2.0 * s), 6.0 * s * (1.0 - s) / duration
+        # the axis is the same in W relative to the start and in B throughout
+        return _turned(start.attitude, turn, pace), np.outer(turn, rate)
+    first, last = (np.array(x.spin()) for x in (start, goal if "spin" in aims else start))
+    middle = s - 0.5 / len(s)
+    attitude, columns = start.attitude, []
+    for share in middle:  # each interval with its mean rate
+        step = (first + share * (last - first)) * duration / len(s)
+        columns.append(_turned(attitude, step, np.ones(1))[:, 0])
+        attitude = type(attitude)(*columns[-1])
+    return np.array(columns).T, first[:, None] + np.outer(last - first, s)
+
+
+def _other_way(turn: np.ndarray) -> np.ndarray:
+    """The rotation vector that ends in the same attitude the other way round."""
+    angle = float(np.linalg.norm(turn))
+    axis = turn / angle if angle > 0 else np.eye(len(turn))[-1]
+    return axis * (angle - math.tau)
+
+
+def _turned(attitude: Any, turn: np.ndarray, pace: Field) -> np.ndarray:
+    """The attitude after each share of a turn: (1, N) heading or (4, N) quaternion."""
+    if isinstance(attitude, Heading):
+        return np.array([attitude.angle + turn[0] * pace])
+    angle = float(np.linalg.norm(turn))
+    axis = turn / angle if angle > 0 else turn
+    x, y, z = np.outer(axis, np.sin(0.5 * angle * pace))
+    return np.array(leaves(attitude.times(Quat(np.cos(0.5 * angle * pace), x, y, z))))
+
+
+def needed_wrenches(craft: Spacecraft, path: Any, period: float) -> np.ndarray:
+    """What moves a spacecraft along a path, but for gyroscopic torques.
+
+    Args:
+        craft: what flies.
+        path: a `State` of arrays (T + 1,), a control period apart.
+        period: s.
+
+    Returns:
+        (T, 3 or 6), force then torque on B, N and N m.
+    """
+    before = map_leaves(lambda x: x[:-1], path)
+    identity = Heading(0.0) if craft.dimension == 2 else Quat(1.0, 0.0, 0.0, 0.0)
+    push = (map_leaves(lambda x: x[1:], path.v) - before.v).scale(craft.mass / period)
+    force = before.attitude.to(identity).rotate(push)
+    inertia = np.array([[craft.inertia[2][2]]] if craft.dimension == 2 else craft.inertia)
+    torque = inertia @ np.diff(np.array(path.spin()), axis=1) / period
+    return np.vstack([leaves(force), torque]).T
+
+
+def transfer_time(craft: Spacecraft, aims: Collection[str], start: State, goal: State) -> float:
+    """About how long the craft needs to what is asked for, s.
+
+    Constant acceleration and braking take 2 sqrt(way / acceleration), a change of speed its size over the
+    acceleration; the slower of translation and rotation counts, with a fifth to spare for doing both.
+
+    Raises:
+        ConfigError: the thrusters cannot push and turn the spacecraft in every direction.
+    """
+    push, turn_up = _accelerations(craft)
+    way = np.array((goal.p - start.p).columns())  # type: ignore[operator]
+    turn = rotation_vector(start.attitude.to(goal.attitude))  # type: ignore[arg-type]
+    speed = np.array((goal.v - start.v).columns())  # type: ignore[operator]
+    spin = np.array(goal.spin()) - np.array(start.spin())
+    translation = _time(aims, ("position", way), ("velocity", speed), push)
+    return 1.2 * max(translation, _time(aims, ("attitude", turn), ("spin", spin), turn_up), 1e-3)
+
+
+@cache
+def _accelerations(craft: Spacecraft) -> tuple[float, float]:
+    """Along and about every axis of B at least, m/s^2 and rad/s^2."""
+    force, torque = Allocation(craft).authority()
+    return force / craft.mass, torque / float(np.linalg.eigvalsh(np.array(craft.inertia))[-1])
+
+
+def _time(aims: Collection[str], way: tuple[str, np.ndarray], rate: tuple[str, np.ndarray],
+          acceleration: float) -> float:
+    far, fast = (float(np.linalg.norm(x)) if name in aims else 0.0 for name, x in (way, rate))
+    return 2.0 * math.sqrt(far / acceleration) + fast / acceleration

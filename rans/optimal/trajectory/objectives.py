@@ -1,0 +1,241 @@
+"""What a trajectory can be optimal for."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Any, ClassVar, Protocol, cast
+
+import casadi as ca
+
+from rans.errors import ConfigError
+from rans.model.fields import leaves, map_leaves
+from rans.model.spacecraft import Spacecraft
+from rans.optimal.trajectory.arrival import Ending
+from rans.optimal.trajectory.smoothing import rounded
+from rans.scenario import scenario
+from rans.tasks.base import Task, state_dimension
+
+
+@dataclass(frozen=True)
+class Path:
+    """A trajectory in CasADi's symbols, T control periods long."""
+
+    craft: Spacecraft
+    task: Task
+    states: Any
+    """(leaves of the state, T), after every period."""
+    commands: Any
+    """(thrusters, T), 0 to 1."""
+    period: Any
+    """s."""
+    goal: Any
+    """(leaves of the state,)."""
+    corner: Any = None
+    """Radius by which corners are to be rounded off (`trajectory.smoothing`); None: not at all."""
+
+
+class Objective(Protocol):
+    """What a trajectory is optimal for."""
+
+    @property
+    def name(self) -> str:
+        """What to call it in tables."""
+        ...
+
+    @property
+    def measure(self) -> str:
+        """What the cost is, with its unit."""
+        ...
+
+    @property
+    def ending(self) -> Ending:
+        """Where the trajectory must end."""
+        ...
+
+    @property
+    def intervals(self) -> int:
+        """Control periods of the trajectory."""
+        ...
+
+    @property
+    def control_period(self) -> float | None:
+        """s; None where the optimiser chooses it."""
+        ...
+
+    def cost(self, path: Path) -> Any:
+        """What to minimise, of a trajectory's symbols."""
+        ...
+
+
+@dataclass(frozen=True)
+class _GivenTime(ABC):
+    """A trajectory of a given length.
+
+    Raises:
+        ConfigError: a time is not positive, or a weight negative.
+    """
+
+    horizon: float = 20.0
+    """Length of the trajectory, s; cut into whole control periods."""
+    control_period: float = 0.2
+    """s."""
+
+    kind: ClassVar[str]
+    measure: ClassVar[str]
+
+    def __post_init__(self) -> None:
+        for field in dataclasses.fields(cast(Any, self)):
+            name, value = field.name, getattr(self, field.name)
+            if name in ("horizon", "control_period") and not (math.isfinite(value) and value > 0):
+                raise ConfigError(f"{self.kind}: {name} must be a finite number > 0 s, got {value}.")
+            if isinstance(value, float) and not (math.isfinite(value) and value >= 0):
+                raise ConfigError(f"{self.kind}: {name} must be finite and not negative, got {value}.")
+
+    @property
+    def name(self) -> str:
+        """See `Objective`."""
+        return f"{self.kind} in {self.horizon:g} s"
+
+    @property
+    def intervals(self) -> int:
+        """See `Objective`."""
+        return max(1, round(self.horizon / self.control_period))
+
+    @abstractmethod
+    def cost(self, path: Path) -> Any:
+        """See `Objective`."""
+
+
+@dataclass(frozen=True)
+class MinimumFuel(_GivenTime):
+    """Least thrust impulse, N s, that arrives within a given time."""
+
+    ending: Ending = "exact"
+    """Where it must end."""
+
+    kind = "minimum fuel"
+    measure = "fuel N s"
+
+    def cost(self, path: Path) -> Any:
+        """Thrust times time, summed over the thrusters, N s."""
+        return path.period * ca.dot(_forces(path.craft), ca.sum2(path.commands))
+
+
+@dataclass(frozen=True)
+class MinimumEnergy(_GivenTime):
+    """Least squared thrust, summed over the thrusters and over time, N^2 s."""
+
+    ending: Ending = "exact"
+    """Where it must end."""
+
+    kind = "minimum energy"
+    measure = "energy N^2 s"
+
+    def cost(self, path: Path) -> Any:
+        """The integral of the sum of the thrusters' squared forces, N^2 s."""
+        return path.period * ca.dot(_forces(path.craft) ** 2, ca.sum2(path.commands**2))
+
+
+@dataclass(frozen=True)
+class QuadraticTracking(_GivenTime):
+    """Least squared distance of the task's residual from its target, and of the commands from zero.
+
+    What a linear-quadratic regulator would minimise were the motion linear. No end is prescribed.
+    """
+
+    command_weight: float = 0.1
+    """Cost of a fully open thruster, as that of 1 m, 1 m/s, or a cosine or sine that is off by 1."""
+
+    kind = "quadratic tracking"
+    measure = "cost s"
+
+    @property
+    def ending(self) -> Ending:
+        """See `Objective`."""
+        return "free"
+
+    def cost(self, path: Path) -> Any:
+        """The integral of |residual - target|^2 + weight |commands|^2 over time, s."""
+        (state, goal), arguments = _symbols(path)
+        target = path.task.residual_target(state_dimension(state))
+        gaps = [(r - t) ** 2 for r, t in zip(path.task.residual(state, goal), target, strict=True)]
+        stage = ca.Function("gap", arguments, [sum(gaps)])
+        far = ca.sum2(stage.map(self.intervals)(path.states, _each_step(path)))
+        return path.period * (far + self.command_weight * ca.sumsqr(path.commands))
+
+
+@dataclass(frozen=True)
+class MaximumReward(_GivenTime):
+    """Greatest sum of the task's own rewards, so that an agent is measured by what it was told.
+
+    No end is prescribed, and the failures that end an agent's episode are not looked for.
+    """
+
+    horizon: float = 25.0
+    """Length of the episode, s."""
+
+    kind = "maximum reward"
+    measure = "minus return"
+
+    @property
+    def ending(self) -> Ending:
+        """See `Objective`."""
+        return "free"
+
+    def cost(self, path: Path) -> Any:
+        """Minus the return: the sum of all terms of `Task.reward` over all steps."""
+        (state, goal), arguments = _symbols(path)
+        now, before = ([ca.SX.sym("u") for _ in path.craft.thrusters] for _ in range(2))  # type: ignore[call-arg]
+        terms = path.task.reward(state, goal, tuple(now), tuple(before))
+        stage = ca.Function("reward", [*arguments, ca.vertcat(*now), ca.vertcat(*before)],
+                            [sum(terms.values())])
+        previous = ca.horzcat(ca.MX(len(now), 1), path.commands[:, :-1])
+        given = [path.states, _each_step(path), path.commands, previous]
+        if path.corner is not None:
+            stage = rounded(stage, ca.SX.sym("corner"))  # type: ignore[call-arg]
+            given.append(ca.repmat(path.corner, 1, self.intervals))
+        return -ca.sum2(stage.map(self.intervals)(*given))
+
+
+@dataclass(frozen=True)
+class MinimumTime:
+    """Least time, s, in a given number of equal control periods.
+
+    Raises:
+        ConfigError: ``intervals`` is not positive.
+    """
+
+    intervals: int = 50
+    """For the paper's starts, 5 s away, this is finer than the default 5 Hz."""
+    ending: Ending = "exact"
+    """Where it must end."""
+
+    name = "minimum time"
+    measure = "time s"
+    control_period = None
+
+    def __post_init__(self) -> None:
+        if self.intervals < 1:
+            raise ConfigError(f"minimum time: intervals must be >= 1, got {self.intervals}.")
+
+    def cost(self, path: Path) -> Any:
+        """Time of arrival, s."""
+        return self.intervals * path.period
+
+
+def _forces(craft: Spacecraft) -> ca.DM:
+    return ca.DM([thruster.force for thruster in craft.thrusters])
+
+
+def _symbols(path: Path) -> tuple[list[Any], list[ca.SX]]:
+    """A state and a goal of SX symbols, and the columns of their leaves."""
+    like = scenario(path.task, path.craft.dimension, seed=0, episode=0)
+    states: list[Any] = [map_leaves(lambda _: ca.SX.sym("s"), s) for s in (like.start, like.goal)]  # type: ignore[call-arg]
+    return states, [ca.vertcat(*leaves(s)) for s in states]
+
+
+def _each_step(path: Path) -> Any:
+    return ca.repmat(path.goal, 1, path.states.shape[1])

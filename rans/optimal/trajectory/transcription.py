@@ -1,0 +1,269 @@
+"""Optimal trajectories by direct multiple shooting, on the equations and the task of the engines.
+
+The on/off command of each control period is relaxed to a constant between 0 and 1. What comes out is
+a local optimum of the relaxed problem: a mark to measure controllers against, and no controller.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from rans.errors import ConfigError
+from rans.model.dynamics import MassProperties, State, Wrench, advance
+from rans.model.fields import Vec2, Vec3, leaves, map_leaves, unflatten
+from rans.model.spacecraft import Spacecraft, controls_every_direction
+from rans.optimal.trajectory.allocation import Allocation
+from rans.optimal.trajectory.arrival import Arrival, aims
+from rans.optimal.trajectory.guess import guess, needed_wrenches, transfer_time
+from rans.optimal.trajectory.objectives import Objective, Path
+from rans.optimal.trajectory.smoothing import ROUNDINGS
+from rans.scenario import scenario
+from rans.tasks.base import Task
+
+_OPTIONS = {"expand": True, "print_time": False, "error_on_fail": False, "show_eval_warnings": False,
+            "ipopt.print_level": 0, "ipopt.sb": "yes", "ipopt.max_iter": 500,
+            "ipopt.min_refinement_steps": 0, "ipopt.mumps_permuting_scaling": 0,
+            "ipopt.mumps_scaling": 0}
+"""IPOPT on scalar graphs: the most robust of the solvers tried on these problems. A solvable one takes
+20 to 60 iterations, so 500 are only spent in vain. Their numbers are all about one, so their
+linear systems need no scaling and seldom a refinement, which saves a seventh of the time."""
+
+_NODES = 4
+"""Of the quadrature in the plane: 1e-11 of the thrust's effect is lost in a period (see
+`rans.model.dynamics.NODES`), which is less than the solver leaves open."""
+
+_AJAR = 0.03
+"""By how much every thruster is opened beyond what the guessed motion takes, as interior point methods
+start away from bounds: of 0.03, 0.1 and 0.3 the fastest."""
+
+_HALF_SHUT = 0.3
+"""Guess of every command where thrusters cannot give a wanted wrench."""
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """What the optimiser ended with, solved or not."""
+
+    objective: str
+    """Name of the objective."""
+    status: str
+    """The solver's word for how it ended, "Solve_Succeeded" when all went well."""
+    solved: bool
+    cost: float
+    """In the objective's unit."""
+    states: Any
+    """`State` whose fields are float64 arrays (T + 1,); headings are not wrapped."""
+    commands: np.ndarray
+    """(T, thrusters), 0 to 1."""
+    control_period: float
+    """s."""
+    iterations: int
+    """Of all attempts together."""
+    seconds: float
+    """Wall time of all attempts together."""
+    attempts: int = 1
+    """Guesses that were started from."""
+
+
+def unsolved(objective: Objective, craft: Spacecraft, start: State, status: str) -> Trajectory:
+    """A trajectory of NaN, for a problem whose solver never answered."""
+    def nothing(*shape: int) -> np.ndarray:
+        return np.full(shape, np.nan)
+
+    count = objective.intervals
+    states = map_leaves(lambda _: nothing(count + 1), start)
+    return Trajectory(objective.name, status, False, math.nan, states,
+                      nothing(count, len(craft.thrusters)), math.nan, 0, 0.0, 0)
+
+
+def _best(found: Sequence[Trajectory]) -> Trajectory:
+    """The cheapest of those solved, with the iterations and the time of all."""
+    best = min(found, key=lambda one: (not one.solved, one.cost))
+    return replace(best, iterations=sum(one.iterations for one in found),
+                   seconds=sum(one.seconds for one in found))
+
+
+class Transcription:
+    """One kind of problem for one spacecraft and task, ready to be solved from any start.
+
+    The trajectory starts in the given state and ends as the objective says, see `Arrival`. Where thrust
+    is shared ("split") the commands' sum is kept within 1, where sharing is linear: any wrench the supply
+    can give has such commands.
+
+    Each period's wrench is a variable of its own, tied to the commands by a linear constraint: the motion
+    is then differentiated in 3 or 6 directions instead of one per thruster, which in space takes the
+    Hessian a third of the operations.
+
+    Args:
+        craft: what flies.
+        task: where to arrive, or what to be rewarded for.
+        objective: what to minimise.
+        substeps: integration steps a control period, see `rans.model.dynamics.advance`. In the plane one is
+            exact, in space of order six, which a replay in Drake shows to be enough.
+
+    Raises:
+        ConfigError: the task is a multi-task.
+    """
+
+    def __init__(self, craft: Spacecraft, task: Task, objective: Objective, substeps: int = 1) -> None:
+        self._craft, self._task, self._objective = craft, task, objective
+        example = scenario(task, craft.dimension, seed=0, episode=0)
+        self._like, self._aims = example.start, aims(task)
+        self._arrival = Arrival(task, example.goal, objective.ending)
+        self._wrenches = np.array(craft.wrench_map).T
+        self._step = _step(craft, example.start, substeps)
+        self._allocation = Allocation(craft) if controls_every_direction(craft) else None
+        self._rows = (len(craft.thrusters), len(self._wrenches), len(leaves(self._like)))
+        self._build(len(leaves(example.goal)))
+
+    def _build(self, goal_width: int) -> None:
+        """Variables: (commands, wrench, state after) of every interval, then the control period.
+
+        Constraints: intervals join, wrenches are the commands', arrival, and with shared thrust the sums
+        of commands.
+        """
+        count, (nozzles, forces, width) = self._objective.intervals, self._rows
+        variables = ca.MX.sym("variables", count * sum(self._rows) + 1)  # type: ignore[arg-type]
+        start, goal = ca.MX.sym("start", width), ca.MX.sym("goal", goal_width)  # type: ignore[arg-type]
+        table, period = ca.reshape(variables[:-1], sum(self._rows), count), variables[-1]
+        if self._objective.control_period is not None:  # a constant is differentiated faster
+            period = self._objective.control_period
+        commands, applied, after = ca.vertsplit(table, [0, nozzles, nozzles + forces, sum(self._rows)])
+        gaps = after - self._step.map(count)(ca.horzcat(start, after[:, :-1]), applied, period)
+        constraints = [ca.vec(gaps), ca.vec(ca.DM(self._wrenches) @ commands - applied),
+                       self._arrival.conditions(after[:, -1], goal)]
+        if self._craft.thrust_sharing == "split":
+            constraints.append(ca.sum1(commands).T)
+        corner = ca.MX.sym("corner")  # type: ignore[call-arg]
+        path = Path(self._craft, self._task, after, commands, period, goal, corner)
+        cost = self._objective.cost(path)
+        problem = {"x": variables, "p": ca.vertcat(start, goal, corner), "g": ca.vertcat(*constraints),
+                   "f": cost}
+        self._corners = ROUNDINGS if ca.depends_on(cost, corner) else ROUNDINGS[:1]
+        self._solver = ca.nlpsol("trajectory", "ipopt", problem, _OPTIONS)
+        exact = self._objective.cost(replace(path, corner=None))
+        self._cost = ca.Function("cost", [variables, goal], [exact])
+
+    def solve(self, start: State, goal: State, guesses: int = 1) -> Trajectory:
+        """The best local optimum from some guesses.
+
+        Where none of them leads to one, further guesses are tried, up to one more.
+
+        Args:
+            start: of floats.
+            goal: of floats.
+            guesses: to start from, see `rans.optimal.trajectory.guess.guess`.
+
+        Returns:
+            The trajectory; its status says whether the solver succeeded. Nothing is raised for a
+            problem without a solution.
+
+        Raises:
+            ConfigError: there are no guesses, or for least time the thrusters cannot push and turn the
+                spacecraft in every direction.
+        """
+        if guesses < 1:
+            raise ConfigError(f"the optimiser needs at least one guess, got {guesses}.")
+        if not np.isfinite([*leaves(start), *leaves(goal)]).all():
+            return unsolved(self._objective, self._craft, start, "Invalid_Number_Detected")
+        attempts = [self._attempt(start, goal, number) for number in range(guesses)]
+        if not any(attempt.solved for attempt in attempts):
+            attempts.append(self._attempt(start, goal, guesses))
+        return replace(_best(attempts), attempts=len(attempts))
+
+    def _attempt(self, start: State, goal: State, number: int) -> Trajectory:
+        """From one guess; what has corners is solved again with sharper ones, from the answer before."""
+        problem, found = self._bounds_and_guess(start, goal, number), []
+        for corner in self._corners:
+            begun = time.perf_counter()
+            solution = self._solver(p=[*leaves(start), *leaves(goal), corner], **problem)
+            found.append(self._trajectory(solution, start, goal, time.perf_counter() - begun))
+            if not found[-1].solved:
+                break
+            problem["x0"] = np.array(solution["x"]).ravel()
+        return _best(found)
+
+    def _trajectory(self, solution: dict[str, Any], start: State, goal: State, seconds: float) -> Trajectory:
+        statistics = self._solver.stats()
+        variables = np.array(solution["x"]).ravel()
+        states, commands, period = self._unpack(variables, start)
+        return Trajectory(self._objective.name, statistics["return_status"], statistics["success"],
+                          float(self._cost(variables, leaves(goal))), states, commands, period,
+                          statistics["iter_count"], seconds)
+
+    def _bounds_and_guess(self, start: State, goal: State, number: int) -> dict[str, np.ndarray]:
+        count, (_, forces, width) = self._objective.intervals, self._rows
+        shortest, period, longest = self._periods(start, goal)
+        states = self._guess(start, goal, count, period, number)
+        command = self._commands(start, states, period)
+
+        def pack(command: np.ndarray, applied: np.ndarray, state: np.ndarray, period: float) -> np.ndarray:
+            return np.append(np.vstack([command, applied, state]).T, period)
+
+        free, unbound = np.full((width, count), np.inf), np.full((forces, count), np.inf)
+        joined = np.zeros(count * (width + forces))
+        sums = np.ones(count if self._craft.thrust_sharing == "split" else 0)
+        return {
+            "x0": pack(command, self._wrenches @ command, states, period),
+            "lbx": pack(0.0 * command, -unbound, -free, shortest),
+            "ubx": pack(0.0 * command + 1.0, unbound, free, longest),
+            "lbg": np.concatenate([joined, self._arrival.low, 0.0 * sums]),
+            "ubg": np.concatenate([joined, self._arrival.high, sums]),
+        }
+
+    def _periods(self, start: State, goal: State) -> tuple[float, float, float]:
+        """Least, guessed and greatest control period, s."""
+        given = self._objective.control_period
+        if given is not None:
+            return given, given, given
+        period = transfer_time(self._craft, self._aims, start, goal) / self._objective.intervals
+        return 0.1 * period, period, 10.0 * period  # without bounds the optimiser can wander to zero
+
+    def _guess(self, start: State, goal: State, count: int, period: float, number: int) -> np.ndarray:
+        """Arrives at the end; where no end is prescribed, soon, and then moves on as the goal does."""
+        moving = count
+        if self._objective.ending == "free":
+            quick = transfer_time(self._craft, self._aims, start, goal)
+            moving = min(count, math.ceil(quick / period))
+        there = guess(self._aims, start, goal, moving * period, moving, number)
+        if moving == count:
+            return there
+        arrived = unflatten(start, there[:, -1])
+        rest = guess((), arrived, arrived, (count - moving) * period, count - moving)
+        return np.hstack([there, rest])
+
+    def _commands(self, start: State, states: np.ndarray, period: float) -> np.ndarray:
+        """(thrusters, T) about what a guessed motion takes."""
+        if self._allocation is None:
+            return np.full((self._rows[0], states.shape[1]), _HALF_SHUT)
+        path = unflatten(start, np.column_stack([leaves(start), states]))
+        wrenches = needed_wrenches(self._craft, path, period)
+        return np.clip(self._allocation.commands(wrenches).T + _AJAR, _AJAR, 1.0 - _AJAR)
+
+    def _unpack(self, variables: np.ndarray, start: State) -> tuple[State, np.ndarray, float]:
+        nozzles, forces, _ = self._rows
+        table = variables[:-1].reshape(self._objective.intervals, -1)
+        rows = np.vstack([leaves(start), table[:, nozzles + forces:]])
+        # the interior point method leaves bounds by up to 1e-8
+        return unflatten(self._like, rows.T), np.clip(table[:, :nozzles], 0.0, 1.0), float(variables[-1])
+
+
+def _step(craft: Spacecraft, like: State, substeps: int) -> ca.Function:
+    """The engines' motion over one control period: (state, wrench on B, period) to the state after."""
+    def symbols(count: int) -> Sequence[Any]:
+        return [ca.SX.sym("s") for _ in range(count)]  # type: ignore[call-arg]
+
+    state: Any = map_leaves(lambda _: symbols(1)[0], like)
+    parts, period = symbols(craft.degrees_of_freedom), symbols(1)[0]
+    planar = craft.dimension == 2
+    applied = Wrench(Vec2(*parts[:2]), parts[2]) if planar else Wrench(Vec3(*parts[:3]), Vec3(*parts[3:]))
+    after = advance(state, applied, MassProperties.of(craft), period, substeps, _NODES)
+    columns = [ca.vertcat(*x) for x in (leaves(state), parts, leaves(after))]
+    return ca.Function("step", [columns[0], columns[1], period], [columns[2]])

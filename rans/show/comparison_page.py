@@ -1,0 +1,196 @@
+"""A comparison as one HTML page."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from rans.evaluation.compare.run import Comparison
+from rans.evaluation.measure.statistics import Estimate
+from rans.files import environment
+from rans.flight import Flight, fly
+from rans.show import comparison_figures as figures
+from rans.show import comparison_tables as tables
+from rans.show.figures import data_uri, svg
+from rans.show.report import Finding, Picture, Report, Section, Table
+
+TEXT = (
+    "All fly from the same starts, at the same rate, and open or shut whole thrusters. Arrival is the first "
+    "time within the task's tolerances and, for a pose or position, at rest (5 cm/s, 5 degrees/s); settling "
+    "is when the errors enter their tolerances for good. Thrust-time is force times open time, summed over "
+    "the thrusters. Who never gets there counts as infinitely late. Medians and means stand with 95 % "
+    "bootstrap intervals over starts, settled and failed with Wilson's, latency with the middle 90 % of the "
+    "actions. Certified bounds hold for every on/off controller at this rate; "
+    "relaxed optima may throttle, know the future and are only locally optimal."
+)
+"""The protocol in short; docs/comparison.md has all of it."""
+
+
+class _Script:
+    """Commands given beforehand, for one spacecraft."""
+
+    def __init__(self, name: str, commands: np.ndarray) -> None:
+        self.name, self._commands, self._step = name, commands, 0
+
+    def reset(self, count: int) -> None:
+        self._step = 0
+
+    def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
+        self._step += 1
+        return self._commands[self._step - 1:self._step]
+
+
+def page(comparison: Comparison) -> Report:
+    """Whatever the comparison holds, failures on top."""
+    sections = [_summary(comparison)]
+    if comparison.entries:
+        sections += [_plane(comparison), *_gaps(comparison), *_starts(comparison), _errors(comparison),
+                     _returns(comparison), *_differences(comparison)]
+    if comparison.relaxed:
+        sections.append(_relaxed(comparison))
+    return Report(f"Comparison: {comparison.protocol.title()}", sections, _header(comparison))
+
+
+def _header(comparison: Comparison) -> dict[str, Any]:
+    about = environment()
+    protocol = comparison.protocol
+    return {"task": type(protocol.task).__name__, "spacecraft": protocol.craft.name,
+            "motion by": protocol.engine,
+            "versions": ", ".join(f"{key} {about[key]}" for key in ("rans", "revision", "torch", "casadi",
+                                                                    "drake")),
+            "processor": f"{about['processor']}, {about['cores']} cores"}
+
+
+def _summary(comparison: Comparison) -> Section:
+    findings = [Finding(text, False) for text in comparison.failures]
+    if comparison.certified_starts():
+        findings.append(Finding("No flight beats a certified bound.", not comparison.impossible()))
+    findings += [Finding(text) for text in comparison.notes]
+    board = tables.scoreboard(comparison)
+    findings += [Finding(_told(name, row)) for name, row in board.items()]
+    headings = dict.fromkeys(key for row in board.values() for key in row)
+    rows = [[key, *(row[key].text() for row in board.values())] for key in headings]
+    made = [[e.name, e.contestant.knows, e.contestant.tuning] for e in comparison.entries]
+    found = [Table(("score", *board), rows, "Scores over all starts"),
+             Table(("contestant", "knows", "tuning"), made, "What it took")] if rows else []
+    return Section("Contestants", TEXT, found, (), findings)
+
+
+def _told(name: str, row: tables.Scores) -> str:
+    settling = row["settling time, s"]
+    median = f"median {settling.text()} s, " if np.isfinite(settling.value) else ""
+    return (f"{name} settles from {row['settled, %'].value:.3g} % of the starts, {median}"
+            f"with {row['thrust-time of the episode, N s'].text()} N s.")
+
+
+def _plane(comparison: Comparison) -> Section:
+    text = (
+        "Left of the line no controller's median can be. The bars are medians of what each start needs at "
+        "least to be there at the marked time: from no start does less suffice, but who is quick from some "
+        "starts and late from others may have a median below a bar. The dotted line only guides the eye."
+    ) if comparison.certified_starts() else ""
+    return Section("Time and thrust", text, (), [_picture(
+        figures.plane(comparison), "Time and thrust-time to the goal set, with 95 % intervals.")])
+
+
+def _gaps(comparison: Comparison) -> Iterator[Section]:
+    gaps = tables.gaps(comparison)
+    if not gaps:
+        return
+    starts = comparison.certified_starts()
+    names = list(dict.fromkeys(name for found in gaps.values() for name in found))
+    rows = [[name, *(_middle(found.get(name)) for found in gaps.values())] for name in names]
+    bounds = []
+    for question, horizon in zip(gaps, (None, *comparison.horizons()), strict=True):
+        lower, upper = comparison.bounds(horizon)
+        closed = f"{(upper <= lower + 1e-9).sum()} of {len(lower)}"
+        best = float(np.median(upper))
+        bounds.append([question, float(np.median(lower)), best if np.isfinite(best) else None, closed])
+    text = (f"From {len(starts)} starts, times the certified lower bound: 1 cannot be beaten. Thrust-time by "
+            "a time counts for flights that are in the goal set at that time, in brackets how many; it is "
+            "infinite for the others.")
+    shown = [question for k, question in enumerate(gaps) if k in (0, len(gaps) // 2, len(gaps) - 1)]
+    yield Section("Gaps to the certified bounds", text, [
+        Table(("contestant", *gaps), rows, "Median multiple of the bound"),
+        Table(("question", "certified bound, median", "best found, median", "proven optimal"), bounds,
+              "The bounds (s and N s)")],
+        [_picture(figures.gap_histograms(gaps, shown), "Flights from each start over the certified bound.")])
+
+
+def _middle(ratios: np.ndarray | None) -> str | None:
+    if ratios is None or not ratios.size:
+        return None
+    middle, there = np.median(ratios), int(np.isfinite(ratios).sum())
+    return f"{f'{middle:.3g}' if np.isfinite(middle) else 'never'} ({there} of {len(ratios)})"
+
+
+def _starts(comparison: Comparison) -> Iterator[Section]:
+    """The median and the worst start of the first contestant, with the controls found where there are."""
+    candidates = comparison.certified_starts() or list(range(comparison.protocol.episodes))
+    ranking = sorted(candidates, key=lambda k: comparison.entries[0].arrival[k])
+    chosen = dict.fromkeys((ranking[(len(ranking) - 1) // 2], ranking[-1]))
+    pictures = [_picture(figures.side_by_side([*_flights(comparison, k)]), f"Start {k}.") for k in chosen]
+    text = f"The median and the slowest start of {comparison.entries[0].name}, everybody side by side."
+    yield Section("Paths", text, (), pictures)
+
+
+def _flights(comparison: Comparison, k: int) -> Iterator[tuple[str, Flight, int]]:
+    protocol = comparison.protocol
+    for entry in comparison.entries:
+        yield entry.name, entry.flight, k
+    last = comparison.horizons()[-1]
+    for answer in comparison.certified:
+        if answer.start == k and answer.commands is not None and answer.horizon in (None, last):
+            name = "least time found" if answer.horizon is None else f"least thrust by {last:g} s found"
+            commands = np.array(answer.commands, dtype=float)
+            until = replace(protocol.timing, episode_steps=len(commands))
+            script = _Script(name, commands)
+            yield name, fly(protocol.craft, protocol.task, script, protocol.start(k), until), 0
+
+
+def _errors(comparison: Comparison) -> Section:
+    picture = _picture(figures.final_error_curves(comparison.entries),
+                       "Distribution of final errors over all starts.")
+    return Section("Final errors", "", (), [picture])
+
+
+def _returns(comparison: Comparison) -> Section:
+    text = ("Latency is the processor time of one action for one observation, median and middle 90 % over "
+            "the first fifth of a few flights.")
+    title, optimum = "Latency", tables.best_returns(comparison)
+    if optimum is not None:
+        title, known = "Return and latency", np.isfinite(optimum)
+        text += (f" The return is the task's own reward, from {known.sum()} of {len(known)} starts; 100 % is "
+                 "its relaxed optimum from there, which may throttle.")
+    picture = _picture(figures.shares_and_latency(tables.scoreboard(comparison)), f"{title}.")
+    return Section(title, text, (), [picture])
+
+
+def _differences(comparison: Comparison) -> Iterator[Section]:
+    between = tables.differences(comparison)
+    if not between:
+        return
+    first = comparison.entries[0].name
+    rows = [[name, *(_signed(estimate) for estimate in row.values())] for name, row in between.items()]
+    yield Section("Paired differences", f"Everybody less {first} from the same start: median over starts, "
+                  f"with its interval; 0 where neither gets there, never where only {first} does, -never "
+                  f"where only {first} does not.",
+                  [Table(("contestant", *tables.DIFFERENCES), rows)])
+
+
+def _signed(estimate: Estimate) -> str:
+    return estimate.text("+.3g")
+
+
+def _relaxed(comparison: Comparison) -> Section:
+    columns = ("objective", "solved", "arrival, s", "settling, s", "thrust-time, N s", "return",
+               "largest replay error, m", "solve time, s")
+    return Section("Relaxed optima", "Flown in Drake before they are reported; medians.",
+                   [Table(columns, tables.relaxed_rows(comparison))])
+
+
+def _picture(figure: Any, caption: str) -> Picture:
+    return Picture(data_uri(svg(figure)), caption)

@@ -1,0 +1,201 @@
+"""A comparison in numbers: rows for the page, the terminal and the JSON file."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+
+from rans.evaluation.compare.protocol import Entry
+from rans.evaluation.compare.relaxed import Relaxed
+from rans.evaluation.compare.run import Comparison
+from rans.evaluation.measure.metrics import DISPLAY
+from rans.evaluation.measure.statistics import Bootstrap, Estimate, share
+from rans.files import environment
+from rans.optimal.trajectory.objectives import MaximumReward
+
+Scores = dict[str, Estimate]
+"""By heading, unit included."""
+
+RETURN = "return, % of relaxed optimum"
+"""Heading of the share of what is possible in the task's own reward."""
+
+DIFFERENCES: dict[str, Callable[[Entry], np.ndarray]] = {
+    "settling time, s": lambda entry: entry.settling,
+    "arrival, s": lambda entry: entry.arrival,
+    "thrust-time to arrive, N s": lambda entry: entry.arrival_thrust,
+    "thrust-time of the episode, N s": lambda entry: entry.thrust,
+    "return": lambda entry: entry.returns,
+}
+"""What is compared start by start."""
+
+
+def scores(entry: Entry, bootstrap: Bootstrap, optimum: np.ndarray | None = None) -> Scores:
+    """Medians where a flight may never get there, means elsewhere.
+
+    Args:
+        entry: N flights.
+        bootstrap: over N starts.
+        optimum: see `best_returns`.
+    """
+    settled = share(np.isfinite(entry.settling))
+    found = {"settled, %": _scaled(settled, 100.0)}
+    for name in ("settling time, s", "arrival, s", "thrust-time to arrive, N s"):
+        found[name] = bootstrap.median(DIFFERENCES[name](entry))
+    found["thrust-time of the episode, N s"] = bootstrap.mean(entry.thrust)
+    found["failed, %"] = _scaled(share(entry.flight.failed()), 100.0)
+    found["duty, %"] = bootstrap.mean(100.0 * entry.duty)
+    for name, error in entry.errors.items():
+        factor, unit = DISPLAY[name]
+        found[f"{name} error, {unit}"] = bootstrap.mean(factor * error)
+    if optimum is not None:
+        known = np.isfinite(optimum)
+        ratio = Bootstrap(int(known.sum())).ratio(entry.returns[known], optimum[known])
+        found[RETURN] = _scaled(ratio, 100.0)
+    found["latency, ms"] = _latency(entry)
+    return found
+
+
+def _latency(entry: Entry) -> Estimate:
+    """Median, and the middle 90 % of the actions."""
+    return Estimate(*(1e3 * float(np.quantile(entry.latencies, q)) for q in (0.5, 0.05, 0.95)))
+
+
+def _scaled(estimate: Estimate, factor: float) -> Estimate:
+    return Estimate(factor * estimate.value, factor * estimate.low, factor * estimate.high)
+
+
+def scoreboard(comparison: Comparison) -> dict[str, Scores]:
+    """The scores of every contestant over all starts."""
+    bootstrap = Bootstrap(comparison.protocol.episodes)
+    optimum = best_returns(comparison)
+    return {entry.name: scores(entry, bootstrap, optimum) for entry in comparison.entries}
+
+
+def best_returns(comparison: Comparison) -> np.ndarray | None:
+    """Returns of the relaxed reward optimum, (N,), NaN where none was found; None if nowhere."""
+    for rows in comparison.relaxed.values():
+        totals = np.array([row.total for row in rows])
+        if isinstance(rows[0].objective, MaximumReward) and np.isfinite(totals).any():
+            return totals
+    return None
+
+
+def differences(comparison: Comparison) -> dict[str, Scores]:
+    """Median over starts of everybody's score less that of the first contestant from the same start."""
+    first, bootstrap = comparison.entries[0], Bootstrap(comparison.protocol.episodes)
+    return {entry.name: {name: bootstrap.difference(of(entry), of(first)) for name, of in DIFFERENCES.items()}
+            for entry in comparison.entries[1:]}
+
+
+def gaps(comparison: Comparison) -> dict[str, dict[str, np.ndarray]]:
+    """Scores over certified bounds, by question and contestant, of the certified starts; 1 cannot be beaten.
+
+    A flight counts at a horizon if it is in the goal set at that time, and is infinite if not: the bound
+    is for exactly that. Starts whose bound is infinite (nobody can be there) or 0 are left out.
+    """
+    starts, found = comparison.certified_starts(), {}
+    if starts:
+        found["time"] = _ratios(comparison, None, lambda entry: entry.arrival)
+        for horizon in comparison.horizons():
+            found[f"thrust-time by {horizon:g} s"] = _ratios(
+                comparison, horizon, lambda entry, h=horizon: entry.thrust_by(h))
+    return found
+
+
+def _ratios(comparison: Comparison, horizon: float | None,
+            of: Callable[[Entry], np.ndarray]) -> dict[str, np.ndarray]:
+    lower, upper = comparison.bounds(horizon)
+    possible = np.isfinite(lower) & (lower > 0)
+    starts, lower = np.array(comparison.certified_starts())[possible], lower[possible]
+    found = {entry.name: of(entry)[starts] / lower for entry in comparison.entries}
+    best = upper[possible] / lower
+    return found | ({"best found": best} if np.isfinite(best).any() else {})
+
+
+def relaxed_rows(comparison: Comparison) -> list[list[Any]]:
+    """What the optimiser found, by objective, for a table."""
+    rows = []
+    for name, found in comparison.relaxed.items():
+        solved = [one for one in found if one.solved]
+        middle = [_median(solved, key) for key in ("arrival", "settling", "thrust", "total")]
+        worst = max((one.replay_error for one in solved), default=None)
+        rows.append([name, f"{len(solved)} of {len(found)}", *middle, worst, _median(solved, "seconds")])
+    return rows
+
+
+def _median(rows: list[Relaxed], key: str) -> float | None:
+    values = [value for value in (getattr(row, key) for row in rows) if not math.isnan(value)]
+    return float(np.median(values)) if values else None
+
+
+def to_json(comparison: Comparison, text: str) -> dict[str, Any]:
+    """Plain values; infinities and NaN become null."""
+    if not comparison.entries:
+        return {"title": comparison.protocol.title(), "failures": comparison.failures}
+    table, between = scoreboard(comparison), differences(comparison)
+    found = {
+        "title": comparison.protocol.title(), "text": text, "engine": comparison.protocol.engine,
+        "summary": [*_summary(comparison, table), *_bound_summary(comparison)],
+        "estimates": _estimates(table), "differences_from_first": _estimates(between),
+        "contestants": {e.name: {"knows": e.contestant.knows, "tuning": e.contestant.tuning}
+                        for e in comparison.entries},
+        "certified": {"starts": comparison.certified_starts(), "horizons": comparison.horizons(),
+                      "gaps": {q: {n: list(map(float, v)) for n, v in g.items()}
+                               for q, g in gaps(comparison).items()}},
+        "per_start": {"contestants": {e.name: list(_starts(e)) for e in comparison.entries},
+                      "lqr_weights": {e.name: list(_starts(e)) for e in comparison.curve},
+                      "relaxed": {name: [_relaxed_row(row) for row in rows]
+                                  for name, rows in comparison.relaxed.items()},
+                      "certified": [one.to_json() for one in comparison.certified]},
+        "notes": comparison.notes, "failures": comparison.failures, "environment": environment(),
+    }
+    return _finite(found)
+
+
+def _estimates(table: dict[str, Scores]) -> dict[str, dict[str, list[float | None]]]:
+    return {name: {key: estimate.to_json() for key, estimate in row.items()} for name, row in table.items()}
+
+
+def _summary(comparison: Comparison, table: dict[str, Scores]) -> Iterator[dict[str, Any]]:
+    """A row per contestant, with what `rans.show.report.comparison_section` reads."""
+    for entry in comparison.entries:
+        count, row = len(entry.settling), table[entry.name]
+        yield {"contestant": entry.name, "kind": "controller", "starts": count, "flown": count,
+               "settled": int(np.isfinite(entry.settling).sum()),
+               "median_settling_time": row["settling time, s"].value,
+               "mean_impulse": row["thrust-time of the episode, N s"].value,
+               "return_percent": row[RETURN].value if RETURN in row else None}
+
+
+def _bound_summary(comparison: Comparison) -> Iterator[dict[str, Any]]:
+    for name, rows in comparison.relaxed.items():
+        solved = [row for row in rows if row.solved]
+        yield {"contestant": f"{name} (relaxed)", "kind": "bound", "starts": len(rows),
+               "flown": len(solved), "settled": sum(math.isfinite(row.settling) for row in solved),
+               "median_settling_time": _median(solved, "settling"),
+               "mean_impulse": float(np.mean([row.thrust for row in solved])) if solved else None}
+
+
+def _starts(entry: Entry) -> Iterator[dict[str, Any]]:
+    for k, failed in enumerate(entry.flight.failed()):
+        yield {"start": k, "failed": bool(failed), "settling_time": float(entry.settling[k]),
+               "arrival": float(entry.arrival[k]), "thrust_to_arrive": float(entry.arrival_thrust[k]),
+               "thrust": float(entry.thrust[k]), "return": float(entry.returns[k]),
+               "errors": {name: float(error[k]) for name, error in entry.errors.items()}}
+
+
+def _relaxed_row(row: Relaxed) -> dict[str, Any]:
+    return {key: getattr(row, key) for key in ("start", "status", "arrival", "settling", "thrust", "total",
+                                               "replay_error", "seconds")}
+
+
+def _finite(value: Any) -> Any:
+    """JSON has no infinities."""
+    if isinstance(value, dict):
+        return {key: _finite(inner) for key, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(inner) for inner in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

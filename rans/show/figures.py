@@ -1,0 +1,136 @@
+"""Figures of flights and trainings, for reports and papers.
+
+Every function returns a `matplotlib.figure.Figure` that nobody else holds: no window, no global state.
+Colours are those of Okabe and Ito ("Color Universal Design", 2008), which everybody can tell apart.
+"""
+
+from __future__ import annotations
+
+import base64
+import io
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter
+
+from rans.files import write_text
+from rans.flight import Flight
+from rans.show import panels
+from rans.show.panels import BLUE, GREEN, GREY, ORANGE, PURPLE, RED, SKY, STYLE, label
+
+styled = matplotlib.rc_context(STYLE)
+"""Decorator: everything drawn inside has the project's style."""
+
+
+@styled
+def evaluation_figure(flight: Flight) -> Figure:
+    """All episodes in eight panels, after figure "gotopose_eval" of the paper.
+
+    (a) thruster activations, (b) and (f) every episode's errors, (c) and (g) their summaries,
+    (d) angular speed, (e) trajectories, (h) reward. A task with one error leaves (f) and (g) empty.
+    Best and worst are the episodes whose mean over time is.
+    """
+    figure = Figure(figsize=(14.0, 6.6), layout="constrained")
+    grid = figure.subplots(2, 4)
+    panels.activations(grid[0, 0], flight)
+    panels.trajectories(grid[1, 0], flight)
+    for row, letters in enumerate(("bc", "fg")):
+        panels.errors(grid[row, 1], grid[row, 2], flight, row, letters)
+    spin = np.linalg.norm(np.asarray(flight.states.spin()), axis=0)
+    panels.summary(grid[0, 3], flight.times, spin, best=np.argmin, worst=np.argmax)
+    label(grid[0, 3], "(d) angular speed", "time, s", "angular speed, rad/s")
+    rewards = np.sum(list(flight.rewards().values()), axis=0)
+    panels.summary(grid[1, 3], flight.times[1:], rewards, best=np.argmax, worst=np.argmin)
+    label(grid[1, 3], "(h) reward", "time, s", "reward per step")
+    return figure
+
+
+@styled
+def episode_figure(flight: Flight, episode: int = 0) -> Figure:
+    """One episode: its path with headings, its errors and reward terms, and when each thruster fired.
+
+    Args:
+        flight: holds the episode.
+        episode: its index in the batch.
+    """
+    figure = Figure(figsize=(12.0, 5.6), layout="constrained")
+    cells = figure.add_gridspec(1, 2, width_ratios=(1.0, 1.3))
+    left, right = figure.add_subfigure(cells[0]), figure.add_subfigure(cells[1])
+    panels.path(left, flight, episode)
+    stack = right.subplots(2, 1, sharex=True)
+    panels.episode_errors(stack[0], flight, episode)
+    panels.timeline(stack[1], flight, episode)
+    return figure
+
+
+@styled
+def learning_curve(rows: Sequence[Mapping[str, Any]]) -> Figure:
+    """Success and return by term over a training.
+
+    Args:
+        rows: lines of ``metrics.jsonl``; draws what they hold of ``steps``, ``success`` (0 to 1) and
+            ``return/<term>``.
+    """
+    figure = Figure(figsize=(11.0, 3.6), layout="constrained")
+    success, returns = figure.subplots(1, 2)
+    _series(success, rows, "success", 100.0, BLUE, "")
+    success.set_ylim(-2.0, 102.0)
+    seconds = [float(row["seconds"]) for row in rows if "seconds" in row]
+    took = f" ({seconds[-1]:.3g} s in all)" if seconds else ""
+    label(success, f"success while training{took}", "environment steps", "episodes, %")
+    terms = sorted({key for row in rows for key in row if key.startswith("return/")})
+    for term, colour in zip(terms, (GREEN, ORANGE, PURPLE, RED, SKY, GREY, BLUE), strict=False):
+        _series(returns, rows, term, 1.0, colour, term.removeprefix("return/"))
+    label(returns, "return by term", "environment steps", "mean return of an episode")
+    if terms:
+        returns.legend()
+    for axes in (success, returns):
+        axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x / 1e6:g} M" if x else "0"))
+    return figure
+
+
+def save_flight_figures(flight: Flight, folder: Path, suffix: str = "") -> tuple[Path, ...]:
+    """Write the figures of a flight where `rans.show.report.report_from_run` finds them.
+
+    Returns:
+        ``evaluation.svg`` of all episodes and ``episode.svg`` of the first, in this folder, the suffix
+        before the dot.
+
+    Raises:
+        ConfigError: the disk refused.
+    """
+    figures = {f"evaluation{suffix}.svg": evaluation_figure(flight),
+               f"episode{suffix}.svg": episode_figure(flight)}
+    for name, figure in figures.items():
+        write_text(folder / name, svg(figure))
+    return tuple(folder / name for name in figures)
+
+
+def svg(figure: Figure) -> str:
+    """The figure as the text of an SVG file."""
+    buffer = io.StringIO()
+    with matplotlib.rc_context(STYLE):
+        figure.savefig(buffer, format="svg", metadata={"Date": None})
+    return buffer.getvalue()
+
+
+def data_uri(picture: str | bytes) -> str:
+    """A picture as the source of an HTML ``img``, so that a page needs no second file.
+
+    Args:
+        picture: text of an SVG file or bytes of a PNG file.
+    """
+    kind, data = ("svg+xml", picture.encode()) if isinstance(picture, str) else ("png", picture)
+    return f"data:image/{kind};base64,{base64.b64encode(data).decode()}"
+
+
+def _series(axes: Axes, rows: Sequence[Mapping[str, Any]], key: str, factor: float, colour: str,
+            name: str) -> None:
+    points = [(row["steps"], factor * row[key]) for row in rows if key in row and "steps" in row]
+    if points:
+        axes.plot(*zip(*points, strict=True), color=colour, label=name)

@@ -1,0 +1,178 @@
+"""An episode as ten rendered frames in one picture, after figure "6dof_episode" of the paper.
+
+Drake's VTK renderer draws them off screen through EGL: it needs neither a display nor a GPU.
+"""
+
+# Drake's stubs write NumPy's array types with their two parameters exchanged.
+# pyright: reportArgumentType=false, reportCallIssue=false
+
+from __future__ import annotations
+
+import ctypes
+import math
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont
+from pydrake.geometry import (
+    ClippingRange,
+    ColorRenderCamera,
+    GeometryId,
+    LightParameter,
+    MakeRenderEngineVtk,
+    PerceptionProperties,
+    RenderCameraCore,
+    RenderEngineVtkParams,
+    RenderLabel,
+)
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.systems.sensors import CameraInfo, ImageRgba8U
+
+from rans.errors import ConfigError
+from rans.evaluation.measure.metrics import DISPLAY
+from rans.files import replace_file
+from rans.flight import Flight
+from rans.show import shapes
+from rans.show.motion import Motion
+from rans.show.shapes import Part
+
+_ROWS, _COLUMNS = 2, 5
+_WIDTH, _HEIGHT, _SMOOTHING = 480, 420, 2
+"""Of one frame, pixels; rendered so many times larger and averaged down, which smooths edges."""
+_FIELD_OF_VIEW = math.radians(35.0)
+_DIRECTION = {2: (-0.1, -0.75, 0.65), 3: (-0.35, -0.85, 0.4)}
+"""Where the camera stands, seen from what it looks at, by dimension."""
+
+
+def save_frames(flight: Flight, episode: int, file: Path) -> None:
+    """Write the picture: ten instants from the start to shortly after the goal is reached, or the end.
+
+    The camera keeps its direction and comes as near as spacecraft and goal allow; grid lines are 1 m
+    apart. Written into every frame are the time and the task's errors.
+
+    Args:
+        flight: holds the episode.
+        episode: its index in the batch.
+        file: of a format that Pillow knows by its name.
+
+    Raises:
+        ConfigError: the libraries of OpenGL are missing, the format is unknown or the disk refused.
+    """
+    require_egl()
+    if file.suffix.lower() not in Image.registered_extensions():
+        raise ConfigError(f"cannot tell a picture's format from the name {file.name!r}; use .png.")
+    motion = Motion.of(flight, episode)
+    picture = Image.new("RGB", (_COLUMNS * _WIDTH, _ROWS * _HEIGHT), "white")
+    for index, k in enumerate(_instants(flight, episode, len(motion.poses))):
+        frame = Image.fromarray(_render(motion, k)).reduce(_SMOOTHING)
+        _write(frame, _text(flight, episode, k))
+        row, column = divmod(index, _COLUMNS)
+        picture.paste(frame, (column * _WIDTH, row * _HEIGHT))
+    replace_file(file, lambda draft: picture.save(draft, optimize=True))
+
+
+def require_egl() -> None:
+    """Look for the libraries that drawing off screen needs: without them VTK ends the process.
+
+    Raises:
+        ConfigError: one is missing.
+    """
+    if sys.platform != "linux":
+        return
+    try:
+        for name in ("libEGL.so.1", "libOpenGL.so.0"):
+            ctypes.CDLL(name)
+    except OSError as error:
+        raise ConfigError(
+            f"rendering needs OpenGL's libraries ({error}); on Debian and Ubuntu: sudo apt-get install -y "
+            "libegl1 libegl-mesa0 libgl1-mesa-dri libopengl0.") from error
+
+
+def _instants(flight: Flight, episode: int, count: int) -> np.ndarray:
+    """Ten of the first ``count`` instants, evenly spread up to 1 s after the task is solved for good."""
+    inside = flight.task.reached(flight.states, flight.goals)[:count, episode]
+    outside = np.flatnonzero(~inside)
+    solved = outside[-1] + 1 if len(outside) else 0
+    end = min(count - 1, solved + round(1.0 / flight.timing.control_period))
+    return np.rint(np.linspace(0, max(end, min(count - 1, _ROWS * _COLUMNS)), _ROWS * _COLUMNS)).astype(int)
+
+
+def _render(motion: Motion, k: int) -> np.ndarray:
+    """The scene at one instant, (height, width, 3) uint8."""
+    engine = MakeRenderEngineVtk(RenderEngineVtkParams(
+        default_clear_color=[1.0, 1.0, 1.0], lights=_lights()))
+    for frame, part in _scene(motion, k):
+        material = PerceptionProperties()
+        material.AddProperty("phong", "diffuse", part.colour)
+        material.AddProperty("label", "id", RenderLabel.kDontCare)
+        engine.RegisterVisual(GeometryId.get_new_id(), part.shape, material, frame @ part.pose,
+                              needs_updates=False)
+    engine.UpdateViewpoint(_viewpoint(motion, k))
+    width, height = _WIDTH * _SMOOTHING, _HEIGHT * _SMOOTHING
+    camera = ColorRenderCamera(RenderCameraCore(
+        "", CameraInfo(width, height, _FIELD_OF_VIEW), ClippingRange(0.05, 200.0), RigidTransform()))
+    image = ImageRgba8U(width, height)
+    engine.RenderColorImage(camera, image)
+    return np.array(image.data)[:, :, :3]
+
+
+def _lights() -> list[LightParameter]:
+    """Parallel: from above the viewer's shoulder, from his other side, and from below."""
+    return [LightParameter(type="directional", frame="camera", intensity=0.9, direction=[0.4, 0.6, 1.0]),
+            LightParameter(type="directional", frame="camera", intensity=0.45, direction=[-0.8, 0.1, 1.0]),
+            LightParameter(type="directional", frame="world", intensity=0.45, direction=[0.0, 0.0, 1.0])]
+
+
+def _scene(motion: Motion, k: int) -> Iterator[tuple[RigidTransform, Part]]:
+    """Everything at one instant, each part with its frame."""
+    craft, pose, world = motion.craft, motion.poses[k], RigidTransform()
+    low, high = motion.box()
+    yield from ((world, part) for part in shapes.floor_parts(low, high))
+    x, y, _ = pose.translation()
+    yield RigidTransform([x, y, low[2]]), shapes.shadow_part(craft)
+    yield from ((world, part) for end, part in shapes.trail_parts(motion.way) if end <= k)
+    yield from ((pose, part) for part in shapes.craft_parts(craft, shapes.BODIES["grey"]))
+    plumes = shapes.plume_parts(craft)
+    yield from ((pose, plumes[index]) for index in np.flatnonzero(motion.firing[k]))
+    yield from ((motion.goal_at(k), part) for part in shapes.goal_parts(craft, motion.wanted))
+    if "velocity" in motion.wanted:
+        for goal, velocity in ((True, motion.goal_velocity), (False, motion.velocities[k])):
+            turn, length = shapes.velocity_arrow(velocity)
+            arrow = RigidTransform(turn, pose.translation())
+            yield from ((arrow, part) for part in shapes.velocity_parts(goal, length))
+
+
+def _viewpoint(motion: Motion, k: int) -> RigidTransform:
+    """The camera's pose in W: z forwards, x to the right, y downwards."""
+    here = motion.poses[k].translation()
+    points = np.array([here, motion.goal_at(k).translation()])
+    target = points.mean(axis=0)
+    reach = float(np.linalg.norm(points - target, axis=1).max()) + _margin(motion)
+    back = np.array(_DIRECTION[motion.craft.dimension])
+    back /= np.linalg.norm(back)
+    right = np.cross([0.0, 0.0, 1.0], back)
+    right /= np.linalg.norm(right)
+    R_WC = RotationMatrix(np.stack((right, np.cross(right, back), -back), axis=1))
+    return RigidTransform(R_WC, target + reach / math.sin(_FIELD_OF_VIEW / 2.0) * back)
+
+
+def _margin(motion: Motion) -> float:
+    """How far things stand out from the spacecraft's centre: axes, plumes and arrows of velocities."""
+    arrows = [*motion.velocities, motion.goal_velocity] if "velocity" in motion.wanted else []
+    return max([2.9 * motion.craft.radius, *(shapes.velocity_arrow(v)[1] for v in arrows)])
+
+
+def _text(flight: Flight, episode: int, k: int) -> str:
+    """Time and errors."""
+    errors = {name: float(error[k, episode]) for name, error in flight.errors().items()}
+    parts = [f"{DISPLAY[name][0] * error:.1f} {DISPLAY[name][1]}" for name, error in errors.items()]
+    return "    ".join([f"{flight.times[k]:.1f} s", *parts])
+
+
+def _write(frame: Image.Image, text: str) -> None:
+    """Put the text into the corner and a line around the frame."""
+    draw = ImageDraw.Draw(frame)
+    draw.rectangle((0, 0, _WIDTH - 1, _HEIGHT - 1), outline="#B8C0CA")
+    draw.text((14, 10), text, fill="#1F2933", font=ImageFont.load_default(24))

@@ -1,0 +1,88 @@
+"""One episode of a flight as something to look at: poses, arrows and flames, instant by instant."""
+
+# Drake's stubs write NumPy's array types with their two parameters exchanged.
+# pyright: reportArgumentType=false, reportCallIssue=false
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from pydrake.math import RigidTransform, RotationMatrix
+
+from rans.flight import Flight
+from rans.model.fields import Vec2, Vec3, map_leaves
+from rans.model.spacecraft import Spacecraft
+
+
+@dataclass(frozen=True)
+class Motion:
+    """K instants of one spacecraft, up to the end of its episode or its failure."""
+
+    craft: Spacecraft
+    controller: str
+    wanted: frozenset[str]
+    """Errors that the task bounds: "position", "attitude", "velocity", "spin"."""
+    times: np.ndarray
+    """(K,) s."""
+    poses: list[RigidTransform]
+    """X_WB at every instant."""
+    velocities: np.ndarray
+    """(K, 3) m/s in W."""
+    firing: np.ndarray
+    """(K, thrusters) bool: open from this instant on; at the last none is."""
+    goal: RigidTransform
+    """The goal's pose in W; where the task bounds no position, only its rotation counts."""
+    goal_velocity: np.ndarray
+    """(3,) m/s in W."""
+
+    @classmethod
+    def of(cls, flight: Flight, episode: int) -> Motion:
+        """Of one episode of a flight, by its index in the batch."""
+        states = map_leaves(lambda x: x[:, episode], flight.states)
+        goal = map_leaves(lambda x: x[episode:episode + 1], flight.goals)
+        failed = np.asarray(flight.task.failed(states, goal))
+        end = int(failed.argmax()) + 1 if failed.any() else len(failed)
+        firing = np.zeros((end, len(flight.craft.thrusters)), dtype=bool)
+        firing[:-1] = flight.commands[:end - 1, episode] > 0.0
+        return cls(flight.craft, flight.controller, frozenset(flight.task.tolerances()), flight.times[:end],
+                   _poses(states)[:end], _columns(states.v)[:end], firing, _poses(goal)[0],
+                   _columns(goal.v)[0])
+
+    @property
+    def way(self) -> np.ndarray:
+        """Positions in W, (K, 3) m."""
+        return np.array([pose.translation() for pose in self.poses])
+
+    def goal_at(self, instant: int) -> RigidTransform:
+        """Where to draw the goal: at its place, or else where the spacecraft is."""
+        if "position" in self.wanted:
+            return self.goal
+        return RigidTransform(self.goal.rotation(), self.poses[instant].translation())
+
+    def box(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lowest and highest corner in W, (3,) m, of all that is drawn."""
+        goals = [self.goal.translation()] if "position" in self.wanted else []
+        points = np.array([*self.way, *goals])
+        margin = 2.0 * self.craft.radius
+        return points.min(axis=0) - margin, points.max(axis=0) + margin
+
+
+def _poses(states: Any) -> list[RigidTransform]:
+    """Poses in W of planar or spatial states whose fields are arrays (K,)."""
+    positions = _columns(states.p)
+    dimension = len(states.p.columns())
+    vector = Vec2 if dimension == 2 else Vec3
+    R_WB = np.tile(np.eye(3), (len(positions), 1, 1))
+    for k in range(dimension):
+        axis = vector(*np.eye(dimension)[k])
+        R_WB[:, :dimension, k] = np.stack(states.attitude.rotate(axis).columns(), axis=-1)
+    return [RigidTransform(RotationMatrix.ProjectToRotationMatrix(R), p)
+            for R, p in zip(R_WB, positions, strict=True)]
+
+
+def _columns(vectors: Vec2 | Vec3) -> np.ndarray:
+    """As rows (K, 3), z = 0 in the plane."""
+    columns = np.stack(vectors.columns(), axis=1)
+    return np.pad(columns, ((0, 0), (0, 3 - columns.shape[1])))

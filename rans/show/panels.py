@@ -1,0 +1,183 @@
+"""The panels that figures of flights are made of: each draws one quantity into given axes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.colors import LinearSegmentedColormap
+from matplotlib.figure import SubFigure
+from matplotlib.ticker import FuncFormatter, MaxNLocator
+
+from rans.evaluation.measure.metrics import DISPLAY
+from rans.flight import Flight
+from rans.model.fields import leaves
+
+BLUE, ORANGE, GREEN, RED, PURPLE, SKY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9"
+INK, GREY = "#1F2933", "#7B8794"
+"""Colours of Okabe and Ito ("Color Universal Design", 2008), and two neutral ones."""
+
+STYLE: dict[Any, Any] = {
+    "axes.axisbelow": True, "axes.edgecolor": GREY, "axes.grid": True, "axes.labelcolor": INK,
+    "axes.spines.right": False, "axes.spines.top": False, "axes.titlelocation": "left",
+    "axes.titlesize": 10, "axes.titleweight": "bold", "axes.titlecolor": INK, "font.size": 9,
+    "grid.color": "#E4E7EB", "grid.linewidth": 0.7, "legend.frameon": False, "legend.fontsize": 8,
+    "lines.linewidth": 1.4, "xtick.color": INK, "ytick.color": INK,
+    # Reproducible files: ids from this text and no date, so that equal figures give equal bytes.
+    "svg.hashsalt": "rans", "savefig.dpi": 160,
+}
+
+Pick = Callable[[np.ndarray], np.intp]
+"""Chooses an episode by its mean over time: ``np.argmin`` or ``np.argmax``."""
+
+
+def label(axes: Axes, title: str, x: str, y: str) -> None:
+    """Title and axes, units included."""
+    axes.set(title=title, xlabel=x, ylabel=y)
+
+
+def activations(axes: Axes, flight: Flight) -> None:
+    """Per thruster, the spread over episodes of how long it was open."""
+    seconds = flight.commands.sum(axis=0) * flight.timing.control_period
+    parts = axes.boxplot(
+        seconds, positions=range(seconds.shape[1]), widths=0.6, whis=(5, 95), showfliers=False,
+        showmeans=True, patch_artist=True, medianprops={"color": INK},
+        boxprops={"facecolor": SKY, "edgecolor": BLUE}, whiskerprops={"color": BLUE},
+        capprops={"color": BLUE}, meanprops={"marker": "o", "markersize": 3.5,
+                                             "markerfacecolor": RED, "markeredgecolor": RED})
+    axes.legend([parts["boxes"][0], parts["medians"][0], parts["means"][0]],
+                ["middle half (whiskers 5 to 95 %)", "median", "mean"])
+    axes.set_ylim(0.0, 1.35 * max(0.1, axes.get_ylim()[1]))
+    label(axes, "(a) thruster activations", "thruster", "open time an episode, s")
+
+
+def _lines(axes: Axes, x: np.ndarray, y: np.ndarray) -> None:
+    """Every column of x and y, both (T, N), as a thin line; a bitmap, or files would be huge."""
+    opacity = min(0.6, 2.0 / np.sqrt(x.shape[1]))
+    axes.add_collection(LineCollection(list(np.stack((x, y), axis=-1).transpose(1, 0, 2)), colors=BLUE,
+                                       linewidths=0.5, alpha=opacity, rasterized=True))
+
+
+def errors(every: Axes, summarised: Axes, flight: Flight, rank: int, letters: str) -> None:
+    """The task's error number ``rank``: of every episode, and its summary; blank if there is none."""
+    if rank >= len(flight.errors()):
+        every.set_axis_off()
+        summarised.set_axis_off()
+        return
+    quantity, error = list(flight.errors().items())[rank]
+    factor, unit = DISPLAY[quantity]
+    error = factor * error
+    floor = max(0.01, 0.5 * error.min())  # a logarithmic axis has no place for 0
+    _lines(every, np.broadcast_to(flight.times[:, None], error.shape), np.maximum(error, floor))
+    every.set(xlim=(0.0, flight.times[-1]), ylim=(floor, 1.6 * max(0.1, error.max())), yscale="log")
+    every.yaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+    summary(summarised, flight.times, error, best=np.argmin, worst=np.argmax)
+    parts = zip((every, summarised), letters, ("every episode", "summary"), strict=True)
+    for axes, letter, what in parts:
+        _tolerance(axes, flight, quantity)
+        if axes.get_legend_handles_labels()[0]:
+            axes.legend(loc="upper right")
+        label(axes, f"({letter}) {quantity} error, {what}", "time, s", f"{quantity} error, {unit}")
+
+
+def _tolerance(axes: Axes, flight: Flight, quantity: str) -> None:
+    bound = flight.task.tolerances().get(quantity)
+    if bound is not None:
+        axes.axhline(DISPLAY[quantity][0] * bound, color=RED, linestyle="--", linewidth=1.0,
+                     label="tolerance")
+
+
+def summary(axes: Axes, times: np.ndarray, values: np.ndarray, best: Pick, worst: Pick) -> None:
+    """Mean and spread over episodes, with the episodes whose means over time are best and worst."""
+    mean, spread, ranking = values.mean(axis=1), values.std(axis=1), values.mean(axis=0)
+    low = np.maximum(mean - spread, min(0.0, values.min()))
+    axes.fill_between(times, low, mean + spread, color=SKY, alpha=0.35, linewidth=0,
+                      label="mean ± standard deviation")
+    axes.plot(times, values[:, worst(ranking)], color=ORANGE, linewidth=1.0, label="worst episode")
+    axes.plot(times, values[:, best(ranking)], color=GREEN, linewidth=1.0, label="best episode")
+    axes.plot(times, mean, color=BLUE, linewidth=1.8, label="mean")
+    axes.set_xlim(0.0, times[-1])
+    axes.legend(loc="best")
+
+
+def trajectories(axes: Axes, flight: Flight) -> None:
+    """Every path around its goal, seen along z."""
+    x, y = _from_goal(flight)[:2]
+    _lines(axes, x, y)
+    axes.scatter(x[0], y[0], s=2, linewidths=0, color=GREY, rasterized=True, label="starts")
+    if "position" in flight.errors():
+        axes.scatter([0.0], [0.0], s=60, marker="+", color=RED, zorder=5, label="goal")
+    reach = 1.08 * max(0.1, np.abs([x, y]).max())
+    axes.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal")
+    axes.legend(loc="upper right")
+    label(axes, "(e) trajectories, seen along z", *_places(flight))
+
+
+def _places(flight: Flight) -> tuple[str, str]:
+    """What the axes of a path are called; only some tasks have a place to go to."""
+    origin = " from the goal" if "position" in flight.errors() else ""
+    return f"x{origin}, m", f"y{origin}, m"
+
+
+def _from_goal(flight: Flight) -> list[np.ndarray]:
+    """Position less the goal's, one (T + 1, N) array per axis of W, m."""
+    return [np.asarray(x) for x in (flight.states.p - flight.goals.p).columns()]
+
+
+def path(figure: SubFigure, flight: Flight, episode: int) -> None:
+    """The way of one episode with the direction of the body's x axis once a second."""
+    way = [x[:, episode] for x in _from_goal(flight)]
+    every = max(1, round(1.0 / flight.timing.control_period))
+    nose = _nose(flight, episode)
+    arrows = [x[::every] for x in (*way, *nose)]
+    if len(way) == 3:
+        axes = figure.add_subplot(projection="3d")
+        axes.quiver(*arrows, length=0.3, color=ORANGE, linewidth=1.0)  # pyright: ignore[reportArgumentType]
+        axes.set_zlabel("z, m")
+    else:
+        axes = figure.add_subplot()
+        axes.quiver(*arrows, color=ORANGE, angles="xy", scale=14.0, width=0.005, zorder=3)
+    axes.plot([], [], color=ORANGE, label="body's x axis, once a second")
+    axes.plot(*way, color=BLUE, zorder=2)
+    axes.plot(*([x[0]] for x in way), "o", color=GREY, label="start")
+    if "position" in flight.errors():
+        axes.plot(*([0.0] for _ in way), "+", color=RED, markersize=10, label="goal")
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.legend(loc="best")
+    label(axes, f"(a) path of episode {episode}", *_places(flight))
+
+
+def _nose(flight: Flight, episode: int) -> list[np.ndarray]:
+    """The body's x axis in W, one (T + 1,) array per axis of W."""
+    attitude = flight.states.attitude
+    ones, zeros = np.ones_like(leaves(attitude)[0]), np.zeros_like(leaves(attitude)[0])
+    x_axis = type(flight.goals.p)(*(ones, zeros, zeros)[:len(flight.goals.p.columns())])
+    return [x[:, episode] for x in attitude.rotate(x_axis).columns()]
+
+
+def episode_errors(axes: Axes, flight: Flight, episode: int) -> None:
+    """The errors of one episode as multiples of their tolerances."""
+    errors = flight.errors()
+    bounds = flight.task.tolerances().items()
+    for (quantity, bound), colour in zip(bounds, (BLUE, ORANGE, GREEN, PURPLE), strict=False):
+        factor, unit = DISPLAY[quantity]
+        axes.semilogy(flight.times, errors[quantity][:, episode] / bound, color=colour,
+                      label=f"{quantity} (tolerance {factor * bound:g} {unit})")
+    axes.axhline(1.0, color=RED, linestyle="--", linewidth=1.0)
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+    axes.legend(loc="upper right")
+    label(axes, "(b) errors", "", "error / tolerance")
+
+
+def timeline(axes: Axes, flight: Flight, episode: int) -> None:
+    """When each thruster of one episode was open."""
+    command = flight.commands[:, episode].T
+    shades = LinearSegmentedColormap.from_list("open", ["white", BLUE])
+    axes.imshow(command, aspect="auto", interpolation="nearest", cmap=shades, vmin=0.0, vmax=1.0,
+                extent=(0.0, flight.times[-1], len(command) - 0.5, -0.5))
+    axes.yaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.grid(visible=False)
+    label(axes, "(c) open thrusters", "time, s", "thruster")

@@ -1,0 +1,49 @@
+"""Seeing an agent while it learns."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import torch
+
+from rans.evaluation.fly.agent import load_agent
+from rans.fast.learn.run_folder import RunFolder
+from rans.flight import fly
+from rans.scenario import EVALUATION_SEED, scenarios
+from rans.show.view import View
+from rans.window import open_browser
+
+_EPISODES = 4
+_SECONDS = 10.0
+"""An agent is shown at least so long before a newer one takes its place: most of what there is to see."""
+_PAUSE = 0.5
+"""Between two looks for a newer agent, s."""
+
+
+def watch(run: Path, port: int) -> None:
+    """Show a training's newest agent in the browser, for ever.
+
+    It only looks whether the trainer has replaced ``policy.zip``, so the trainer need not know of it. A new
+    agent flies four episodes in a batch, a fraction of a second of work; the browser then plays them at
+    real time without help.
+
+    Args:
+        run: the training's folder.
+        port: of the page on this computer.
+
+    Raises:
+        ConfigError: the port is taken, or the run folder is damaged.
+    """
+    torch.set_num_threads(1)  # of small networks; more would disturb the training
+    view, file, shown = View(port), RunFolder(run).policy_file, 0
+    open_browser(view.url)
+    while True:
+        changed = file.stat().st_mtime_ns if file.exists() else 0
+        if changed != shown:
+            agent, craft, task, timing = load_agent(run)
+            starts = scenarios(task.for_evaluation(), craft, EVALUATION_SEED, _EPISODES)
+            view.show([fly(craft, task, agent, starts, timing)])
+            shown = changed
+            time.sleep(_SECONDS)
+        time.sleep(_PAUSE)

@@ -1,0 +1,99 @@
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+import stable_baselines3
+import torch
+
+import rans.pretrained
+from rans.cli import main
+from rans.deploy.export import export
+from rans.errors import ConfigError
+from rans.evaluation.fly.agent import load_agent
+from rans.evaluation.fly.contestants import contestant
+from rans.evaluation.measure.summary import measure
+from rans.flight import fly
+from rans.scenario import scenarios
+from tests.fast.training import tiny_trainer
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run folder with a briefly trained agent."""
+    path = tmp_path_factory.mktemp("runs") / "first"
+    tiny_trainer(path).train(lambda _: None)
+    return path
+
+
+@pytest.fixture(scope="module")
+def shipped(run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("pretrained") / "small-pose-2d"
+    assert main(["export", str(run), "--output", str(folder), "--episodes", "16"]) == 0
+    return folder
+
+
+def test_it_is_the_same_agent_in_less(run: Path, shipped: Path) -> None:
+    observations = np.random.default_rng(1).normal(size=(200, 10)).astype(np.float32)
+    before, after = load_agent(run), load_agent(shipped)
+    expected = before.controller.act(None, None, observations)
+    np.testing.assert_array_equal(after.controller.act(None, None, observations), expected)
+    model = stable_baselines3.PPO.load(shipped / "policy.zip", device="cpu")
+    np.testing.assert_array_equal(model.predict(observations, deterministic=True)[0], expected)
+    assert not model.policy.optimizer.state
+    assert (after.craft, after.task, after.timing) == (before.craft, before.task, before.timing)
+    assert {file.name for file in shipped.iterdir()} == {"policy.zip", "config.json", "spacecraft.toml",
+                                                         "card.json"}
+    assert (shipped / "policy.zip").stat().st_size < 0.7 * (run / "policy.zip").stat().st_size
+
+
+def test_the_card_says_what_evaluate_finds(run: Path, shipped: Path) -> None:
+    card = json.loads((shipped / "card.json").read_text("utf-8"))
+    assert (card["name"], card["task"], card["spacecraft"]) == ("small-pose-2d", "go-to-pose",
+                                                               "floating-platform")
+    assert card["training"]["seed"] == 0
+    assert card["training"]["steps"] == 2048
+    assert card["training"]["environment"]["torch"] == torch.__version__
+    assert card["evaluation"].keys() == {"own", "paper"}
+    controller, craft, task, timing = contestant(str(run), "paper")
+    task = task.for_evaluation()
+    starts = scenarios(task, craft, card["evaluation_seed"], card["episodes"])
+    measured = measure(fly(craft, task, controller, starts, timing))
+    # The card keeps five digits.
+    assert card["evaluation"]["paper"][""]["duty"][0] == pytest.approx(measured["duty"].value, rel=1e-4)
+    assert card["evaluation"]["paper"][""]["settling time"][0] is None  # half of them never settle
+
+
+def test_it_comes_with_rans_by_name(shipped: Path, monkeypatch: pytest.MonkeyPatch,
+                                    capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    monkeypatch.setattr(rans.pretrained, "FOLDER", shipped.parent)
+    monkeypatch.chdir(tmp_path)
+    assert main(["evaluate", "pretrained:small-pose-2d", "--episodes", "4"]) == 0
+    assert (tmp_path / "runs/evaluations/pretrained-small-pose-2d/evaluation.json").exists()
+    capsys.readouterr()
+    assert main(["list"]) == 0
+    assert "small-pose-2d" in capsys.readouterr().out
+    assert main(["list", "small-pose-2d"]) == 0
+    text = capsys.readouterr().out
+    assert "Trained with seed 0 for 2,048 steps" in text
+    assert "settling time" in text
+
+
+def test_what_comes_with_the_package_is_exported_already(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["export", "pretrained:go-to-pose-2d", "--output", "again"]) == 2
+    assert "go-to-pose-2d comes with RANS as an export writes it" in " ".join(capsys.readouterr().err.split())
+
+
+def test_what_cannot_be_exported_is_one_sentence(run: Path, shipped: Path, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="is the run itself"):
+        export(run, run)
+    with pytest.raises(ConfigError, match=r"has no metrics\.jsonl"):
+        export(shipped, tmp_path / "again")
+    assert not (tmp_path / "again").exists()
+    bare = Path(shutil.copytree(run, tmp_path / "bare"))
+    (bare / "policy.zip").unlink()
+    with pytest.raises(ConfigError, match=r"has no policy\.zip yet"):
+        export(bare, tmp_path / "again")

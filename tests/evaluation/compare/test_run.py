@@ -1,0 +1,248 @@
+"""A whole comparison: everyone flies, failures are sentences, nobody beats a certified bound."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rans.errors import ConfigError
+from rans.evaluation.compare import run
+from rans.evaluation.compare.bounds import Bound
+from rans.evaluation.compare.certified import certify
+from rans.evaluation.compare.protocol import Protocol, arrived
+from rans.evaluation.compare.roster import SWEEP, protocol_of
+from rans.evaluation.compare.run import Comparison, fill
+from rans.flight import fly
+from rans.model.fields import map_leaves
+from rans.model.spacecraft_file import load_spacecraft
+from rans.model.timing import Timing
+from rans.optimal.trajectory.objectives import MaximumReward
+from rans.show.comparison_figures import gap_histograms
+from rans.show.comparison_page import TEXT, _middle, page
+from rans.show.comparison_tables import RETURN, best_returns, differences, gaps, scoreboard, to_json
+from rans.show.report import comparison_section
+from rans.tasks import GoToPose
+
+IDLE = "python:tests.evaluation.policies:idle"
+SPECS = ["lqr:go-to-pose-2d", IDLE, "python:tests.evaluation.policies:broken", "runs/nobody",
+         "lqr:go-to-pose-3d", "mpc:track-velocity-2d", "lqr:go-to-pose-2d@floating-platform-shared"]
+NEAR = GoToPose(evaluation_distance=(0.8, 0.9)).for_evaluation()
+PROTOCOL = Protocol(load_spacecraft("floating-platform"), NEAR, Timing(episode_steps=30), 4, 3)
+"""Starts so near that the searches take little time."""
+
+
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("comparison") / "bounds.json"
+
+
+@pytest.fixture(scope="module")
+def comparison(cache: Path) -> Comparison:
+    found = Comparison(PROTOCOL)
+    fill(found, SPECS, ("lqr", "optimal"), certified=2, cache=cache, workers=1)
+    return found
+
+
+def test_everyone_flies_every_start(comparison: Comparison) -> None:
+    assert [entry.name for entry in comparison.entries] == ["LQR", IDLE]  # nobody flies twice
+    assert [entry.flight.commands.shape for entry in comparison.entries] == [(30, 3, 8)] * 2
+    assert len(comparison.curve) == len(SWEEP)
+    first = [e.flight.states.p.x[0] for e in comparison.entries]
+    np.testing.assert_array_equal(*first)
+
+
+def test_failures_are_sentences_and_the_rest_goes_on(comparison: Comparison) -> None:
+    told = "\n".join(comparison.failures)
+    for sentence in ("broken failed: KeyError: 'no such layer'", "runs/nobody",
+                     "is for the spacecraft free-flyer, but the first contestant for floating-platform",
+                     "is for the task TrackVelocity, but the first contestant for GoToPose",
+                     "is for the spacecraft floating-platform-shared",
+                     "minimum fuel in 2.4 s: no trajectory from 3 of 3 starts (nothing found that arrives: "
+                     "the goal is out of reach in this time)."):
+        assert sentence in told
+    assert len(comparison.failures) == 6
+    report = page(comparison)
+    assert not report.passed
+    assert [finding.text for finding in report.findings[:6]] == comparison.failures
+
+
+def test_who_never_arrives_counts(comparison: Comparison) -> None:
+    idle, lqr = scoreboard(comparison)[IDLE], scoreboard(comparison)["LQR"]
+    assert idle["arrival, s"].value == idle["settling time, s"].value == math.inf
+    assert (idle["settled, %"].value, idle["duty, %"].value) == (0.0, 0.0)
+    assert idle["position error, cm"].value > 79.0  # the starts are 0.8 to 0.9 m away
+    assert lqr["settled, %"].value == 100.0
+    assert differences(comparison)[IDLE]["arrival, s"].value == math.inf
+
+
+def test_nobody_beats_a_certified_bound(comparison: Comparison) -> None:
+    assert comparison.certified_starts() == [0, 1]
+    assert comparison.impossible() == []
+    ratios = gaps(comparison)
+    assert list(ratios) == ["time", *(f"thrust-time by {t:g} s" for t in comparison.horizons())]
+    every = np.concatenate([r for question in ratios.values() for r in question.values()])
+    assert (every >= 1.0 - 1e-9).all()
+    assert np.isfinite(ratios["time"]["LQR"]).all()
+    assert np.isinf(ratios["time"][IDLE]).all()
+
+
+def test_who_beats_a_bound_is_found_out(comparison: Comparison) -> None:
+    wrong = [replace(c, lower=1e3) if (c.start, c.horizon) == (1, None) else c for c in comparison.certified]
+    told = replace(comparison, certified=wrong).impossible()
+    assert told[0] == "LQR beats the certified bound from start 1: the certificate or a flight is wrong."
+    assert not any(IDLE in sentence for sentence in told)
+
+
+def test_controls_found_fly_into_the_goal_set(comparison: Comparison) -> None:
+    """Flown by the engine, not by the search; the same definition judges the contestants."""
+    class Script:
+        name = "script"
+
+        def __init__(self, commands: np.ndarray) -> None:
+            self.commands = list(commands)
+
+        def reset(self, count: int) -> None:
+            pass
+
+        def act(self, state: object, goal: object, observation: np.ndarray) -> np.ndarray:
+            return self.commands.pop(0)[None]
+
+    found = [c for c in comparison.certified if c.commands is not None]
+    assert found
+    for answer in found:
+        commands = np.array(answer.commands, dtype=float)
+        flight = fly(PROTOCOL.craft, PROTOCOL.task, Script(commands), PROTOCOL.start(answer.start),
+                     Timing(episode_steps=len(commands)))
+        assert arrived(flight.task, flight.states, flight.goals)[-1, 0]
+        spent = 0.2 * commands.sum() if answer.horizon else 0.2 * len(commands)
+        assert spent == pytest.approx(answer.upper)
+
+
+def test_bounds_are_kept_for_the_next_time(comparison: Comparison, cache: Path,
+                                           monkeypatch: pytest.MonkeyPatch) -> None:
+    searched: list[object] = []
+    monkeypatch.setattr("rans.evaluation.compare.certified.bounds",
+                        lambda asked, *_: searched.extend(asked) or ())
+    again = list(certify(PROTOCOL, 2, comparison.horizons(), cache))
+    assert not searched
+    key = lambda c: (c.start, c.horizon or 0.0)  # noqa: E731
+    assert sorted(again, key=key) == sorted(comparison.certified, key=key)
+    other = replace(PROTOCOL, seed=5)  # other starts have other bounds
+    assert not list(certify(other, 1, (), cache))
+    assert len(searched) == 1
+    cache.write_text('{"key": 3}')
+    with pytest.raises(ConfigError, match=r"bounds\.json does not hold bounds; delete it"):
+        list(certify(PROTOCOL, 1, (), cache))
+
+
+def test_horizon_that_nobody_can_meet(comparison: Comparison) -> None:
+    """From rest to rest in 1.4 s, 2.83 N carry 5.32 kg at most a T^2 / 4 = 26 cm."""
+    short = [c for c in comparison.certified if c.horizon == pytest.approx(1.4)]
+    assert [(c.lower, c.upper, c.commands) for c in short] == [(math.inf, math.inf, None)] * 2
+
+
+def test_relaxed_optima(comparison: Comparison) -> None:
+    """Replayed in Drake to the millimetre; what may throttle earns more than what may not."""
+    solved = [all(row.solved for row in rows) for rows in comparison.relaxed.values()]
+    assert solved == [True, False, True, True]  # 2.4 s are too short
+    errors = [row.replay_error for rows in comparison.relaxed.values() for row in rows if row.solved]
+    assert max(errors) < 1e-3
+    best = best_returns(comparison)
+    assert best is not None
+    for entry in (*comparison.entries, *comparison.curve):
+        assert (entry.returns < best).all()
+
+
+def test_a_start_without_optimum_costs_nobody_the_return(comparison: Comparison) -> None:
+    """The share is that of the other starts."""
+    name, rows = next((name, rows) for name, rows in comparison.relaxed.items()
+                      if isinstance(rows[0].objective, MaximumReward))
+    lost = [replace(rows[0], solved=False, total=math.nan), *rows[1:]]
+    without = replace(comparison, relaxed={**comparison.relaxed, name: lost})
+    entry, best = comparison.entries[0], np.array([row.total for row in rows])
+    found = scoreboard(without)[entry.name][RETURN].value
+    assert found == pytest.approx(100 * entry.returns[1:].sum() / best[1:].sum())
+    assert found != pytest.approx(scoreboard(comparison)[entry.name][RETURN].value)
+    assert "from 2 of 3 starts" in page(without).html()
+
+
+def test_bars_of_the_gaps_stand_at_their_own_values() -> None:
+    """One contestant's 1.5 and 2 beside another's 1 and 3: nobody is moved to make room for the other."""
+    ratios = {"a": np.array([1.5, 2.0]), "b": np.array([1.0, 3.0, np.inf])}
+    axes = gap_histograms({"time": ratios}, ["time"]).axes[0]
+    drawn = [[bar.get_x() + bar.get_width() / 2 for bar in bars if bar.get_height()]
+             for bars in axes.containers]
+    assert drawn[0] == pytest.approx([1.5, 2.0], abs=0.06)  # within a bar's width
+    assert drawn[1][:2] == pytest.approx([1.0, 3.0], abs=0.06)
+    assert len(drawn[1]) == 3
+    assert drawn[1][2] > 3.0
+
+
+def test_medians_of_gaps_count_who_is_not_there() -> None:
+    assert _middle(np.array([1.5, np.inf, 1.2])) == "1.5 (2 of 3)"
+    assert _middle(np.array([1.5, np.inf, np.inf])) == "never (1 of 3)"
+    assert _middle(None) is _middle(np.array([])) is None
+
+
+def test_files_for_others(comparison: Comparison) -> None:
+    read = json.loads(json.dumps(to_json(comparison, TEXT), allow_nan=False))
+    assert [row["contestant"] for row in read["summary"]][:2] == ["LQR", IDLE]
+    assert read["per_start"]["contestants"][IDLE][2]["arrival"] is None
+    assert read["per_start"]["relaxed"]["minimum fuel in 2.4 s"][0]["thrust"] is None  # not solved
+    assert read["contestants"]["LQR"]["tuning"] == "none: default settings"
+    section = comparison_section(read)
+    assert section.summary[1][1].startswith("settles from 0 of 3 starts")
+    html = page(comparison).html()
+    assert html.count("data:image/svg+xml") == 6  # plane, gaps, two starts, errors, return and latency
+    assert "http" not in html.replace("http://www.w3.org", "")
+
+
+@pytest.mark.parametrize("spec", ["lqr:go-to-pose-3d", "lqr:track-velocity-2d", "lqr:go-to-position-2d"])
+def test_tasks_without_certificate_say_so(spec: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("rans.evaluation.compare.relaxed.objectives", lambda *_: [])
+    found = Comparison(replace(protocol_of(spec, 2), timing=Timing(episode_steps=20)))
+    fill(found, [spec], ["lqr", "optimal"], certified=2)
+    assert found.failures == []
+    assert len(found.notes) == 1
+    assert "certificate exists" in found.notes[0]
+    assert found.notes[0] in page(found).html().replace("&#34;", '"').replace("&#39;", "'")
+
+
+def test_interrupt_keeps_what_is_finished(monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(run, "certify", interrupted)
+    monkeypatch.setattr("rans.evaluation.compare.relaxed.objectives", lambda *_: [])
+    found = Comparison(PROTOCOL)
+    with pytest.raises(KeyboardInterrupt):
+        fill(found, ["lqr:go-to-pose-2d"], ["optimal"])
+    assert [entry.name for entry in found.entries] == ["LQR"]
+    assert "LQR settles from 100 %" in page(found).html()
+
+
+def test_half_certified_starts_are_left_out() -> None:
+    found = Comparison(PROTOCOL)
+    found.certified += [Bound(0, None, 1.0), Bound(1, None, 1.0)]
+    found.certified += [Bound(1, horizon, 1.0) for horizon in found.horizons()]
+    assert found.certified_starts() == [1]
+
+
+@pytest.mark.parametrize(("spec", "episodes", "sentence"), [
+    ("lqr:go-to-pose-2d", 0, "--episodes must be at least 1, got 0"),
+    (IDLE, 4, "idle knows no task: name somebody who does before it"),
+    ("nobody:x", 4, "there is no contestant 'nobody:x'"),
+])
+def test_without_a_first_contestant_there_is_nothing(spec: str, episodes: int, sentence: str) -> None:
+    with pytest.raises(ConfigError, match=sentence):
+        protocol_of(spec, episodes)
+
+
+def test_states_are_those_of_the_protocol() -> None:
+    start = PROTOCOL.start(2)
+    np.testing.assert_array_equal(map_leaves(lambda x: x[2:3], PROTOCOL.starts).start.p.x, start.start.p.x)

@@ -1,0 +1,97 @@
+from __future__ import annotations
+
+import json
+import shutil
+import zipfile
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import stable_baselines3
+
+from rans.errors import ConfigError
+from rans.evaluation.fly.agent import load_agent
+from rans.fast.learn.ppo import PPO
+from rans.fast.learn.run_folder import RunFolder
+from rans.fast.learn.trainer import Trainer
+from rans.flight import fly
+from rans.model.spacecraft_file import spacecraft_text
+from rans.scenario import scenarios
+from tests.fast.test_policy import seen
+from tests.fast.training import CONFIG
+
+
+@pytest.fixture(scope="module", params=["floating-platform", "free-flyer"])
+def trained(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run folder with a briefly trained agent."""
+    path = tmp_path_factory.mktemp("runs") / "first"
+    run, config = RunFolder(path), replace(CONFIG, spacecraft=request.param)
+    run.begin(config, "rans train")
+    Trainer(config, run.spacecraft(), run).train(lambda _: None)
+    return path
+
+
+@pytest.fixture
+def run_folder(trained: Path, tmp_path: Path) -> Path:
+    """A copy that a test may spoil."""
+    return Path(shutil.copytree(trained, tmp_path / "run"))
+
+
+def test_the_agent_is_the_policy(trained: Path) -> None:
+    """Agent, our PPO and SB3's own open the same thrusters."""
+    agent, craft, task, timing = load_agent(trained)
+    config = RunFolder(trained).config()
+    assert (craft.name, task, timing) == (config.spacecraft, config.settings, config.timing)
+    observations = seen(craft, 300).numpy()
+    actions = agent.act(None, None, observations)
+    assert actions.shape == (300, len(craft.thrusters))
+    assert 0.05 < actions.mean() < 0.95
+    for kind in (PPO, stable_baselines3.PPO):
+        model = kind.load(trained / "policy.zip", device="cpu")
+        np.testing.assert_array_equal(model.predict(observations, deterministic=True)[0], actions)
+
+
+def test_it_flies(trained: Path) -> None:
+    agent, craft, task, timing = load_agent(trained)
+    starts = scenarios(task.for_evaluation(), craft, 1, 8)
+    flights = [fly(craft, task, agent, starts, timing) for _ in range(2)]
+    assert flights[0].controller == "first"
+    assert flights[0].commands.shape == (20, 8, len(craft.thrusters))
+    np.testing.assert_array_equal(flights[0].commands, flights[1].commands)  # nothing random
+    assert np.unique(flights[0].commands).tolist() == [0.0, 1.0]
+
+
+def test_no_agent_yet(run_folder: Path) -> None:
+    (run_folder / "policy.zip").unlink()
+    with pytest.raises(ConfigError, match=r"has no policy\.zip yet"):
+        load_agent(run_folder)
+    with pytest.raises(ConfigError, match="is not a run folder"):
+        load_agent(run_folder / "nowhere")
+
+
+def refused(folder: Path, content: bytes) -> str:
+    (folder / "policy.zip").write_bytes(content)
+    with pytest.raises(ConfigError, match=r"policy\.zip is damaged: ") as caught:
+        load_agent(folder)
+    return str(caught.value)
+
+
+def test_a_damaged_policy(run_folder: Path, tmp_path: Path) -> None:
+    good = (run_folder / "policy.zip").read_bytes()
+    empty = tmp_path / "empty.zip"
+    with zipfile.ZipFile(empty, "w") as archive:
+        archive.writestr("data", "{}")
+    generator = np.random.default_rng(1)
+    spoiled = [good[:n] + generator.bytes(40) + good[n + 40:] for n in generator.integers(0, 3000, 5)]
+    for content in (b"", b"rubbish", good[:2000], good[:-100], empty.read_bytes(), *spoiled):
+        assert "\n" not in refused(run_folder, content)
+
+
+def test_an_agent_for_another_spacecraft(run_folder: Path) -> None:
+    config = json.loads((run_folder / "config.json").read_text())
+    other: Any = {"floating-platform": "free-flyer", "free-flyer": "floating-platform"}[config["spacecraft"]]
+    (run_folder / "spacecraft.toml").write_text(spacecraft_text(other))
+    with pytest.raises(ConfigError, match="they are of different runs"):
+        load_agent(run_folder)

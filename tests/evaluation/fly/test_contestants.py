@@ -1,0 +1,141 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import rans.pretrained
+from rans.errors import ConfigError
+from rans.evaluation.fly.contestants import contestant, judged_separately, output_folder
+from rans.evaluation.fly.judge import flown
+from rans.evaluation.fly.protocols import Conditions, fitting_protocols
+from rans.flight import fly
+from rans.model.spacecraft_file import load_spacecraft
+from rans.model.timing import Timing
+from rans.scenario import scenarios
+from rans.tasks import GoToPose, GoToPosition, TrackVelocity
+from rans.tasks.multi_task import MultiTask
+from tests.fast.training import CONFIG, tiny_trainer
+
+
+def untrained(path: Path, **changes: object) -> Path:
+    """A run folder with an agent that has learnt nothing yet."""
+    trainer = tiny_trainer(path, replace(CONFIG, **changes))  # type: ignore[arg-type]
+    trainer.save()
+    return path
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return untrained(tmp_path_factory.mktemp("runs") / "poser")
+
+
+@pytest.fixture(scope="module")
+def multi(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    tasks = MultiTask(tasks=("go-to-position", "track-velocity"))
+    return untrained(tmp_path_factory.mktemp("runs") / "all", task="multi-task", settings=tasks)
+
+
+def test_a_run_folder_is_itself(run: Path) -> None:
+    controller, craft, task, timing = contestant(str(run))
+    assert (controller.name, craft.name, task, timing) == ("poser", "floating-platform", CONFIG.settings,
+                                                           CONFIG.timing)
+    assert output_folder(str(run)) == run
+
+
+@pytest.mark.parametrize(("spec", "craft", "task"), [
+    ("lqr:go-to-pose-2d", "floating-platform", GoToPose()),
+    ("lqr:go-to-position-3d", "free-flyer", GoToPosition()),
+    ("mpc:track-velocity-2d@floating-platform-shared", "floating-platform-shared", TrackVelocity()),
+])
+def test_simple_controllers_by_name(spec: str, craft: str, task: object) -> None:
+    found = contestant(spec)
+    assert (found.controller.name.lower(), found.craft.name, found.task) == (spec[:3], craft, task)
+    assert found.timing == Timing()
+
+
+def test_an_agent_that_comes_with_rans(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rans.pretrained, "FOLDER", run.parent)
+    assert contestant("pretrained:poser").controller.name == "poser"
+    assert output_folder("pretrained:poser") == Path("runs/evaluations/pretrained-poser")
+    with pytest.raises(ConfigError, match=r"no agent named 'posr' comes with RANS; known are poser\."):
+        contestant("pretrained:posr")
+
+
+def test_results_stay_inside_their_folder() -> None:
+    assert output_folder("lqr:go-to-pose-2d@../own craft.toml") == Path(
+        "runs/evaluations/lqr-go-to-pose-2d-..-own-craft.toml")
+
+
+@pytest.mark.parametrize(("spec", "said"), [
+    ("lqr:go-to-poze-2d", "no task named 'go-to-poze'"),
+    ("lqr:go-to-pose", "must say in how many dimensions"),
+    ("mpc:go-to-pose-3d@floating-platform", "asks for 3d, but floating-platform moves in 2"),
+    ("lqr:go-to-pose-2d@nowhere", "no spacecraft named 'nowhere'"),
+    ("lqr:go-to-pose-2d#go-to-pose", "picks the task 'go-to-pose', but there is only one task"),
+    ("pretraned:x", "there is no contestant 'pretraned:x'; known are a run folder, pretrained:NAME"),
+    ("lqr:", "there is no contestant 'lqr:'"),
+    ("nowhere", "nowhere is not a run folder"),
+    ("go-to-pose-2d", "no run folder 'go-to-pose-2d'; the agent .* is pretrained:go-to-pose-2d"),
+    ("sb3:mine.zip", "sb3:mine.zip knows no task: .*, as in rans compare RUN sb3:mine.zip"),
+])
+def test_who_is_not_there_is_one_sentence(spec: str, said: str) -> None:
+    with pytest.raises(ConfigError, match=said):
+        contestant(spec)
+
+
+def test_protocols(run: Path) -> None:
+    """Section 4.1 of the paper, and the original system's shared supply."""
+    for protocol, sharing in (("paper", "none"), ("original", "split")):
+        _, craft, task, timing = contestant(str(run), protocol)  # type: ignore[arg-type]
+        starts = scenarios(task.for_evaluation(), craft, 1, 200).start
+        distance = np.hypot(starts.p.x, starts.p.y)  # type: ignore[union-attr]
+        assert (craft.mass, len(craft.thrusters), craft.thrust_sharing) == (5.32, 8, sharing)
+        assert (timing.episode_steps, timing.control_period) == (250, 0.2)
+        assert 3.0 <= distance.min() < 3.05 < 3.95 < distance.max() <= 4.0
+        assert sorted(fitting_protocols(craft)) == sorted(["own", protocol])
+    with pytest.raises(ConfigError, match="--protocol paper is for planar spacecraft with 8 thrusters"):
+        contestant("lqr:go-to-pose-3d", "paper")
+
+
+def test_an_lqr_under_a_protocol_knows_its_spacecraft() -> None:
+    """Sharing costs an LQR nothing it does not know of: it still arrives."""
+    controller, craft, task, timing = contestant("lqr:go-to-pose-2d", "original")
+    assert craft == load_spacecraft("floating-platform-shared")
+    flight = fly(craft, task, controller, scenarios(task, craft, 1, 16), timing)
+    assert (flight.errors()["position"][-1] < 0.2).all()
+
+
+def test_a_multi_task_agent_is_judged_on_each_of_its_tasks(multi: Path) -> None:
+    assert judged_separately(str(multi)) == [f"{multi}#go-to-position", f"{multi}#track-velocity"]
+    picked = contestant(f"{multi}#track-velocity", "paper")
+    assert (picked.task, picked.timing.episode_steps) == (TrackVelocity(), 250)
+    assert output_folder(f"{multi}#track-velocity") == multi
+    with pytest.raises(ConfigError, match="picks the task 'go-to-pose', but there is only go-to-position, "):
+        contestant(f"{multi}#go-to-pose")
+
+
+def test_slow_controllers_fly_in_processes() -> None:
+    """Ten episodes of an MPC are two shares; together they are what one process flies."""
+    controller, craft, task, _ = contestant("mpc:go-to-pose-2d")
+    conditions, counted = Conditions(craft, task.for_evaluation(), Timing(episode_steps=6)), []
+    together, stopped = flown(controller, conditions, 1, 10, workers=2, progress=counted.append)
+    alone = fly(craft, task, controller, scenarios(conditions.task, craft, 1, 10), conditions.timing)
+    assert (sorted(counted), stopped, together.engine) == ([2, 8], 0, "fast")
+    assert together.commands.any()
+    np.testing.assert_array_equal(together.commands, alone.commands)
+    np.testing.assert_allclose(together.states.p.x, alone.states.p.x, atol=1e-12)  # batches round alike
+
+
+def test_drake_flies_contestants_by_name() -> None:
+    """Both engines are at rounding level: the decisions are the same, the ways equal to a micrometre."""
+    spec = "lqr:go-to-pose-2d"
+    controller, craft, task, timing = contestant(spec)
+    task = task.for_evaluation()
+    ours = fly(craft, task, controller, scenarios(task, craft, 1, 3), timing)
+    judged, _ = flown(controller, Conditions(craft, task, timing), 1, 3, "drake")
+    assert judged.engine == "drake"
+    np.testing.assert_array_equal(judged.commands, ours.commands)
+    np.testing.assert_allclose(judged.states.p.x, ours.states.p.x, atol=1e-6)

@@ -1,0 +1,186 @@
+"""Flights along a path: measured by hand on made-up motion, and flown by a simple tracker."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rans.errors import ConfigError
+from rans.evaluation.fly.follow import START_SPREAD, Following, follow
+from rans.evaluation.fly.paths import LookAhead, Path, circle, helix
+from rans.flight import Flight
+from rans.model.dynamics import PlanarState
+from rans.model.fields import Heading, Vec2
+from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft_file import load_spacecraft
+from rans.model.timing import Timing
+from rans.show.path_figures import following_figure
+from rans.tasks import GoToPosition, TrackVelocity
+
+PLATFORM, FLYER = load_spacecraft("floating-platform"), load_spacecraft("free-flyer")
+LINE = Path.through("line", np.array([(0.0, 0.0), (2.0, 0.0)]), closed=False)
+
+
+class Tracker:
+    """Opens all nozzles that push along the velocity still to gain; they come in pairs that do not turn.
+
+    A pair changes the velocity by 2 * 1 N * 0.2 s / 5.32 kg = 0.075 m/s: it is opened from half of that.
+    """
+
+    name = "pairs"
+
+    def __init__(self, craft: Spacecraft) -> None:
+        self.directions = np.array([t.direction for t in craft.thrusters])
+
+    def reset(self, count: int) -> None: ...
+
+    def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
+        gain = np.stack((goal.v - state.v).columns(), axis=1)
+        axes = [state.attitude.rotate(type(state.p)(*unit)) for unit in np.eye(gain.shape[1])]
+        body = np.stack([(gain * np.stack(a.columns(), axis=1)).sum(axis=1) for a in axes], axis=1)
+        return (body @ self.directions[:, :body.shape[1]].T > 0.0376).astype(float)
+
+
+def flown(planner: LookAhead, craft: Spacecraft = PLATFORM, count: int = 4) -> Following:
+    return follow(craft, TrackVelocity(), Tracker(craft), planner, Timing(), seed=5, count=count)
+
+
+def by_hand() -> Following:
+    """Two flights along the line with a radius of 0.1 m: 0.4 m of approach, the last 1.6 m count.
+
+    One takes 0.4 m a period, 3 cm and then 4 cm beside the line. The other never leaves the approach.
+    """
+    x = np.array([[0.0, 0.4, 0.8, 1.2, 1.6, 2.0, 2.0], [0.0, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1]]).T
+    y = np.array([[0.9, 0.03, 0.03, 0.04, 0.04, 0.9, 0.9], [0.9, 0.9, 0.9, 0.9, 0.9, -0.2, 0.9]]).T
+    speed = np.array([[9.0, 9.0, 0.5, 0.5, 0.3, 0.3, 9.0], [9.0, 9.0, 9.0, 9.0, 9.0, 9.0, 0.8]]).T
+    zero, still = np.zeros((7, 2)), np.zeros(2)
+    states = PlanarState(Vec2(x, y), Heading(zero), Vec2(speed, zero), zero)
+    goals = PlanarState(Vec2(still, still), Heading(still), Vec2(still, still), still)
+    thrusters = np.zeros((6, 2, 8))
+    thrusters[1:3, 0, :4] = 1.0
+    timing = Timing(control_period=0.5, episode_steps=6)
+    flight = Flight(PLATFORM, TrackVelocity(), timing, states, goals, thrusters, "by hand")
+    commands = np.broadcast_to([0.4, 0.0], (6, 2, 2))
+    return Following(LookAhead(LINE, speed=0.4, radius=0.1), flight, np.round(x[:6] / 0.005).astype(int),
+                     commands)
+
+
+def test_the_approach_does_not_count() -> None:
+    """A flight that is still in it is judged by its last instant."""
+    expected = [[0, 0], [1, 0], [1, 0], [1, 0], [1, 0], [0, 1]]
+    np.testing.assert_array_equal(by_hand().measured, np.array(expected, dtype=bool))
+
+
+@pytest.mark.parametrize(("name", "first", "second"), [
+    ("cross-track RMS", 100 * math.sqrt((2 * 0.03**2 + 2 * 0.04**2) / 4), 20.0),
+    ("cross-track maximum", 4.0, 20.0),
+    ("velocity error", 10.0, 40.0),  # 0.5, 0.5, 0.3, 0.3 m/s at the ends of the periods; at last 0.8
+    ("speed error", 10.0, 40.0),
+    ("duration", 2.5, math.inf),
+    ("duty", 25.0, 0.0),  # half of the thrusters in two of four periods
+])
+def test_quantities_by_hand(name: str, first: float, second: float) -> None:
+    values = {quantity.name: quantity.values for quantity in by_hand().quantities()}
+    assert values[name] == pytest.approx([first, second], abs=1e-12)
+
+
+def test_a_table_says_never_and_json_null() -> None:
+    following = by_hand()
+    assert "1 of 2 flights arrive" in following.title()
+    table = json.loads(json.dumps(following.to_json(), allow_nan=False))
+    rows = {row["name"]: row for row in table["quantities"]}
+    assert rows["duration"]["flights"] == [2.5, None]
+    assert rows["duration"]["worst"] is None
+    assert rows["cross-track maximum"]["mean"] == pytest.approx(12.0)
+    cells = list(following.table().columns[2].cells)
+    assert cells == ["20 cm", "20 cm", "40 cm/s", "40 cm/s", "never", "25 %"]
+
+
+def test_a_simple_tracker_follows_the_circle() -> None:
+    """A perfect one is 2.1 cm inside; with pulses of 7.5 cm/s it should stay within three times that."""
+    following = flown(LookAhead(circle()))
+    values = {quantity.name: quantity.values for quantity in following.quantities()}
+    assert (values["cross-track RMS"] < 6.0).all()
+    assert (values["cross-track RMS"] > 0.1).all()
+    # 1 m of approach and 9.42 m of lap at 0.25 m/s: 41.7 s, and some for the start and for detours
+    assert ((values["duration"] > 38.0) & (values["duration"] < 50.0)).all()
+    # never faster than commanded by more than a pulse
+    assert np.linalg.norm(following.velocities, axis=2).max() < 0.25 + 0.15
+
+
+def test_a_simple_tracker_follows_a_planar_and_a_spatial_path_in_space() -> None:
+    for path in (circle(0.75), helix(0.75, 0.3, 1.0)):
+        following = flown(LookAhead(path), FLYER, count=3)
+        values = {quantity.name: quantity.values for quantity in following.quantities()}
+        assert np.isfinite(values["duration"]).all()
+        # a perfect one is (0.25 m)^2 / (2 * 0.75 m) = 4.2 cm inside; three times that
+        assert (values["cross-track RMS"] < 12.6).all()
+
+
+def test_starts_are_near_the_first_point_and_different() -> None:
+    following = flown(LookAhead(LINE), count=32)
+    offset = np.linalg.norm(following.positions[0] - LINE.points[0], axis=1)
+    assert offset.max() <= START_SPREAD
+    assert len(np.unique(offset)) == len(np.unique(following.flight.states.attitude.angle[0])) == 32
+    assert not following.velocities[0].any()
+    again = flown(LookAhead(LINE), count=32)
+    np.testing.assert_array_equal(following.positions, again.positions)
+
+
+def test_it_rests_at_the_end_of_an_open_path() -> None:
+    following = flown(LookAhead(LINE))
+    arrived = following.progress >= LINE.last
+    assert arrived[-1].all()
+    assert not following.commands[arrived].any()
+    # what a pair cannot undo: 0.0376 m/s along each of two axes
+    assert np.linalg.norm(following.velocities[-1], axis=1).max() < 0.0376 * math.sqrt(2) + 1e-9
+
+
+def test_the_tracker_sees_the_command_as_its_goal() -> None:
+    seen: list[np.ndarray] = []
+
+    class Watching(Tracker):
+        def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
+            seen.append(observation)
+            return super().act(state, goal, observation)
+
+    task = TrackVelocity()
+    following = follow(PLATFORM, task, Watching(PLATFORM), LookAhead(LINE), Timing(), 5, 2)
+    wanted = following.commands - following.velocities[:-1]
+    np.testing.assert_allclose(np.stack(seen)[:, :, 6:8], wanted, atol=1e-7)  # float32
+
+
+@pytest.mark.parametrize(("planner", "task", "said"), [
+    (LookAhead(LINE), GoToPosition(), "only an agent trained for track-velocity can follow a path"),
+    (LookAhead(LINE, speed=0.8), TrackVelocity(), r"must be at most the 0\.75 m/s .* got 0\.8"),
+    (LookAhead(helix()), TrackVelocity(), "helix is spatial, but floating-platform moves in a plane"),
+])
+def test_what_cannot_be_followed(planner: LookAhead, task: Any, said: str) -> None:
+    with pytest.raises(ConfigError, match=said):
+        follow(PLATFORM, task, Tracker(PLATFORM), planner, Timing(), 0, 2)
+
+
+def test_the_figure_shows_path_velocities_and_distances() -> None:
+    following = by_hand()
+    ways, v_x, v_y, distances = following_figure(following).axes
+    lines = {line.get_label(): np.asarray(line.get_xydata()) for line in ways.get_lines()}
+    np.testing.assert_allclose(lines["path"][[0, -1]], [(0, 0), (2, 0)])
+    # until it arrived: the start and five periods
+    np.testing.assert_allclose(lines["flight 0"], following.positions[:6, 0])
+    for axes, axis in ((v_x, 0), (v_y, 1)):
+        flown_line, command = (np.asarray(line.get_xydata()) for line in axes.get_lines())
+        np.testing.assert_allclose(flown_line[:, 1], following.velocities[:6, 0, axis])
+        np.testing.assert_allclose(command[:, 1], following.commands[:5, 0, axis])
+    bold = next(line for line in distances.get_lines() if line.get_zorder() == 3)
+    np.testing.assert_allclose(np.asarray(bold.get_xydata())[1:, 1], [3, 3, 4, 4], atol=1e-9)
+
+
+def test_a_spatial_figure_has_three_velocities() -> None:
+    following = flown(LookAhead(helix(0.75, 0.3, 0.2)), FLYER, count=2)
+    ways, *stack = following_figure(following).axes
+    assert ways.name == "3d"
+    assert [axes.get_ylabel() for axes in stack] == ["v_x, m/s", "v_y, m/s", "v_z, m/s", "cm"]

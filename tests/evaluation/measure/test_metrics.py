@@ -1,0 +1,232 @@
+from __future__ import annotations
+
+import io
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+from rich.console import Console
+from scipy import stats
+
+from rans.evaluation.measure.metrics import final_errors, impulses, on_times, settling_times
+from rans.evaluation.measure.summary import Metrics, measure
+from rans.flight import Flight, fly
+from rans.model.fields import Vec2
+from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft_file import load_spacecraft
+from rans.model.timing import Timing
+from rans.scenario import scenarios
+from rans.tasks import GoToPose
+from tests.evaluation.flights import TrackNothing, flight_of, many_episodes, two_episodes
+
+# Distances at random, among them many close to the tolerance of 5 cm.
+distances = hnp.arrays(float, st.tuples(st.integers(2, 12), st.integers(1, 4)),
+                       elements=st.sampled_from([0.001, 0.015, 0.03, 0.049, 0.051, 0.3]))
+
+
+@pytest.mark.parametrize(("name", "value"), [
+    ("solved", 50.0),           # only the first episode
+    ("solved in the mean", 100.0),    # the second: (3 cm + 6 cm) / 2 < 5 cm
+    ("settled", 50.0),
+    ("settling time", math.inf),  # median of 2.5 s and never
+    ("failed", 0.0),
+    ("PT5", 85.0),              # 8 and 9 steps of 10: the start does not count
+    ("PT2", 25.0),              # 5 and 0 steps
+    ("PT1", 15.0),              # 3 and 0 steps
+    ("PT10", 90.0),             # 8 and 10 steps
+    ("held 5 cm 3 deg", 50.0),
+    ("held 1 cm 1 deg", 50.0),  # the first ends at 0.4 cm and 0.5 degrees
+    ("reach 2 cm", 50.0),
+    ("reach 1 cm", 50.0),
+    ("position error", 2.45),   # 0.4 cm and 4.5 cm
+    ("OT5", 80.0),              # 6 and 10 steps
+    ("OT2", 70.0),              # 4 and 10 steps
+    ("OT1", 65.0),              # 3 and 10 steps
+    ("attitude error", 0.25),   # 0.5 and 0 degrees
+    ("stay 15 cm", 50.0),       # the second never gets closer than 2 cm
+    ("reach 5 deg", 100.0),
+    ("reach 2.5 deg", 100.0),
+    ("stay 37 deg", 100.0),
+    ("openings", 0.5),          # one thruster, once
+    ("duty at rest", 0.0),
+    ("spin at rest", 0.1),
+    ("speed", 0.25),            # |(0.3, -0.4)| and 0
+    ("spin", 0.1),              # |-0.2| and 0
+    ("duty", 2.5),              # 4 of 80 and 0 of 80
+    ("on-time", 1.0),           # 4 x 0.5 s and 0
+    ("impulse", 1.0),           # of 1 N
+])
+def test_hand_worked(name: str, value: float) -> None:
+    # 1e-9: sums of a dozen numbers of order 1 to 100, some of them through trigonometry.
+    assert measure(two_episodes())[name].value == pytest.approx(value, abs=1e-9)
+
+
+def test_stay_is_lost_beyond_seven_and_a_half_times_the_threshold() -> None:
+    """Thresholds of 2 cm and 15 cm: stays; leaves; was far only before; never comes close."""
+    distance = np.transpose([[1.0, 0.01, 0.14], [1.0, 0.01, 0.16], [1.0, 0.5, 0.01], [0.1, 0.1, 0.1]])
+    assert measure(flight_of(distance, 0.0))["stay 15 cm"].value == 50.0
+
+
+def test_tracking_errors_count_after_five_seconds() -> None:
+    """Twelve steps of half a second: only the instants 5.5 and 6 s count, in SI units."""
+    flight = flight_of(np.ones((13, 1)), 0.0, spin=-0.2, task=TrackNothing())
+    speed = np.array([9.0] * 11 + [0.25, 0.75])[:, None]
+    moving = replace(flight, states=replace(flight.states, v=Vec2(speed, 0.0 * speed)))
+    measured = measure(moving)
+    assert measured["velocity error after 5 s"].value == pytest.approx(0.5)
+    assert measured["spin error after 5 s"].value == pytest.approx(0.2)
+    assert not any("after" in row.name for row in measure(two_episodes()).rows)
+
+
+def test_settling_times_by_hand() -> None:
+    # The first is within 5 cm from 1.5 s, within 5 degrees from 2.5 s; the second leaves at the end.
+    assert settling_times(two_episodes()).tolist() == [2.5, math.inf]
+
+
+def test_settled_from_the_start_is_zero() -> None:
+    assert settling_times(flight_of(np.zeros((6, 1)), 0.0)).tolist() == [0.0]
+
+
+@given(distances)
+def test_settling_times_agree_with_a_search(distance: np.ndarray) -> None:
+    flight = flight_of(distance, 0.0)
+    for path, found in zip(distance.T, settling_times(flight), strict=True):
+        candidates = [k for k in range(len(path)) if (path[k:] < 0.05).all()]
+        assert found == (0.5 * candidates[0] if candidates else math.inf)
+
+
+@given(distances)
+def test_order_of_shares(distance: np.ndarray) -> None:
+    measured = measure(flight_of(distance, 0.0))
+    value = {row.name: row.value for row in measured.rows}
+    assert 0.0 <= value["PT1"] <= value["PT2"] <= value["PT5"] <= 100.0
+    assert value["reach 1 cm"] <= value["reach 2 cm"]
+    # Within at every step of the end implies settled, and a mean within.
+    assert value["solved"] <= value["settled"]
+    assert value["solved"] <= value["solved in the mean"]
+    for row in measured.rows:
+        assert row.low <= row.high
+
+
+@pytest.mark.parametrize(("inside", "solved"), [(5, 100.0), (4, 0.0)])
+def test_last_fifth_of_25_steps_is_5(inside: int, solved: float) -> None:
+    distance = np.ones((26, 1))
+    distance[-inside:] = 0.01
+    assert measure(flight_of(distance, 0.0))["solved"].value == solved
+
+
+def test_return_of_resting_at_the_goal() -> None:
+    # 1 + 1 and twice 1/2 are 3 a step; 1e-9: rounding of the heading error (1e-16 rad) and ten sums.
+    assert measure(flight_of(np.zeros((11, 3)), 0.0))["return"].value == pytest.approx(30.0, abs=1e-9)
+
+
+def test_failure_counts_even_if_the_episode_recovers() -> None:
+    distance = np.full((6, 4), 0.01)
+    distance[2, 1] = 8.5  # the task fails beyond 8 m
+    measured = measure(flight_of(distance, 0.0))
+    assert measured["failed"].value == 25.0
+    assert measured["settled"].value == 100.0
+
+
+def test_shared_supply_halves_two_open_thrusters() -> None:
+    commands = np.zeros((4, 1, 8))
+    commands[:, 0, :2] = 1.0
+    alone = flight_of(np.ones((5, 1)), 0.0, commands)
+    craft = alone.craft
+    shared = Flight(
+        Spacecraft(craft.name, 2, craft.mass, craft.inertia, craft.thrusters, thrust_sharing="split"),
+        alone.task, alone.timing, alone.states, alone.goals, commands, "by hand")
+    # Two thrusters of 1 N open for 2 s: 4 thruster-seconds; the shared supply gives 1 N in all.
+    assert (on_times(alone)[0], impulses(alone)[0]) == (4.0, 4.0)
+    assert (on_times(shared)[0], impulses(shared)[0]) == (4.0, 2.0)
+
+
+def test_a_task_without_pose_is_not_credited_with_one() -> None:
+    flight = flight_of(np.ones((6, 2)), 0.0, speed=(0.06, 0.08), spin=0.05, task=TrackNothing())
+    measured = measure(flight)
+    names = {row.name for row in measured.rows}
+    assert not names & {"PT5", "OT5", "position error", "reach 1 cm"}
+    # The first moves at 10 cm/s; 0.05 rad/s is 2.9 degrees/s; the second episode rests.
+    assert measured["VT5"].value == 50.0
+    assert measured["ST5"].value == 100.0
+    assert measured["ST2"].value == 50.0
+    assert measured["velocity error"].value == pytest.approx(5.0, abs=1e-9)
+
+
+def test_intervals_agree_with_scipy() -> None:
+    flight = many_episodes(200)
+    samples = final_errors(flight)["position"] * 100.0
+    reference = stats.bootstrap((samples,), np.mean, n_resamples=20_000, method="percentile",
+                                rng=np.random.default_rng(1)).confidence_interval
+    found = measure(flight)["position error"]
+    # 1,000 resamples place a 2.5 % quantile to 0.085 standard errors; four of those.
+    tolerance = 0.34 * samples.std() / np.sqrt(len(samples))
+    assert found.low == pytest.approx(reference.low, abs=tolerance)
+    assert found.high == pytest.approx(reference.high, abs=tolerance)
+    assert found.low < found.value < found.high
+
+
+def test_same_seed_same_intervals() -> None:
+    flight = many_episodes(20)
+    assert measure(flight, seed=4) == measure(flight, seed=4)
+    assert measure(flight, seed=4) != measure(flight, seed=5)
+
+
+def test_json_round_trip_with_infinite_values() -> None:
+    measured = measure(two_episodes())
+    text = json.dumps(measured.to_json(), allow_nan=False)
+    assert Metrics.from_json(json.loads(text)) == measured
+
+
+def test_nan_states_are_never_successes() -> None:
+    distance = np.full((6, 2), 0.01)
+    distance[3:, 1] = np.nan
+    measured = measure(flight_of(distance, 0.0))
+    assert measured["solved"].value == 50.0
+    assert measured["settled"].value == 50.0
+    assert math.isnan(measured["position error"].value)
+    json.dumps(measured.to_json(), allow_nan=False)
+
+
+def test_table_reads_without_a_terminal() -> None:
+    console = Console(file=io.StringIO(), width=100)
+    console.print(measure(two_episodes()).table())
+    text = console.file.getvalue()  # type: ignore[attr-defined]
+    assert "by hand: 2 episodes of 5 s with floating-platform" in text
+    assert "settling time" in text
+    assert "never" in text
+    assert "85 / 25 / 15 %" in text  # PT5, PT2 and PT1 share a line
+
+
+def test_a_narrow_terminal_breaks_no_figure() -> None:
+    console = Console(file=io.StringIO(), width=80)
+    console.print(measure(two_episodes()).table(console.width))
+    text = console.file.getvalue()  # type: ignore[attr-defined]
+    assert "85 / 25 / 15 %" in text
+    assert "…" not in text
+    assert "within all tolerances" not in text
+    assert "A terminal of 110 columns or more" in text
+
+
+def test_spatial_flight() -> None:
+    craft, task = load_spacecraft("free-flyer"), GoToPose(spawn_distance=(3.0, 4.0))
+
+    class Half:
+        """Opens every second thruster, all the time."""
+
+        name = "half"
+
+        def reset(self, count: int) -> None: ...
+
+        def act(self, state: object, goal: object, observation: np.ndarray) -> np.ndarray:
+            return np.tile([1.0, 0.0], (len(observation), 8))
+
+    measured = measure(fly(craft, task, Half(), scenarios(task, craft, 0, 5), Timing(episode_steps=10)))
+    assert measured["duty"].value == 50.0
+    assert measured["on-time"].value == pytest.approx(8 * 10 * 0.2)
+    assert measured["PT5"].value == 0.0

@@ -1,0 +1,158 @@
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from stable_baselines3 import A2C, PPO
+from stable_baselines3.common.evaluation import evaluate_policy
+from stable_baselines3.common.monitor import Monitor
+from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
+
+from rans.fast.engine import Engine
+from rans.fast.envs.sb3 import SB3VecEnv
+from tests.fast.engines import NEAR, PLATFORM, SHORT, actions, both_crafts
+
+LENIENT = dataclasses.replace(NEAR, position_tolerance=9.0, attitude_tolerance=9.0)
+"""Who does not fail succeeds."""
+
+
+def make(craft: Any = PLATFORM, count: int = 16, seed: int = 1, **kwargs: Any) -> SB3VecEnv:
+    return SB3VecEnv(Engine(craft, LENIENT, count, SHORT, seed=seed, **kwargs))
+
+
+def commands(env: SB3VecEnv, steps: int) -> np.ndarray:
+    return actions(env.engine.craft, env.num_envs, steps).numpy()
+
+
+@both_crafts
+def test_it_says_what_the_engine_does(craft: Any) -> None:
+    env, engine = make(craft), Engine(craft, LENIENT, 16, SHORT)
+    env.seed(4)
+    np.testing.assert_array_equal(env.reset(), engine.reset(4))
+    ends = np.zeros(2, dtype=int)
+    for action in commands(env, 60):
+        observation, reward, done, infos = env.step(action)
+        step = engine.step(torch.from_numpy(action))
+        np.testing.assert_array_equal(observation, step.observation)  # type: ignore[arg-type]
+        np.testing.assert_array_equal(reward, step.reward)
+        np.testing.assert_array_equal(done, step.terminated | step.truncated)
+        for i, info in enumerate(infos):
+            if not done[i]:
+                assert info == {}
+                continue
+            np.testing.assert_array_equal(info["terminal_observation"], step.final_observation[i])
+            truncated = bool(step.truncated[i])
+            assert truncated is not bool(step.terminated[i])
+            assert (info["TimeLimit.truncated"], info["is_success"]) == (truncated, truncated)
+        ends += int(step.terminated.sum()), int(step.truncated.sum())
+    assert ends.min() > 5  # the test saw both kinds
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_arrays_are_what_sb3_keeps(dtype: torch.dtype) -> None:
+    env = make(dtype=dtype)
+    first: Any = env.reset()
+    observation, reward, done, infos = env.step(np.zeros((16, 8), dtype=np.int64))
+    assert [x.dtype for x in (first, observation, reward, done)] == [np.float32] * 3 + [np.bool_]  # type: ignore[union-attr]
+    assert env.observation_space.contains(first[0])
+    assert len({id(info) for info in infos}) == 16  # wrappers write into them
+
+
+def test_results_are_never_written_again() -> None:
+    env = make()
+    kept: list[Any] = [env.reset(), *env.step(commands(env, 5)[0])[:3]]
+    copies = [x.copy() for x in kept]
+    for action in commands(env, 25):
+        env.step(action)
+    env.reset()
+    for before, now in zip(copies, kept, strict=True):
+        np.testing.assert_array_equal(before, now)
+
+
+def test_a_seed_counts_once() -> None:
+    env = make()
+    env.seed(3)
+    first, second = np.asarray(env.reset()), np.asarray(env.reset())
+    assert (first != second).any(axis=1).all()
+    env.seed(3)
+    np.testing.assert_array_equal(env.reset(), first)  # type: ignore[arg-type]
+    np.testing.assert_array_equal(env.reset(), second)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("algorithm", [PPO, A2C])
+@both_crafts
+def test_algorithms_train_on_it(craft: Any, algorithm: Any) -> None:
+    settings: dict[str, Any] = {"batch_size": 64, "n_epochs": 2} if algorithm is PPO else {}
+    model = algorithm("MlpPolicy", make(craft), n_steps=16, seed=0, device="cpu", **settings)
+    before = [p.detach().clone() for p in model.policy.parameters()]
+    model.learn(512)
+    after = list(model.policy.parameters())
+    assert all(torch.isfinite(p).all() for p in after)
+    assert any((a != b).any() for a, b in zip(before, after, strict=True))
+    assert model.num_timesteps == 512
+
+
+def test_training_is_reproducible() -> None:
+    weights = []
+    for engine_seed in (1, 2):  # the algorithm's seed overrides the engine's
+        model = PPO("MlpPolicy", make(seed=engine_seed), n_steps=16, batch_size=64, seed=6, device="cpu")
+        model.learn(512)
+        weights.append(torch.cat([p.detach().flatten() for p in model.policy.parameters()]))
+    assert torch.equal(*weights)
+
+
+def test_monitor_counts_returns_and_lengths() -> None:
+    inner = make(dtype=torch.float64)
+    env = VecMonitor(inner)
+    env.reset()
+    returns, lengths = np.zeros(16), np.zeros(16, dtype=int)
+    seen: list[int] = []
+    for action in commands(inner, 60):
+        _, reward, done, infos = env.step(action)
+        returns, lengths = returns + reward, lengths + 1
+        for i in np.flatnonzero(done):
+            # Twenty float32 rewards below 3, added in float32, rounded to 6 digits.
+            assert infos[i]["episode"]["r"] == pytest.approx(returns[i], abs=1e-5)
+            assert infos[i]["episode"]["l"] == lengths[i]
+            seen.append(int(lengths[i]))
+            returns[i] = lengths[i] = 0
+    assert max(seen) == 20 > min(seen)
+
+
+def test_normalise_wraps_it() -> None:
+    inner = make()
+    env = VecNormalize(inner, clip_obs=5.0)
+    env.reset()
+    for action in commands(inner, 40):
+        observation, _, done, infos = env.step(action)
+        assert np.abs(np.asarray(observation)).max() <= 5.0
+        for i in np.flatnonzero(done):
+            raw = env.unnormalize_obs(infos[i]["terminal_observation"])
+            # Where nothing was clipped, the way to go is that of an episode's end.
+            if np.abs(infos[i]["terminal_observation"]).max() < 5.0:
+                distance = np.linalg.norm(np.asarray(raw)[6:8])
+                assert (distance > NEAR.fail_distance) is not infos[i]["TimeLimit.truncated"]
+    model = PPO("MlpPolicy", env, n_steps=16, batch_size=64, device="cpu")
+    model.learn(256)
+
+
+def test_policies_are_evaluated_on_it() -> None:
+    env = VecMonitor(make())
+    model = PPO("MlpPolicy", make(), n_steps=16, batch_size=64, device="cpu")
+    returns, lengths = evaluate_policy(model, env, n_eval_episodes=32, return_episode_rewards=True)
+    assert len(returns) == len(lengths) == 32  # type: ignore[arg-type]
+    assert max(lengths) <= 20  # type: ignore[arg-type, type-var]
+
+
+def test_attributes_are_those_of_the_batch() -> None:
+    env = make(count=3)
+    assert env.get_attr("engine") == [env.engine] * 3
+    assert env.get_attr("engine", indices=[0, 2]) == [env.engine] * 2
+    env.set_attr("note", "seen")
+    assert env.get_attr("note", indices=1) == ["seen"]
+    assert env.env_method("seed", 4, indices=0) == [[4, 4, 4]]
+    assert env.env_is_wrapped(Monitor) == [False] * 3
+    env.close()

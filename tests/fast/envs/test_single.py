@@ -1,0 +1,281 @@
+from __future__ import annotations
+
+import dataclasses
+import math
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.error import ResetNeeded
+from gymnasium.utils.env_checker import check_env
+from stable_baselines3.common.env_checker import check_env as check_env_for_sb3
+
+import rans
+from rans.errors import ConfigError
+from rans.fast.envs.single import SpacecraftEnv
+from rans.model.dynamics import PlanarState
+from rans.model.fields import Heading, Vec2, leaves
+from rans.model.spacecraft_file import load_spacecraft
+from rans.model.timing import Timing
+from rans.scenario import Scenario, scenario
+from rans.tasks import GYMNASIUM_IDS, TASKS, GoToPose, observation
+
+PLANE = "rans/GoToPose2D-v0"
+IDS = [name for pair in GYMNASIUM_IDS.values() for name in pair]
+SHUT = np.zeros(8, dtype=np.int64)
+ALL_IDS = pytest.mark.parametrize("name", IDS)
+
+
+def make(name: str = PLANE, **kwargs: Any) -> SpacecraftEnv:
+    env = gymnasium.make(name, **kwargs).unwrapped
+    assert isinstance(env, SpacecraftEnv)
+    return env
+
+
+def first_observation(env: SpacecraftEnv, seed: int, episode: int) -> np.ndarray:
+    chosen = scenario(env.task, env.craft.dimension, seed, episode)
+    return np.array(observation(env.task, chosen.start, chosen.goal), dtype=np.float32)
+
+
+def at(x: float, y: float, angle: float = 0.0) -> PlanarState:
+    return PlanarState(Vec2(x, y), Heading(angle), Vec2(0.0, 0.0), 0.0)
+
+
+def test_every_task_has_its_ids() -> None:
+    assert GYMNASIUM_IDS.keys() == TASKS.keys()
+    assert set(IDS) <= gymnasium.registry.keys()
+
+
+@ALL_IDS
+def test_gymnasium_finds_nothing_wrong(name: str) -> None:
+    check_env(make(name))
+    check_env(make(name, render_mode="rgb_array"))
+
+
+@ALL_IDS
+def test_sb3_finds_nothing_wrong(name: str) -> None:
+    check_env_for_sb3(make(name))
+
+
+@ALL_IDS
+def test_types(name: str) -> None:
+    env = make(name)
+    seen, info = env.reset(seed=1)
+    assert (seen.shape, seen.dtype) == (env.observation_space.shape, np.float32)
+    assert info.keys() == {"errors"}
+    seen, reward, terminated, truncated, info = env.step(env.action_space.sample())
+    assert [type(x) for x in (seen, reward, terminated, truncated)] == [np.ndarray, float, bool, bool]
+    assert (seen.shape, seen.dtype) == (env.observation_space.shape, np.float32)
+    assert info.keys() == {"reward_terms", "errors"}
+    assert {type(x) for group in info.values() for x in group.values()} == {float}
+    assert math.isclose(sum(info["reward_terms"].values()), reward, rel_tol=1e-15)
+
+
+@ALL_IDS
+def test_it_ends_by_itself_when_time_is_up(name: str) -> None:
+    env = gymnasium.make(name, timing=Timing(episode_steps=7))
+    for _ in range(2):
+        env.reset(seed=3)
+        ends = [env.step(np.zeros_like(env.action_space.sample()))[2:] for _ in range(7)]
+        assert [(terminated, truncated) for terminated, truncated, _ in ends] == [(False, False)] * 6 + [
+            (False, True)]
+        assert ["is_success" in info for *_, info in ends] == [False] * 6 + [True]
+
+
+def test_failure_terminates() -> None:
+    """At 7.9 m the two thrusters on one side need less than 25 s to pass 8 m."""
+    env = make(timing=Timing(episode_steps=1000), task=GoToPose(position_tolerance=9.0))
+    pushing = np.array([t.direction[0] > 0.5 for t in env.craft.thrusters]).astype(int)
+    env.reset(options={"scenario": Scenario(at(7.9, 0.0), at(0.0, 0.0))})
+    distance, terminated, truncated, info = 7.9, False, False, {}
+    while not terminated:
+        assert distance <= 8.0
+        _, _, terminated, truncated, info = env.step(pushing)
+        distance = info["errors"]["position"]
+    assert (distance > 8.0, truncated, info["is_success"]) == (True, False, False)
+
+
+@pytest.mark.parametrize(("start", "success"), [
+    (at(0.04, 0.0), True), (at(0.06, 0.0), False),
+    (at(0.0, 0.0, math.radians(4.9)), True), (at(0.0, 0.0, math.radians(5.1)), False),
+])
+def test_success_is_to_be_there_when_time_is_up(start: PlanarState, success: bool) -> None:
+    env = make(timing=Timing(episode_steps=2))
+    env.reset(options={"scenario": Scenario(start, at(0.0, 0.0))})
+    env.step(SHUT)
+    assert env.step(SHUT)[4]["is_success"] is success
+
+
+@pytest.mark.parametrize("craft", ["floating-platform", "floating-platform-shared"])
+def test_open_and_moved_valves_are_counted_however_they_share(craft: str) -> None:
+    env = make(spacecraft=craft, task=GoToPose(thrust_weight=0.5, switching_weight=0.25))
+    for _ in range(2):
+        env.reset()
+        for command, opened, moved in ((np.ones(8), 8, 8), (np.eye(8)[3], 1, 7), (np.eye(8)[4], 1, 2)):
+            terms = env.step(command)[4]["reward_terms"]
+            assert (terms["thrust"], terms["switching"]) == (-0.5 * opened, -0.25 * moved)
+
+
+def test_info_holds_the_errors() -> None:
+    env = make()
+    start = Scenario(at(3.0, 4.0, math.radians(350.0)), at(0.0, 0.0, math.radians(20.0)))
+    _, before = env.reset(options={"scenario": start})
+    *_, after = env.step(SHUT)
+    expected = {"position": 5.0, "attitude": math.radians(30.0)}
+    for info in (before, after):
+        assert info["errors"] == pytest.approx(expected, rel=1e-14)
+
+
+def test_equations_are_float64() -> None:
+    """A thousand periods of coasting: float32 positions would be off by 1e-4 m."""
+    env = make(timing=Timing(episode_steps=2000), task=GoToPose(fail_distance=1e4))
+    moving = dataclasses.replace(at(0.1, 0.2), v=Vec2(0.3, -0.7))
+    env.reset(options={"scenario": Scenario(moving, at(0.0, 0.0))})
+    for _ in range(999):
+        env.step(SHUT)
+    info = env.step(SHUT)[4]
+    assert info["errors"]["position"] == pytest.approx(math.hypot(60.1, -139.8), rel=1e-12)
+
+
+@ALL_IDS
+def test_seed_starts_episode_0_and_resets_count_on(name: str) -> None:
+    env = make(name)
+    for seed in (3, 2**40):
+        for episode in range(3):
+            seen, _ = env.reset(seed=seed if episode == 0 else None)
+            np.testing.assert_array_equal(seen, first_observation(env, seed, episode))
+
+
+def test_without_a_seed_episodes_are_random() -> None:
+    assert (make().reset()[0] != make().reset()[0]).any()
+    first, second = make(), make()
+    first.np_random, second.np_random = np.random.default_rng(5), np.random.default_rng(5)
+    for _ in range(2):
+        np.testing.assert_array_equal(first.reset()[0], second.reset()[0])
+
+
+@ALL_IDS
+def test_a_given_scenario_is_flown(name: str) -> None:
+    env = make(name)
+    chosen = scenario(env.task, env.craft.dimension, 8, 5)
+    seen, _ = env.reset(seed=1, options={"scenario": chosen})
+    np.testing.assert_array_equal(seen, first_observation(env, 8, 5))
+    np.testing.assert_array_equal(env.reset()[0], first_observation(env, 1, 1))
+
+
+@pytest.mark.parametrize(("options", "message"), [
+    ({"episode": 3}, "unknown option 'episode'"),
+    ({"scenario": (at(1.0, 0.0), at(0.0, 0.0))}, r"must be a rans\.scenario\.Scenario"),
+    ({"scenario": Scenario(at(math.nan, 0.0), at(0.0, 0.0))}, "6 finite numbers"),
+    ({"scenario": scenario(GoToPose(), 3, 0, 0)}, "6 finite numbers"),
+])
+def test_wrong_options(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        make().reset(options=options)
+
+
+@pytest.mark.parametrize("action", [
+    np.zeros(7), np.zeros((1, 8)), np.full(8, 2), np.full(8, 0.5), np.full(8, math.nan), 1, "open", None,
+])
+def test_wrong_actions(action: Any) -> None:
+    env = make()
+    env.reset(seed=1)
+    with pytest.raises(ConfigError, match=r"8 numbers, 0 \(shut\) or 1 \(open\), one per thruster"):
+        env.step(action)
+
+
+def test_actions_may_be_lists_and_truth_values() -> None:
+    results = []
+    for action in ([1, 0] * 4, np.array([True, False] * 4), np.array([1.0, 0.0] * 4)):
+        env = make()
+        env.reset(seed=1)
+        results.append(env.step(action)[0])  # type: ignore[arg-type]
+    np.testing.assert_array_equal(results[0], results[1])
+    np.testing.assert_array_equal(results[0], results[2])
+
+
+@pytest.mark.parametrize(("kwargs", "message"), [
+    ({"spacecraft": "free-flyer"}, "dimension 2, got 'free-flyer' of dimension 3"),
+    ({"spacecraft": "no-such-craft"}, "no spacecraft named 'no-such-craft'"),
+    ({"task": "go-to-pose"}, "for GoToPose settings, got 'go-to-pose'"),
+])
+def test_wrong_arguments(kwargs: dict[str, Any], message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        make(**kwargs)
+
+
+def test_wrong_render_mode() -> None:
+    with pytest.raises(ConfigError, match="render_mode must be None, \"human\" or \"rgb_array\", got 'ansi'"):
+        SpacecraftEnv("go-to-pose", 2, render_mode="ansi")
+
+
+def test_a_users_own_spacecraft(tmp_path: Path) -> None:
+    own = tmp_path / "mine.toml"
+    shipped = Path(rans.__file__).parent / "data" / "spacecraft" / "floating-platform.toml"
+    own.write_text(shipped.read_text("utf-8").replace('"floating-platform"', '"mine"'), "utf-8")
+    craft = load_spacecraft("floating-platform")
+    assert make(spacecraft=str(own)).craft.name == "mine"
+    lonely = dataclasses.replace(craft, thrusters=(*craft.thrusters, craft.thrusters[0]))
+    assert make(spacecraft=lonely).action_space.shape == (9,)
+
+
+def test_reset_comes_first() -> None:
+    for call in (lambda env: env.step(SHUT), lambda env: env.render()):
+        with pytest.raises(ResetNeeded, match="call reset"):
+            call(make(render_mode="rgb_array"))
+
+
+@ALL_IDS
+def test_frames_follow_the_flight(name: str) -> None:
+    env = make(name, render_mode="rgb_array", timing=Timing(control_period=0.5))
+    assert env.metadata["render_fps"] == 2.0
+    env.reset(seed=1)
+    first, again = env.render(), env.render()
+    assert first is not None
+    assert (first.shape, first.dtype) == ((480, 640, 3), np.uint8)
+    np.testing.assert_array_equal(first, again)
+    env.step(env.action_space.sample() | 1)
+    assert (env.render() != first).any()
+    env.reset(seed=1)
+    np.testing.assert_array_equal(env.render(), first)
+
+
+def test_no_render_mode_no_frame() -> None:
+    env = make()
+    env.reset(seed=1)
+    assert env.render() is None
+
+
+def test_lists_of_frames_come_from_gymnasium() -> None:
+    env = gymnasium.make(PLANE, render_mode="rgb_array_list")
+    env.reset(seed=1)
+    env.step(SHUT)
+    frames: Any = env.render()
+    assert [frame.shape for frame in frames] == [(480, 640, 3)] * 2
+
+
+def test_states_stay_plain_numbers() -> None:
+    env = make("rans/GoToPose3D-v0")
+    env.reset(seed=1)
+    env.step(env.action_space.sample())
+    assert {type(x) for x in leaves(env._state)} == {float}
+
+
+def test_the_single_environment_needs_no_torch() -> None:
+    """Nor does the user need to import rans: Gymnasium's "module:id" does."""
+    program = (f"import gymnasium, sys; env = gymnasium.make('rans:{PLANE}'); env.reset(seed=1); "
+               "env.step(env.action_space.sample()); print(*sys.modules)")
+    run = subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True,
+                         cwd=Path(__file__).parents[2])
+    assert {"torch", "matplotlib", "stable_baselines3"} & set(run.stdout.split()) == set()
+
+
+def test_every_public_name_is_there() -> None:
+    for module in (rans, rans.fast):
+        assert [getattr(module, name) for name in module.__all__]
+        with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+            _ = module.nothing

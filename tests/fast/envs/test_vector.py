@@ -1,0 +1,203 @@
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+import torch
+from gymnasium.vector import AutoresetMode
+from gymnasium.wrappers.vector import ArrayConversion, DictInfoToList, RecordEpisodeStatistics
+from torch import Tensor
+
+from rans.errors import ConfigError
+from rans.fast.envs.single import SpacecraftEnv
+from rans.fast.envs.vector import SpacecraftVectorEnv
+from rans.scenario import scenario
+from rans.tasks import GYMNASIUM_IDS
+from tests.fast.engines import NEAR, SHORT, actions
+
+PLANE = "rans/GoToPose2D-v0"
+# The settings of `NEAR` are go-to-pose's; the other tasks reach the same code through the conformance suite.
+BOTH_IDS = pytest.mark.parametrize("name", GYMNASIUM_IDS["go-to-pose"])
+def make(name: str = PLANE, count: int = 6, **kwargs: Any) -> SpacecraftVectorEnv:
+    env = gymnasium.make_vec(name, num_envs=count, **{"task": NEAR, "timing": SHORT, **kwargs})
+    assert isinstance(env, SpacecraftVectorEnv)
+    return env
+
+
+def commands(env: SpacecraftVectorEnv, steps: int) -> Tensor:
+    return actions(env.engine.craft, env.num_envs, steps)
+
+
+@BOTH_IDS
+def test_what_gymnasium_asks_of_it(name: str) -> None:
+    env = make(name)
+    single = gymnasium.make(name)
+    assert env.num_envs == 6
+    assert env.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
+    assert env.single_observation_space == single.observation_space
+    assert env.single_action_space == single.action_space
+    assert env.observation_space.shape == (6, *single.observation_space.shape)  # type: ignore[misc]
+    assert env.action_space.shape == (6, *single.action_space.shape)  # type: ignore[misc]
+    assert env.spec is not None
+    assert env.spec.id == name
+    assert env.render_mode is None
+    env.close()
+    env.close()
+    assert env.closed
+
+
+@BOTH_IDS
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_shapes_and_types(name: str, dtype: torch.dtype) -> None:
+    env = make(name, dtype=dtype)
+    seen, info = env.reset(seed=1)
+    assert info == {}
+    results = env.step(env.action_space.sample())
+    for observation in (seen, results[0], results[4]["final_obs"]):
+        assert (observation.shape, observation.dtype) == (env.observation_space.shape, dtype)
+        assert env.observation_space.contains(observation.numpy())
+    for flags in (*results[2:4], results[4]["_final_obs"], results[4]["_final_info"],
+                  results[4]["final_info"]["is_success"]):
+        assert (flags.shape, flags.dtype) == ((6,), torch.bool)
+    for values in (results[1], *results[4]["reward_terms"].values()):
+        assert (values.shape, values.dtype) == ((6,), dtype)
+    torch.testing.assert_close(sum(results[4]["reward_terms"].values()), results[1])
+
+
+@BOTH_IDS
+def test_environment_i_is_the_single_environment(name: str) -> None:
+    """Step by step, over every end, in episodes i, i + N, ...: the same numbers, the same counts."""
+    env = make(name, dtype=torch.float64)
+    single: Any = gymnasium.make(name, task=NEAR, timing=SHORT).unwrapped
+    env.reset(seed=7)
+    ends = {"terminated": 0, "truncated": 0, "success": 0}
+    record = [(command, *env.step(command)) for command in commands(env, 60)]
+    for i in range(env.num_envs):
+        episode = i
+        start_single(single, episode)
+        for command, observation, reward, terminated, truncated, info in record:
+            expected = single.step(command[i].numpy())
+            # The single environment gives float32: half of its last place.
+            np.testing.assert_allclose(info["final_obs"][i], expected[0], rtol=6e-8, atol=1e-12)
+            # The same operations on numbers and on arrays may round differently in the last place.
+            np.testing.assert_allclose(reward[i], expected[1], rtol=0, atol=1e-12)
+            assert (bool(terminated[i]), bool(truncated[i])) == expected[2:4]
+            terms = {name: float(x[i]) for name, x in info["reward_terms"].items()}
+            assert terms == pytest.approx(expected[4]["reward_terms"], rel=0, abs=1e-12)
+            assert bool(info["_final_obs"][i]) == ("is_success" in expected[4])
+            ends["terminated"] += expected[2]
+            ends["truncated"] += expected[3]
+            if expected[2] or expected[3]:
+                success = expected[4]["is_success"]
+                assert bool(info["final_info"]["is_success"][i]) == success
+                ends["success"] += success
+                episode += env.num_envs
+                first = start_single(single, episode)
+                np.testing.assert_allclose(observation[i], first, rtol=6e-8, atol=1e-12)
+            else:
+                np.testing.assert_array_equal(observation[i], info["final_obs"][i])
+    assert ends["terminated"] > 3  # the test saw every kind
+    assert 0 < ends["success"] < ends["truncated"]
+
+
+def start_single(env: SpacecraftEnv, episode: int) -> np.ndarray:
+    return env.reset(options={"scenario": scenario(NEAR, env.craft.dimension, 7, episode)})[0]
+
+
+@BOTH_IDS
+def test_one_environment_counts_as_the_single_one(name: str) -> None:
+    vector, single = make(name, 1), gymnasium.make(name, task=NEAR, timing=SHORT)
+    seen, expected = vector.reset(seed=5)[0], single.reset(seed=5)[0]
+    for action in commands(vector, 60):
+        np.testing.assert_allclose(seen[0], expected, rtol=0, atol=1e-4)  # 20 steps in float32
+        seen, _, terminated, truncated, _ = vector.step(action)
+        expected, *ended = single.step(action[0].numpy())
+        assert [bool(terminated), bool(truncated)] == ended[1:3]
+        if ended[1] or ended[2]:
+            expected, _ = single.reset()
+
+
+def test_success_counts_only_at_the_end_of_time() -> None:
+    """With tolerances that everything meets, time decides."""
+    lenient = dataclasses.replace(NEAR, position_tolerance=9.0, attitude_tolerance=9.0)
+    env = make(count=32, task=lenient)
+    env.reset(seed=1)
+    ends = 0
+    for action in commands(env, 40):
+        _, _, terminated, truncated, info = env.step(action)
+        assert torch.equal(info["final_info"]["is_success"], truncated)
+        assert torch.equal(info["_final_info"], terminated | truncated)
+        ends += int(terminated.sum())
+    assert ends > 5
+
+
+def test_seeds() -> None:
+    env = make()
+    first, second = env.reset(seed=3)[0], env.reset()[0]
+    assert (first != second).any(dim=1).all()
+    assert torch.equal(env.reset(seed=3)[0], first)
+    assert torch.equal(env.reset()[0], second)
+    assert torch.equal(make(count=12).reset(seed=3)[0], torch.cat((first, second)))
+
+
+def test_without_a_seed_episodes_are_random() -> None:
+    def unseeded(generator: np.random.Generator | None = None) -> Tensor:
+        env = make()
+        if generator is not None:
+            env.np_random = generator
+        return env.reset()[0]
+
+    assert (unseeded() != unseeded()).any(dim=1).all()
+    assert torch.equal(unseeded(np.random.default_rng(1)), unseeded(np.random.default_rng(1)))
+
+
+def test_wrong_arguments() -> None:
+    env = make()
+    with pytest.raises(ConfigError, match="one whole number for the whole batch"):
+        env.reset(seed=[1, 2, 3, 4, 5, 6])  # type: ignore[arg-type]
+    with pytest.raises(ConfigError, match="no options"):
+        env.reset(options={"reset_mask": np.ones(6, dtype=bool)})
+    env.reset(seed=1)
+    for wrong in (torch.zeros(6, 7), torch.zeros(8), torch.zeros(5, 8)):
+        with pytest.raises(ConfigError, match=r"shape \(6, 8\) .environments, thrusters., got"):
+            env.step(wrong)
+    with pytest.raises(ConfigError, match="dimension 2, got 'free-flyer'"):
+        make(spacecraft="free-flyer")
+    with pytest.raises(ConfigError, match="whole number >= 1"):
+        make(count=0)
+
+
+def test_gymnasiums_statistics_are_right() -> None:
+    """Return and length of every episode, failed or not, through Gymnasium's own wrappers."""
+    inner = make(count=16, dtype=torch.float64)
+    env = RecordEpisodeStatistics(ArrayConversion(inner, torch, np))
+    env.reset(seed=2)
+    returns, lengths = np.zeros(16), np.zeros(16, dtype=int)
+    count = 0
+    for action in commands(inner, 60):
+        _, reward, terminated, truncated, info = env.step(action)
+        assert {type(x) for x in (reward, terminated, info["final_obs"])} == {np.ndarray}
+        returns, lengths, ended = returns + reward, lengths + 1, terminated | truncated
+        assert ("episode" in info) == ended.any()
+        for i in np.flatnonzero(ended):
+            assert info["episode"]["r"][i] == pytest.approx(returns[i], rel=1e-14)
+            assert info["episode"]["l"][i] == lengths[i]
+            returns[i] = lengths[i] = 0
+        count += ended.sum()
+    assert env.episode_count == count > 40
+    assert max(env.length_queue) == 20 > min(env.length_queue)
+
+
+def test_gymnasiums_lists_of_infos() -> None:
+    inner = make()
+    env = DictInfoToList(ArrayConversion(inner, torch, np))
+    env.reset(seed=2)
+    for action in commands(inner, 20):
+        _, _, terminated, truncated, infos = env.step(action)
+        ended = terminated | truncated
+        assert [("final_obs" in info, "final_info" in info) for info in infos] == [
+            (bool(e), bool(e)) for e in ended]
+        assert all(info["reward_terms"].keys() == {*inner.engine.term_names} for info in infos)

@@ -1,0 +1,48 @@
+"""Generated kernels on a CPU: their very text, beside what they need of CUDA in ``host.cuh``."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from ctypes import CDLL, c_int, c_uint, c_void_p
+from pathlib import Path
+
+import pytest
+import torch
+
+from rans.fast.engine import Engine
+from rans.fast.kernels.launch import Kernel
+
+COMPILER = next(filter(None, map(shutil.which, ("c++", "g++", "clang++"))), "")
+needs_compiler = pytest.mark.skipif(not COMPILER, reason="needs a C++ compiler")
+
+
+class HostKernel(Kernel):
+    """A kernel made by a C++ compiler.
+
+    Args:
+        engine: on the CPU, with torch's fields.
+        folder: for what the compiler reads and writes.
+    """
+
+    def __init__(self, engine: Engine, folder: Path) -> None:
+        super().__init__(engine._simulation, engine._episodes, engine._seed, engine.world)
+        self._folder = folder
+        self._libraries: dict[torch.dtype, CDLL] = {}
+
+    def _launch(self, action: torch.dtype, pointers: list[int], numbers: tuple[int, ...]) -> None:
+        if action not in self._libraries:
+            path = self._folder / str(action).removeprefix("torch.")
+            self._libraries[action] = _compiled(self.source(action), path)
+        library = self._libraries[action]
+        index = c_uint.in_dll(library, "blockIdx")
+        arguments = (*map(c_void_p, pointers), *map(c_int, numbers))
+        for index.value in range(numbers[0]):
+            library.step(*arguments)
+
+
+def _compiled(text: str, path: Path) -> CDLL:
+    path.with_suffix(".cpp").write_text(f'#include "{Path(__file__).with_name("host.cuh")}"\n{text}')
+    subprocess.run([COMPILER, "-std=c++17", "-O0", "-shared", "-fPIC", "-o", path.with_suffix(".so"),
+                    path.with_suffix(".cpp")], check=True)
+    return CDLL(str(path.with_suffix(".so")))

@@ -1,0 +1,176 @@
+"""The generated kernel against NumPy, which runs the equations themselves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from rans.fast.distributed import Processes
+from rans.fast.engine import Engine
+from rans.fast.kernels import launch
+from rans.fast.kernels.cuda import CudaError
+from rans.fast.kernels.launch import Kernel
+from rans.fast.learn.curriculum import Curriculum, Ramp
+from rans.fast.step import Step
+from rans.model.spacecraft import Spacecraft
+from rans.model.timing import Timing
+from rans.tasks import TASKS, GoToPose
+from tests.fast.engines import FLYER, NEAR, PLATFORM, SHORT, actions, both_crafts
+from tests.fast.kernels.host import HostKernel, needs_compiler
+
+pytestmark = needs_compiler
+TOLERANCE = {torch.float64: 1e-12, torch.float32: 2e-5}
+"""Some dozen steps multiply a last place of values up to 4 by a hundred at most."""
+SEED = 2**40 + 5
+"""Both its words differ from zero."""
+
+
+@pytest.fixture
+def on_host(tmp_path: Path) -> Iterator[Callable[..., Engine]]:
+    """Makes engines on the CPU that step by their kernel."""
+    def make(*args: Any, **kwargs: Any) -> Engine:
+        engine = Engine(*args, compiled=True, **kwargs)
+        engine._kernel = HostKernel(engine, tmp_path)
+        return engine
+
+    with torch.compiler.set_stance("force_eager"):
+        yield make
+
+
+def compare(ours: Engine, theirs: Engine, steps: int = 25, form: torch.dtype = torch.uint8) -> int:
+    """Fly the same commands; the number of episodes that ended."""
+    ends, tolerance = 0, TOLERANCE[ours.dtype]
+    for action in actions(ours.craft, ours.num_envs, steps):
+        a, b = ours.step(action), theirs.step(action.to(form))
+        ended = a.terminated | a.truncated
+        for name, x, y in zip(Step._fields, a, b, strict=True):
+            assert (x.shape, x.dtype) == (y.shape, y.dtype), name
+            rows = ended if name == "final_observation" else slice(None)
+            torch.testing.assert_close(y[rows], x[rows], rtol=0, atol=tolerance,
+                                       msg=lambda m, n=name: f"{n}: {m}")
+        ends += int(ended.sum())
+    for x, y in zip(ours.save_state()["buffers"], theirs.save_state()["buffers"], strict=True):
+        torch.testing.assert_close(y, x, rtol=0, atol=tolerance)
+    return ends
+
+
+@pytest.fixture(params=[1, 2])
+def together(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> int:
+    """Of few spacecraft too, a thread steps so many."""
+    monkeypatch.setattr(launch, "MANY", 1 if request.param == 2 else 2**31)
+    return request.param
+
+
+@both_crafts
+@pytest.mark.parametrize("task", TASKS)
+def test_every_task_steps_and_restarts_as_on_numpy(on_host: Any, task: str, craft: Spacecraft,
+                                                   together: int) -> None:
+    made: Any = (craft, TASKS[task](), 16, Timing(episode_steps=12))
+    how: Any = {"seed": SEED, "dtype": torch.float64}
+    engine = on_host(*made, **how)
+    assert engine._kernel._together == together
+    assert compare(Engine(*made, **how), engine) >= 2 * 16
+
+
+@both_crafts
+def test_float32_and_failures(on_host: Any, craft: Spacecraft) -> None:
+    made = (craft, NEAR, 16, SHORT)
+    ours, theirs = Engine(*made, seed=SEED), on_host(*made, seed=SEED)
+    assert compare(ours, theirs, form=torch.float32) > 16
+
+
+@pytest.mark.parametrize("form", [torch.bool, torch.float64, torch.int64, torch.float16])
+def test_actions_of_any_dtype(on_host: Any, form: torch.dtype) -> None:
+    made = (PLATFORM, NEAR, 4, SHORT)
+    compare(Engine(*made), on_host(*made), 3, form)
+
+
+@pytest.mark.filterwarnings("ignore:spacecraft 'free-flyer'.*cannot push and turn")
+@pytest.mark.parametrize("thrusters", [5, 6, 12])
+@pytest.mark.parametrize("form", [torch.uint8, torch.float64])
+@pytest.mark.usefixtures("together")
+def test_any_number_of_thrusters(on_host: Any, thrusters: int, form: torch.dtype) -> None:
+    """Commands are read in pieces of one to sixteen bytes."""
+    craft = replace(FLYER, thrusters=FLYER.thrusters[:thrusters], thrust_sharing="split")
+    made: Any = (craft, GoToPose(), 4, Timing(substeps=1))
+    how: Any = {"dtype": torch.float64}
+    compare(Engine(*made, **how), on_host(*made, **how), 6, form)
+
+
+def test_actions_may_lie_anywhere(on_host: Any) -> None:
+    made = (PLATFORM, NEAR, 3, SHORT)
+    action = actions(PLATFORM, 3, 1)[0].to(torch.uint8)
+    shifted = torch.zeros(25, dtype=torch.uint8)[1:].view(3, 8).copy_(action)
+    sparse = torch.zeros(3, 16, dtype=torch.uint8)[:, ::2].copy_(action)
+    seen = [on_host(*made).step(form).observation for form in (action, shifted, sparse)]
+    assert torch.equal(seen[0], seen[1])
+    assert torch.equal(seen[0], seen[2])
+
+
+def test_an_odd_number_of_spacecraft_flies_one_by_one(on_host: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(launch, "MANY", 1)
+    made = (PLATFORM, NEAR, 15, SHORT)
+    engine = on_host(*made)
+    assert engine._kernel._together == 1
+    assert compare(Engine(*made), engine) > 15
+
+
+@pytest.mark.usefixtures("together")
+def test_each_process_flies_its_own_episodes(on_host: Any) -> None:
+    whole, part = Engine(PLATFORM, NEAR, 16, SHORT), on_host(PLATFORM, NEAR, 8, SHORT, world=Processes(1, 2))
+    ends = 0
+    for action in actions(PLATFORM, 16, 25):
+        expected, found = whole.step(action), part.step(action[1::2])
+        torch.testing.assert_close(found.observation, expected.observation[1::2], rtol=0,
+                                   atol=TOLERANCE[torch.float32])
+        ends += int((found.terminated | found.truncated).sum())
+    assert ends > 8
+
+
+@pytest.mark.usefixtures("together")
+def test_the_previous_command_is_remembered(on_host: Any) -> None:
+    made = (PLATFORM, replace(NEAR, switching_weight=0.1), 16, SHORT)
+    assert compare(Engine(*made), on_host(*made)) > 16
+
+
+@pytest.mark.usefixtures("together")
+def test_a_curriculum_moves_the_settings_of_a_compiled_kernel(on_host: Any) -> None:
+    ramps = (Ramp("thrust_weight", 0.5, 100), Ramp("spawn_distance", (0.1, 0.2), 100))
+    ours, theirs = (Curriculum(NEAR, ramps, dtype) for dtype in (np.float32, torch.float32))
+    a, b = Engine(PLATFORM, ours.task, 16, SHORT), on_host(PLATFORM, theirs.task, 16, SHORT)
+    seen = []
+    for steps in (0, 50, 100):
+        for curriculum in (ours, theirs):
+            curriculum.move_to(steps)
+        compare(a, b)
+        seen.append([engine.step(torch.ones(16, 8)).terms[-1, 0].item() for engine in (a, b)])
+    # Eight thrusters at a price on its way from 0.5 to the task's 0.02.
+    np.testing.assert_allclose(seen, [[-4.0] * 2, [-2.08] * 2, [-0.16] * 2], rtol=1e-6)
+
+
+def test_settings_that_would_be_read_wrongly_are_refused(on_host: Any) -> None:
+    """The kernel is given where they lie, not what they are."""
+    task = Curriculum(NEAR, [Ramp("thrust_weight", 0.5, 100)], torch.float64).task
+    with pytest.raises(TypeError, match=r"must be torch\.float32 on cpu, got torch\.float64 on cpu"):
+        on_host(PLATFORM, task, 4)
+
+
+@pytest.mark.parametrize("error", [
+    OSError("libnvrtc.so.12: cannot open shared object file"), CudaError("no kernel image"),
+    AttributeError("'Symbol' object has no attribute 'clamp'"),
+])
+def test_without_a_kernel_torch_makes_the_step(error: Exception, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: Any) -> None:
+        raise error
+
+    monkeypatch.setattr(Kernel, "function", fail)
+    engine = Engine(PLATFORM, NEAR, 2, compiled=True)
+    engine.device = torch.device("cuda")
+    with pytest.warns(UserWarning, match=f"torch.compile makes this engine's step, .*: {error}"):
+        assert engine._generated() is None

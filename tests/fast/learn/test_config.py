@@ -1,0 +1,144 @@
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import fields, replace
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rans.errors import ConfigError
+from rans.fast.learn.config import PPOSettings, TrainConfig, from_table, to_table
+from rans.fast.learn.presets import PRESETS
+from rans.model.timing import Timing
+from rans.tasks import GoToPose
+from tests.fast.training import CONFIG
+
+positive = st.floats(1e-6, 1e3)
+settings = st.builds(
+    PPOSettings, n_envs=st.integers(1, 9), n_steps=st.integers(1, 9), batch_size=st.integers(2, 9),
+    learning_rate=positive, desired_kl=st.none() | positive, gamma=st.floats(0.1, 1.0), ent_coef=positive,
+    layers=st.lists(st.integers(1, 9), min_size=1, max_size=4).map(tuple),
+    activation=st.sampled_from(("tanh", "elu", "relu")))
+configs = st.builds(
+    TrainConfig, task=st.just("go-to-pose"), spacecraft=st.text(max_size=9), ppo=settings,
+    settings=st.builds(GoToPose, thrust_weight=positive, position_tolerance=positive),
+    timing=st.builds(Timing, control_period=positive, substeps=st.integers(1, 9)),
+    seed=st.integers(0, 2**32 - 1), solved_share=st.none() | st.floats(0.01, 1.0))
+
+
+@given(configs)
+def test_through_json_and_back(config: TrainConfig) -> None:
+    table = json.loads(json.dumps(to_table(config)))
+    assert from_table(table) == config
+
+
+def test_every_preset_is_consistent() -> None:
+    for (task, dimension, device), preset in PRESETS.items():
+        assert dimension in (2, 3), task
+        assert device in ("cpu", "cuda")
+        samples = preset.n_envs * preset.n_steps
+        assert samples % preset.batch_size == preset.batch_size % preset.n_steps == 0
+        assert preset.n_steps <= Timing().episode_steps
+
+
+def changed(place: str, value: Any) -> dict[str, Any]:
+    """The table of a good config with one entry set."""
+    table = json.loads(json.dumps(to_table(CONFIG)))
+    *parents, last = place.split(".")
+    inner = table
+    for parent in parents:
+        inner = inner[parent]
+    inner[last] = value
+    return table
+
+
+@pytest.mark.parametrize(("place", "value", "message"), [
+    ("sed", 1, "config: unknown key 'sed'"),
+    ("ppo.n_env", 64, r"config\.ppo: unknown key 'n_env'"),
+    ("settings.spawn", [1, 2], "settings: unknown key 'spawn'"),
+    ("ppo.n_envs", "64", r"config\.ppo\.n_envs: expected int, got '64'"),
+    ("ppo.n_envs", True, "expected int, got True"),
+    ("ppo.n_envs", 64.0, r"expected int, got 64\.0"),
+    ("ppo.gamma", "0.9", r"config\.ppo\.gamma: expected float, got '0\.9'"),
+    ("ppo.gamma", True, "expected float, got True"),
+    ("ppo.activation", "gelu", r"config\.ppo\.activation: expected 'tanh' or 'elu' or 'relu', got 'gelu'"),
+    ("ppo.matmul", "fp8", r"config\.ppo\.matmul: expected 'float32' or 'tf32' or 'bf16', got 'fp8'"),
+    ("ppo.layers", 64, r"config\.ppo\.layers: expected a table or a list"),
+    ("ppo.layers", [64, "64"], r"config\.ppo\.layers\[1\]: expected int, got '64'"),
+    ("ppo", 3, r"config\.ppo: expected a table or a list"),
+    ("settings", None, "settings: expected a table or a list"),
+    ("settings", "{", "settings: expected a table, such as"),
+    ("curriculum", ["spawn_distance"], r"config\.curriculum\[0\]: expected a table, such as"),
+    ("settings.spawn_distance", [1.0], r"settings\.spawn_distance: Not enough values"),
+    ("settings.fail_distance", 1.0, r"settings: fail_distance must exceed the farthest start"),
+    ("timing.control_period", -0.2, r"config\.timing: control_period must be a finite number > 0"),
+    ("seed", 1.5, r"config\.seed: expected int"),
+    ("seed", -1, r"seed must be between 0 and 2\^32 - 1, got -1"),
+    ("seed", 2**32, "seed must be between"),
+    ("device", None, r"config\.device: expected str, got None"),
+    ("solved_share", "null", "expected float"),
+    ("solved_share", 1.1, r"solved_share must be in \(0, 1\], or null, got 1\.1"),
+    ("total_timesteps", 0, "total_timesteps must be >= 1, got 0"),
+    ("report_interval", 0, "report_interval must be >= 1, got 0"),
+    ("task", "hover", "no task named 'hover'"),
+    ("task", 3, "must name its task"),
+])
+def test_wrong_tables(place: str, value: Any, message: str) -> None:
+    with pytest.raises(ConfigError, match=message) as caught:
+        from_table(changed(place, value))
+    assert str(caught.value).endswith(".")
+    assert "\n" not in str(caught.value)
+
+
+def test_every_mistake_is_named() -> None:
+    table = changed("ppo.n_envs", "64")
+    table["seed"] = 0.5
+    with pytest.raises(ConfigError) as caught:
+        from_table(table)
+    assert "config.ppo.n_envs: expected int" in str(caught.value)
+    assert "config.seed: expected int" in str(caught.value)
+
+
+@pytest.mark.parametrize("table", [None, 3, [], "go-to-pose", {}])
+def test_what_is_no_table(table: Any) -> None:
+    with pytest.raises(ConfigError, match="must name its task"):
+        from_table(table)
+
+
+def test_missing_entries() -> None:
+    with pytest.raises(ConfigError, match="the key 'spacecraft' is missing"):
+        from_table({"task": "go-to-pose"})
+    shortest = from_table({"task": "go-to-pose", "spacecraft": "floating-platform"})
+    assert shortest == TrainConfig("go-to-pose", GoToPose(), "floating-platform")
+
+
+def test_whole_numbers_are_numbers() -> None:
+    config = from_table(changed("ppo.gamma", 1))
+    assert type(config.ppo.gamma) is float
+    assert config == replace(CONFIG, ppo=replace(CONFIG.ppo, gamma=1.0))
+
+
+NOT_NUMBERS = ("layers", "activation", "symmetric", "matmul")
+NUMBERS = [f.name for f in fields(PPOSettings) if f.name not in NOT_NUMBERS]
+
+
+@pytest.mark.parametrize("name", NUMBERS)
+@pytest.mark.parametrize("value", [-1, math.nan, math.inf])
+def test_numbers_out_of_range(name: str, value: float) -> None:
+    whole = type(getattr(PPOSettings(), name)) is int
+    with pytest.raises(ConfigError, match=f"{name} must be .*, got {-1 if whole else value}"):
+        PPOSettings(**{name: -1 if whole else value})  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("layers", [(), (0,), (64, -1)])
+def test_wrong_layers(layers: tuple[int, ...]) -> None:
+    with pytest.raises(ConfigError, match="layers must be one or more numbers >= 1"):
+        PPOSettings(layers=layers)
+
+
+def test_one_transition_has_no_spread_to_normalise() -> None:
+    with pytest.raises(ConfigError, match="batch_size must be >= 2, got 1"):
+        PPOSettings(batch_size=1)

@@ -1,0 +1,31 @@
+"""Recipes are complete trainings of the agents that come with RANS."""
+
+from __future__ import annotations
+
+import pytest
+
+from rans.fast.learn.config import from_table, to_table
+from rans.fast.learn.recipes import RECIPES, recipe
+from rans.model.spacecraft_file import load_spacecraft
+from rans.pretrained import pretrained_folder, pretrained_names
+
+
+@pytest.mark.parametrize("name", RECIPES)
+def test_a_recipe_trains_what_its_name_says(name: str) -> None:
+    config = recipe(name, "cpu")
+    dimension = load_spacecraft(config.spacecraft).dimension
+    assert name.startswith(f"{config.task}-{dimension}d")
+    assert name.endswith("-shared") == config.spacecraft.endswith("-shared")
+    assert config.solved_share is None
+    assert config.ppo.anneal > 0
+    assert from_table(to_table(config)) == config
+
+
+def test_every_agent_that_comes_with_rans_has_its_recipe() -> None:
+    """The very config, but for seed and device."""
+    from rans.fast.learn.run_folder import read_config
+
+    for name in pretrained_names():
+        config = to_table(read_config(pretrained_folder(name) / "config.json"))
+        again = to_table(recipe(name, config["device"])) | {"seed": config["seed"]}
+        assert config == again, name

@@ -1,0 +1,104 @@
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+
+from rans.errors import ConfigError
+from rans.fast.learn.run_folder import RunFolder, read_config
+from tests.fast.training import CONFIG
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> RunFolder:
+    folder = RunFolder(tmp_path / "deep" / "run")
+    folder.begin(CONFIG, "rans train go-to-pose")
+    return folder
+
+
+def test_it_remembers_the_config(run: RunFolder) -> None:
+    assert run.config() == CONFIG
+    about = json.loads(run.config_file.read_text())["about"]
+    assert about["command"] == "rans train go-to-pose"
+    assert {"torch", "stable-baselines3", "revision", "python", "processor"} <= about["environment"].keys()
+    assert read_config(run.config_file) == CONFIG
+
+
+def test_the_spacecraft_is_the_one_of_then(tmp_path: Path) -> None:
+    """The user's file may change or vanish afterwards."""
+    shipped = resources.files("rans") / "data" / "spacecraft" / "floating-platform.toml"
+    file = tmp_path / "mine.toml"
+    file.write_text(shipped.read_text("utf-8").replace("mass = 5.32", "mass = 7.25"))
+    run = RunFolder(tmp_path / "run")
+    run.begin(replace(CONFIG, spacecraft=str(file)), "rans train")
+    file.unlink()
+    assert run.spacecraft().mass == 7.25
+
+
+def test_a_run_is_not_begun_twice(run: RunFolder) -> None:
+    before = run.config_file.read_bytes()
+    with pytest.raises(ConfigError, match=r"holds a training already; continue it with --resume .*run, or"):
+        run.begin(replace(CONFIG, seed=1), "rans train")
+    assert run.config_file.read_bytes() == before
+
+
+def test_what_is_no_run(tmp_path: Path) -> None:
+    for folder in (tmp_path, tmp_path / "nowhere"):
+        with pytest.raises(ConfigError, match=r"is not a run folder: it has no config\.json"):
+            RunFolder(folder).config()
+
+
+def test_runs_from_when_the_number_of_substeps_could_be_left_open(run: RunFolder) -> None:
+    text = run.config_file.read_text()
+    assert '"substeps": 1' in text
+    run.config_file.write_text(text.replace('"substeps": 1', '"substeps": null'))
+    assert run.config() == CONFIG
+
+
+@pytest.mark.parametrize(("text", "message"), [
+    ("", "not valid JSON"), ('{"task": "go-to', "not valid JSON"), ("[]", "must name its task"),
+    ('{"task": "go-to-pose", "sead": 3, "spacecraft": "x"}', "unknown key 'sead'"),
+    ("\udcff\udcfe", "is damaged|cannot read"),
+])
+def test_a_damaged_config(run: RunFolder, text: str, message: str) -> None:
+    run.config_file.write_bytes(text.encode("utf-8", "surrogateescape"))
+    with pytest.raises(ConfigError, match=message) as caught:
+        run.config()
+    assert str(run.config_file) in str(caught.value)
+
+
+def test_rows_come_back(run: RunFolder) -> None:
+    assert run.metrics() == []
+    rows: list[dict[str, Any]] = [{"steps": n, "success": 1 / n} for n in (1, 2, 3)]
+    for row in rows:
+        run.append_metrics(row)
+    assert run.metrics() == rows
+    with run.metrics_file.open("a") as file:
+        file.write('{"steps": 4, "succ')
+    assert run.metrics() == rows
+    run.forget_after(2)
+    assert run.metrics() == rows[:2]
+    run.append_metrics(rows[2])
+    assert run.metrics() == rows
+
+
+def test_a_checkpoint_is_whole_or_the_one_before(run: RunFolder, monkeypatch: pytest.MonkeyPatch) -> None:
+    run.save_checkpoint({"steps": 1, "weights": torch.arange(5)})
+
+    def half(_: Any, file: Path) -> None:
+        file.write_bytes(b"PK half of it")
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(torch, "save", half)
+        with pytest.raises(KeyboardInterrupt):
+            run.save_checkpoint({"steps": 2})
+    loaded = run.load_checkpoint("cpu")
+    assert loaded["steps"] == 1
+    assert loaded["weights"].tolist() == [0, 1, 2, 3, 4]
+    assert not list(run.path.glob(".*"))

@@ -1,0 +1,86 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from rans.evaluation.fly.agent import Agent
+from rans.fast.learn.selection import EPISODES, Selection
+from rans.flight import Flight, fly
+from rans.model.timing import Timing
+from rans.scenario import SELECTION_SEED, scenarios
+from rans.tasks import GoToPose, MultiTask, TrackTwist
+from tests.fast.engines import FLYER, PLATFORM, SHORT, both_crafts
+from tests.fast.training import scatter, tiny_ppo
+
+LENIENT = GoToPose(spawn_distance=(0.5, 1.0), evaluation_distance=(0.5, 1.0), fail_distance=1.2,
+                   position_tolerance=1.1, attitude_tolerance=2.5)
+"""Some leave, some turn away, some do well enough."""
+
+
+def judged(craft: Any, task: GoToPose, timing: Timing = SHORT) -> tuple[float, dict[str, float], Flight]:
+    """What `Selection` says of an untrained agent, and its flight in float64 by `rans.flight`."""
+    policy = tiny_ppo(craft).policy
+    scatter(policy)
+    share, errors = Selection(policy, craft, task, timing, "cpu").judge()
+    starts = scenarios(task.for_evaluation(), craft, SELECTION_SEED, EPISODES)
+    return share, errors, fly(craft, task, Agent(policy, "untrained"), starts, timing)
+
+
+@both_crafts
+def test_share_of_episodes_that_keep_within_tolerance(craft: Any) -> None:
+    share, _, flight = judged(craft, LENIENT)
+    # A fifth of 20 steps: the states arrived in with the last four.
+    errors = flight.errors()
+    kept = (errors["position"][-4:] < 1.1).all(axis=0) & (errors["attitude"][-4:] < 2.5).all(axis=0)
+    expected = (kept & ~flight.failed()).mean()
+    assert (kept & flight.failed()).sum() + (~kept).sum() > 50  # failure and tolerances both count
+    assert 0.02 < expected < 0.9
+    # In float32 a few thrusters near their threshold choose otherwise.
+    assert share == pytest.approx(expected, abs=5 / EPISODES)
+
+
+@both_crafts
+def test_mean_errors_of_the_last_fifth(craft: Any) -> None:
+    """Of the states acted in, while nobody fails."""
+    _, errors, flight = judged(craft, replace(LENIENT, fail_distance=1e3, fail_spin=1e3))
+    assert not flight.failed().any()
+    for name, error in flight.errors().items():
+        assert errors[name] == pytest.approx(error[-5:-1].mean(), rel=1e-3)  # as above
+
+
+def test_it_always_judges_the_same_flights() -> None:
+    policy = tiny_ppo().policy
+    scatter(policy)
+    selection = Selection(policy, PLATFORM, LENIENT, SHORT, "cpu")
+    generator = torch.get_rng_state()
+    first = selection.judge()
+    assert selection.judge() == first
+    assert torch.equal(torch.get_rng_state(), generator)  # training is not disturbed
+    scatter(policy, seed=8)
+    assert selection.judge() != first
+
+
+def test_a_multi_task_is_as_good_as_its_worst_part() -> None:
+    """Each part is judged as it would be alone."""
+    policy = tiny_ppo().policy
+    scatter(policy)
+    task = MultiTask(tasks=("go-to-pose", "track-twist"), go_to_pose=LENIENT,
+                     track_twist=TrackTwist(velocity_tolerance=0.6, spin_tolerance=1.5))
+    share, errors = Selection(policy, PLATFORM, task, SHORT, "cpu").judge()
+    alone = {name: Selection(policy, PLATFORM, part, SHORT, "cpu").judge()
+             for name, part in task.parts().items()}
+    assert errors == {f"{name}/{quantity}": error for name, (_, own) in alone.items()
+                      for quantity, error in own.items()}
+    shares = [own for own, _ in alone.values()]
+    assert 0.0 < min(shares) < max(shares) < 1.0
+    assert share == min(shares)
+
+
+def test_a_short_episode_has_a_last_step() -> None:
+    share, errors, flight = judged(FLYER, LENIENT, Timing(episode_steps=1))
+    assert share == pytest.approx((flight.errors()["attitude"][-1] < 2.5).mean(), abs=1e-9)
+    assert all(np.isfinite(value) for value in errors.values())

@@ -1,0 +1,227 @@
+"""Fields against NumPy, SciPy's Rotation and complex numbers, in every library that carries them."""
+
+from __future__ import annotations
+
+import cmath
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from rans.model import fields
+from rans.model.dynamics import PlanarState
+from rans.model.fields import Heading, Quat, Vec2, Vec3, at_least, leaves, map_leaves, unflatten, where, wrap
+
+numbers = st.floats(-10, 10, allow_subnormal=False)
+angles = st.floats(-50, 50, allow_subnormal=False)
+vectors = st.tuples(numbers, numbers, numbers)
+rotations = st.tuples(*[st.floats(-4, 4, allow_subnormal=False)] * 3).map(Rotation.from_rotvec)
+Triple = tuple[float, float, float]
+libraries = pytest.mark.parametrize("library", ["float", "numpy", "torch", "casadi"])
+
+
+def in_library(library: str, function: Callable[..., Any], *values: float) -> list[float]:
+    """The leaves of ``function(*values)``, computed by one of the libraries."""
+    if library == "casadi":
+        casadi = pytest.importorskip("casadi")
+        symbols = [casadi.SX.sym(f"x{i}") for i in range(len(values))]
+        traced = casadi.Function("f", symbols, list(leaves_of(function(*symbols))))
+        out = traced(*values)
+        return [float(x) for x in (out if isinstance(out, tuple) else (out,))]
+    if library == "torch":
+        torch = pytest.importorskip("torch")
+        given_fields = [torch.tensor([0.1, x], dtype=torch.float64) for x in values]
+    elif library == "numpy":
+        given_fields = [np.array([0.1, x]) for x in values]
+    else:
+        return [float(x) for x in leaves_of(function(*values))]
+    return [float(x[1]) for x in leaves_of(function(*given_fields))]
+
+
+def leaves_of(result: Any) -> tuple[Any, ...]:
+    parts = result if isinstance(result, tuple) else (result,)
+    return tuple(x for part in parts for x in leaves(part))
+
+
+def assert_close(actual: Any, expected: Any, size: float = 1.0) -> None:
+    """Equal but for the rounding of a few dozen float64 operations on numbers of this size."""
+    np.testing.assert_allclose(actual, expected, rtol=1e-13, atol=1e-13 * size)
+
+
+def quat(rotation: Rotation) -> Quat:
+    x, y, z, w = rotation.as_quat()
+    return Quat(w, x, y, z)
+
+
+def rotation_of(q: Quat) -> Rotation:
+    return Rotation.from_quat([q.x, q.y, q.z, q.w])
+
+
+@libraries
+@pytest.mark.parametrize(("name", "arguments", "expected"), [
+    ("sin", [math.pi / 6], 0.5),
+    ("cos", [2 * math.pi / 3], -0.5),
+    ("exp", [-1.0], 0.36787944117144233),
+    ("sqrt", [6.25], 2.5),
+    ("absolute", [-3.5], 3.5),
+    ("floor", [-0.5], -1.0),
+    ("floor", [2.75], 2.0),
+    ("atan2", [1.0, -1.0], 3 * math.pi / 4),
+    ("atan2", [-2.0, 0.0], -math.pi / 2),
+])
+def test_functions_mean_the_same_in_every_library(
+    library: str, name: str, arguments: list[float], expected: float
+) -> None:
+    assert in_library(library, getattr(fields, name), *arguments) == pytest.approx([expected], abs=1e-15)
+
+
+@libraries
+@pytest.mark.parametrize(("x", "expected"), [(-2.0, 7.0), (0.5, 0.25), (3.0, 9.0)])
+def test_where_picks_by_condition(library: str, x: float, expected: float) -> None:
+    def choose(x: Any) -> Any:
+        return where(x < 0.0, 7.0 + 0.0 * x, x * x)
+
+    assert in_library(library, choose, x) == [expected]
+
+
+@libraries
+def test_at_least_raises_only_what_is_below(library: str) -> None:
+    assert in_library(library, lambda x: at_least(x, 1.0), 0.25) == [1.0]
+    assert in_library(library, lambda x: at_least(x, 1.0), 4.0) == [4.0]
+
+
+@libraries
+def test_a_rotation_comes_out_the_same_in_every_library(library: str) -> None:
+    """Quarter turns, worked by hand: about z, x goes to y; about x, y goes to z."""
+    h = math.sqrt(0.5)
+
+    def turned(w: Any, x: Any, y: Any, z: Any) -> Any:
+        q = Quat(w, x, y, z)
+        return q.rotate(Vec3(1.0 + 0.0 * w, 2.0, 3.0)), q.magnitude(), q.times(q).normalised()
+
+    about_z = [-2, 1, 3, math.pi / 2, 0, 0, 0, 1]
+    about_x = [1, -3, 2, math.pi / 2, 0, 1, 0, 0]
+    assert in_library(library, turned, h, 0, 0, h) == pytest.approx(about_z, abs=1e-15)
+    assert in_library(library, turned, h, h, 0, 0) == pytest.approx(about_x, abs=1e-15)
+
+
+@libraries
+@pytest.mark.parametrize(("angle", "expected"), [
+    (0.5, 0.5), (3 * math.pi / 2, -math.pi / 2), (-7 * math.pi / 4, math.pi / 4),
+    (20 * math.pi + 1, 1.0),
+])
+def test_wrap_by_hand(library: str, angle: float, expected: float) -> None:
+    assert in_library(library, wrap, angle) == pytest.approx([expected], abs=1e-13)
+
+
+@given(angles)
+def test_wrap_keeps_the_angle_and_its_range(angle: float) -> None:
+    wrapped = float(wrap(angle))
+    # 8 turns leave 8 eps of rounding, which may step over either end
+    assert -math.pi - 1e-14 <= wrapped <= math.pi + 1e-14
+    assert abs(math.remainder(wrapped - angle, math.tau)) < 1e-13
+
+
+@given(vectors, vectors, numbers)
+def test_vectors_do_what_numpy_does(a: Triple, b: Triple, s: float) -> None:
+    kinds: list[tuple[Any, int]] = [(Vec2, 2), (Vec3, 3)]
+    for kind, size in kinds:
+        u, v = kind(*a[:size]), kind(*b[:size])
+        x, y = np.array(a[:size]), np.array(b[:size])
+        np.testing.assert_array_equal((u + v).columns(), x + y)
+        np.testing.assert_array_equal((u - v).columns(), x - y)
+        np.testing.assert_array_equal(u.scale(s).columns(), x * s)
+        assert_close(u.dot(v), x @ y, size=100)
+        assert_close(u.norm(), np.linalg.norm(x))
+    assert_close(Vec3(*a).cross(Vec3(*b)).columns(), np.cross(a, b), size=100)
+
+
+@given(rotations, vectors)
+def test_quaternion_rotates_as_scipy_does(rotation: Rotation, v: Triple) -> None:
+    rotated = quat(rotation).rotate(Vec3(*v)).columns()
+    assert_close(rotated, rotation.apply(v), size=10)
+
+
+@given(rotations, rotations)
+def test_products_and_differences_of_quaternions(a: Rotation, b: Rotation) -> None:
+    p, q = quat(a), quat(b)
+    assert_close(rotation_of(p.times(q)).as_matrix(), (a * b).as_matrix())
+    assert_close(rotation_of(p.conjugate()).as_matrix(), a.inv().as_matrix())
+    assert_close(rotation_of(p.to(q)).as_matrix(), (a.inv() * b).as_matrix())
+
+
+@given(rotations)
+def test_quaternion_columns_are_the_first_two_matrix_rows(rotation: Rotation) -> None:
+    assert_close(quat(rotation).columns(), rotation.as_matrix()[:2].ravel())
+
+
+@given(rotations, st.sampled_from([-1.0, 1.0]), st.floats(0.2, 5.0))
+def test_quaternion_angle_ignores_sign_and_length(
+    rotation: Rotation, sign: float, length: float
+) -> None:
+    q = map_leaves(lambda x: x * sign * length, quat(rotation))
+    assert_close(q.magnitude(), rotation.magnitude())
+    assert 0.0 <= q.magnitude() <= math.pi + 1e-15
+    assert math.hypot(*leaves(q.normalised())) == pytest.approx(1.0, abs=1e-15)
+    assert_close(rotation_of(q.normalised()).as_matrix(), rotation.as_matrix())
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-12, 1e-5, math.pi - 1e-9, math.pi])
+def test_angles_at_both_ends_keep_their_digits(angle: float) -> None:
+    """Where an arccos of the trace would lose half of them or give NaN."""
+    q = Quat(math.cos(angle / 2), 0.0, math.sin(angle / 2), 0.0)
+    assert float(q.magnitude()) == pytest.approx(angle, rel=1e-13, abs=1e-15)
+    assert float(Heading(-angle).magnitude()) == pytest.approx(angle, rel=1e-13, abs=1e-15)
+
+
+@given(angles, angles, vectors)
+def test_headings_are_unit_complex_numbers(a: float, b: float, v: Triple) -> None:
+    here, there = Heading(a), Heading(b)
+    rotated = complex(*here.rotate(Vec2(*v[:2])).columns())
+    assert cmath.isclose(rotated, complex(*v[:2]) * cmath.exp(1j * a), rel_tol=1e-13, abs_tol=1e-13)
+    assert cmath.isclose(complex(*here.columns()), cmath.exp(1j * a), abs_tol=1e-15)
+    turn = cmath.phase(cmath.exp(1j * b) / cmath.exp(1j * a))
+    assert float(here.to(there).magnitude()) == pytest.approx(abs(turn), abs=1e-13)
+    assert float(here.magnitude()) <= math.pi + 1e-14
+    assert cmath.isclose(complex(*here.normalised().columns()), cmath.exp(1j * a), abs_tol=1e-13)
+
+
+@given(angles, angles, vectors)
+def test_a_heading_is_a_rotation_about_z(a: float, b: float, v: Triple) -> None:
+    flat, other = quat(Rotation.from_rotvec([0, 0, a])), quat(Rotation.from_rotvec([0, 0, b]))
+    x, y, z = flat.rotate(Vec3(*v)).columns()
+    assert_close((x, y), Heading(a).rotate(Vec2(v[0], v[1])).columns())
+    assert z == pytest.approx(v[2], abs=1e-14)
+    # the quaternion's angle is twice an atan2, the heading's a difference of angles up to 100 rad
+    assert_close(flat.to(other).magnitude(), Heading(a).to(Heading(b)).magnitude(), size=10)
+
+
+def test_leaves_and_back() -> None:
+    state = PlanarState(Vec2(1.0, 2.0), Heading(3.0), Vec2(4.0, 5.0), 6.0)
+    assert leaves(state) == (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
+    assert unflatten(state, leaves(state)) == state
+    assert unflatten(state, range(6)) == PlanarState(Vec2(0, 1), Heading(2), Vec2(3, 4), 5)
+    assert leaves(7.0) == (7.0,)
+    assert map_leaves(lambda x: -x, state) == PlanarState(Vec2(-1, -2), Heading(-3), Vec2(-4, -5), -6)
+    assert map_leaves(lambda x, y: x - y, state, state) == unflatten(state, [0.0] * 6)
+
+
+@pytest.mark.parametrize("library", ["numpy", "torch"])
+def test_single_precision_stays_single(library: str) -> None:
+    """A constant that promoted to float64 would double the memory traffic of the fast engine."""
+    torch = pytest.importorskip("torch")
+    half = np.full(2, 0.5, np.float32) if library == "numpy" else torch.full((2,), 0.5)
+    expected = np.dtype(np.float32) if library == "numpy" else torch.float32
+    heading, q = Heading(half), Quat(half, half, half, half)
+    for tree in (
+        heading.normalised(), heading.rotate(Vec2(half, half)), heading.to(heading).magnitude(),
+        q.normalised(), q.rotate(Vec3(half, half, half)), q.to(q).magnitude(),
+        at_least(half, 1.0), where(half < 1.0, half, 0.0 * half), Vec3(half, half, half).norm(),
+    ):
+        assert {x.dtype for x in leaves(tree)} == {expected}
+    assert {x.dtype for x in (*heading.columns(), *q.columns())} == {expected}

@@ -1,0 +1,123 @@
+"""Spacecraft: the paper's thruster tables by hand, and what cannot exist or be controlled."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rans.errors import ConfigError
+from rans.model.dynamics import wrench
+from rans.model.spacecraft import Spacecraft, Thruster, controls_every_direction
+from rans.model.spacecraft_file import load_spacecraft
+from tests.crafts import nasty_planar, nasty_spatial
+
+DIAGONAL = 0.7071067811865476
+"""Component of a unit vector at 45 degrees."""
+ARM = 0.2192031021678297
+"""Coordinate of an anchor, m: 0.31 m times that."""
+
+PLANAR_TABLE = [  # F_x, F_y in units of 0.7071 N, tau_z in N m; thrusters 0 to 7, by hand
+    (1, -1, -0.31), (-1, 1, 0.31), (1, 1, -0.31), (-1, -1, 0.31),
+    (-1, 1, -0.31), (1, -1, 0.31), (-1, -1, -0.31), (1, 1, 0.31),
+]
+
+SPATIAL_TABLE = [  # F_x, F_y in units of 0.7071 N, F_z; tau_x, tau_y in units of 0.2192 N m, tau_z
+    (1, -1, 0, 0, 0, -0.31), (-1, 1, 0, 0, 0, 0.31), (0, 0, 1, 1, -1, 0), (0, 0, -1, -1, 1, 0),
+    (1, 1, 0, 0, 0, -0.31), (-1, -1, 0, 0, 0, 0.31), (0, 0, 1, 1, 1, 0), (0, 0, -1, -1, -1, 0),
+    (-1, 1, 0, 0, 0, -0.31), (1, -1, 0, 0, 0, 0.31), (0, 0, 1, -1, 1, 0), (0, 0, -1, 1, -1, 0),
+    (-1, -1, 0, 0, 0, -0.31), (1, 1, 0, 0, 0, 0.31), (0, 0, 1, -1, -1, 0), (0, 0, -1, 1, 1, 0),
+]
+
+@pytest.mark.parametrize(("name", "mass", "inertia"), [
+    ("floating-platform", 5.32, 0.2045), ("floating-platform-air-tank", 10.92, 0.4198),
+])
+def test_the_papers_platforms(name: str, mass: float, inertia: float) -> None:
+    craft = load_spacecraft(name)
+    assert (craft.name, craft.dimension, craft.mass, craft.radius) == (name, 2, mass, 0.31)
+    assert craft.inertia[2][2] == pytest.approx(inertia, abs=5e-5)  # the table's digits
+    assert craft.thrust_sharing == "none"
+    expected = [(DIAGONAL * x, DIAGONAL * y, torque) for x, y, torque in PLANAR_TABLE]
+    np.testing.assert_allclose(craft.wrench_map, expected, rtol=0, atol=1e-15)
+
+
+def test_the_papers_free_flyer() -> None:
+    craft = load_spacecraft("free-flyer")
+    assert (craft.dimension, craft.mass, len(craft.thrusters)) == (3, 5.32, 16)
+    units = np.array([DIAGONAL, DIAGONAL, 1.0, ARM, ARM, 1.0])
+    np.testing.assert_allclose(craft.wrench_map, np.array(SPATIAL_TABLE) * units, rtol=0, atol=1e-15)
+
+
+def test_authority_of_the_platform() -> None:
+    """Thrusters 0, 2, 5, 7 together push along x with 2.828 N and do not turn it."""
+    wrenches = np.array(load_spacecraft("floating-platform").wrench_map)
+    np.testing.assert_allclose(wrenches[[0, 2, 5, 7]].sum(axis=0), [2.8284271, 0, 0], atol=1e-7)
+    np.testing.assert_allclose(wrenches[[1, 3, 5, 7]].sum(axis=0), [0, 0, 1.24], atol=1e-15)
+
+
+def test_the_shared_platform_has_one_thrusters_worth() -> None:
+    """1 N along a diagonal, 0.707 N along an axis, 0.31 N m: the original system's authority."""
+    shared, platform = (load_spacecraft(f"floating-platform{end}") for end in ("-shared", ""))
+    assert dataclasses.replace(shared, name=platform.name, thrust_sharing="none") == platform
+    cases = (((0, 5), 1.0, 0.0), ((0, 2, 5, 7), DIAGONAL, 0.0), ((1, 3, 5, 7), 0.0, 0.31))
+    for opened, push, torque in cases:
+        total: Any = wrench(shared, [float(k in opened) for k in range(8)])
+        assert (total.force.norm(), total.torque) == pytest.approx((push, torque), abs=1e-15)
+
+
+def test_torque_is_about_the_centre_of_mass() -> None:
+    """2 N along y, 0.3 m right of G's origin, 0.4 m right of the mass: 0.8 N m."""
+    thrusters = (Thruster((0.3, 0.0, 0.5), (0.0, 1.0, 0.0), 2.0),)
+    tensor = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    with pytest.warns(UserWarning, match="1 thrusters cannot push and turn"):
+        craft = Spacecraft("probe", 3, 1.0, tensor, thrusters, centre_of_mass=(-0.1, 0.0, 0.2))
+    np.testing.assert_allclose(craft.wrench_map, [(0, 2, 0, -0.6, 0, 0.8)], atol=1e-15)
+
+
+@pytest.mark.parametrize(("change", "says"), [
+    ({"mass": "5"}, "mass"), ({"mass": None}, "mass"), ({"dimension": 1}, "dimension"),
+    ({"centre_of_mass": (0.0, 0.0)}, "centre_of_mass"), ({"inertia": 0.2}, "inertia"),
+    ({"thrusters": ()}, "thruster"),
+    ({"thrusters": (Thruster((0.1, 0.1, 0.0), (0.6, 0.6, 0.0), 1.0),)}, "unit vector"),
+])
+def test_python_descriptions_are_checked_too(change: dict[str, Any], says: str) -> None:
+    with pytest.raises(ConfigError, match=says):
+        dataclasses.replace(load_spacecraft("floating-platform"), **change)
+
+
+def test_rounding_in_a_rotated_tensor_is_no_asymmetry() -> None:
+    tensor = ((0.2, 1e-17, 0.0), (0.0, 0.3, -1e-17), (0.0, 0.0, 0.4))
+    assert dataclasses.replace(nasty_spatial(), inertia=tensor).inertia == tensor
+
+
+@pytest.mark.parametrize("missing", range(8))
+def test_the_platform_survives_the_loss_of_any_one_thruster(missing: int) -> None:
+    """Its thrusters come in pairs of equal force and opposite torque."""
+    craft = load_spacecraft("floating-platform")
+    rest = tuple(t for i, t in enumerate(craft.thrusters) if i != missing)
+    assert controls_every_direction(dataclasses.replace(craft, thrusters=rest))
+
+
+@pytest.mark.parametrize("kept", [(0, 2, 4, 6), (0, 1, 2, 3), (0, 1), (0, 5, 3, 6)])
+def test_a_thruster_set_without_control_warns(kept: tuple[int, ...]) -> None:
+    """Clockwise torque only; nothing from the lower half; a line; a force without its opposite."""
+    craft = load_spacecraft("floating-platform")
+    few = tuple(craft.thrusters[i] for i in kept)
+    with pytest.warns(UserWarning, match=f"{len(kept)} thrusters cannot push and turn it"):
+        dataclasses.replace(craft, thrusters=few)
+
+
+def test_control_depends_on_directions_not_on_strength_or_scale() -> None:
+    """Twelve orders of magnitude between the nozzles leave every direction within reach."""
+    for craft in (nasty_planar(), nasty_spatial()):
+        forces = [10.0 ** (i % 3 * 4 - 6) for i in range(len(craft.thrusters))]
+        thrusters = tuple(
+            dataclasses.replace(t, force=f) for t, f in zip(craft.thrusters, forces, strict=True)
+        )
+        assert controls_every_direction(dataclasses.replace(craft, thrusters=thrusters))
+
+
+def test_every_shipped_spacecraft_is_controllable(shipped: Spacecraft) -> None:
+    assert controls_every_direction(shipped)

@@ -1,0 +1,260 @@
+"""Spacecraft files: what arrives, and every way a file can be wrong."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import re
+import tomllib
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rans.errors import ConfigError
+from rans.model.spacecraft import Spacecraft, Thruster
+from rans.model.spacecraft_file import load_spacecraft, parse_spacecraft, spacecraft_names
+from tests.crafts import spacecraft as any_spacecraft
+
+VALID = """\
+name = "probe"
+dimension = 2
+mass = 4.5
+inertia = [[0.2, 0.0, 0.0], [0.0, 0.3, 0.0], [0.0, 0.0, 0.4]]
+centre_of_mass = [0.1, 0.0]
+radius = 0.3
+shape = "cylinder"
+thrust_sharing = "split"
+thruster = [
+  {position = [0.3, 0.2], direction = [-1, 0], force = 1.0},
+  {position = [0.3, -0.2], direction = [-1, 0], force = 1.0},
+  {position = [-0.3, 0.2], direction = [1, 0], force = 1.0},
+  {position = [-0.3, -0.2], direction = [1, 0], force = 1.0},
+  {position = [0.1, 0.3], direction = [0, -1], force = 2.0},
+  {position = [0.1, -0.3], direction = [0, 1], force = 2.0},
+]
+"""
+
+
+def refusal(text: str, source: str = "probe.toml") -> str:
+    """The one sentence with which a text is refused."""
+    with pytest.raises(ConfigError) as caught:
+        parse_spacecraft(text, source)
+    message = str(caught.value)
+    assert message.startswith(f"{source}: ")
+    assert message.endswith(".")
+    assert "\n" not in message
+    return message
+
+
+def edited(old: str, new: str) -> str:
+    assert VALID.count(old) >= 1
+    return VALID.replace(old, new, 1)
+
+
+def test_shipped_spacecraft_are_found() -> None:
+    assert spacecraft_names() == ["floating-platform", "floating-platform-air-tank",
+                                  "floating-platform-shared", "free-flyer", "free-flyer-shared"]
+
+
+def test_every_key_of_a_file_arrives() -> None:
+    craft = parse_spacecraft(VALID, "probe.toml")
+    assert (craft.name, craft.dimension, craft.mass, craft.radius) == ("probe", 2, 4.5, 0.3)
+    assert (craft.shape, craft.thrust_sharing) == ("cylinder", "split")
+    assert craft.centre_of_mass == (0.1, 0, 0)
+    assert craft.inertia == ((0.2, 0, 0), (0, 0.3, 0), (0, 0, 0.4))
+    assert craft.thrusters[4] == Thruster((0.1, 0.3, 0.0), (0.0, -1.0, 0.0), 2.0)
+    assert craft.degrees_of_freedom == 3
+
+
+def test_a_users_own_file_works_where_a_name_does(tmp_path: Path) -> None:
+    file = tmp_path / "my robot.toml"
+    file.write_text(VALID, "utf-8")
+    assert load_spacecraft(file) == load_spacecraft(str(file)) == parse_spacecraft(VALID, "x")
+    assert hash(load_spacecraft(file)) == hash(load_spacecraft(file))
+
+
+def test_directions_are_normalised_and_one_moment_is_a_sphere() -> None:
+    text = edited("direction = [-1, 0]", "direction = [-3, 4]")
+    assert parse_spacecraft(text, "x").thrusters[0].direction == pytest.approx((-0.6, 0.8, 0.0))
+    text = edited("[[0.2, 0.0, 0.0], [0.0, 0.3, 0.0], [0.0, 0.0, 0.4]]", "0.25")
+    assert parse_spacecraft(text, "x").inertia == ((0.25, 0, 0), (0, 0.25, 0), (0, 0, 0.25))
+
+
+WRONG = [  # what to replace, by what, and what the sentence must say
+    ("mass = 4.5", "mass = -1.0", ["mass", "-1.0", "1e-09", "kg"]),
+    ("mass = 4.5", "mass = 0", ["mass", "got 0.0", "kg"]),
+    ("mass = 4.5", "mass = nan", ["mass", "nan"]),
+    ("mass = 4.5", "mass = inf", ["mass", "inf"]),
+    ("mass = 4.5", "mass = true", ["mass", "number", "True"]),
+    ("mass = 4.5", 'mass = "heavy"', ["mass", "number", "'heavy'"]),
+    ("mass = 4.5", "mass = 1" + "0" * 400, ["mass", "too large", "1000"]),
+    ("mass = 4.5", "mass = 0x" + "f" * 5000, ["digits"]),
+    ("mass = 4.5", "mass = 1" + "0" * 5000, ["digits"]),
+    ("mass = 4.5", "mass = 2024-05-01", ["mass", "date"]),
+    ("mass = 4.5", "", ["'mass'", "missing"]),
+    ("mass = 4.5", "mass = 4.5\nmas = 1", ["'mas'", "unknown", "mass, name"]),
+    ("mass = 4.5", "mass = 4.5\nmass = 4", ["TOML", "line 4"]),
+    ("mass = 4.5", "mass = ", ["TOML", "line 3"]),
+    ("mass = 4.5", "mass = " + "[" * 20000, ["TOML"]),
+    ("mass = 4.5", "mass = 4.5\n[thrusters]", ["'thrusters'", "unknown"]),
+    ('name = "probe"', "name = 7", ["name", "7", "text"]),
+    ('name = "probe"', 'name = "  "', ["name", "'  '", "text"]),
+    ("dimension = 2", "dimension = 4", ["dimension", "4", "2 (plane) or 3 (space)"]),
+    ("dimension = 2", "dimension = 2.0", ["dimension", "2.0"]),
+    ("dimension = 2", "dimension = true", ["dimension", "True"]),
+    ("dimension = 2", 'dimension = "a\\nb"', ["dimension", r"'a\nb'"]),
+    ("dimension = 2", "dimension = 3", ["thruster 0", "3 numbers", "[-1, 0]"]),
+    ("[0.1, 0.0]", "[0.1]", ["centre_of_mass", "2 or 3", "[0.1]"]),
+    ("[0.1, 0.0]", "[0.1, nan]", ["centre_of_mass", "nan", "three numbers"]),
+    ("[0.1, 0.0]", "[[0.1], 0.0]", ["centre_of_mass", "number", "[0.1]"]),
+    ("[0.1, 0.0]", "[0.1, 0.0, 0.2]", ["thruster 0", "plane", "z = 0.2 m"]),
+    ("radius = 0.3", "radius = 0.0", ["radius", "0.0", "1e-09"]),
+    ('"cylinder"', '"cube"', ["shape", "'cube'", '"sphere"']),
+    ('"split"', '"half"', ["thrust_sharing", "'half'", '"none"']),
+    ('"split"', "1", ["thrust_sharing", "1", "text"]),
+    ("[0.0, 0.0, 0.4]]", "[0.0, 0.0, 0.6]]", ["inertia", "0.6", "sum of the other two, 0.5 "]),
+    ("[0.0, 0.3, 0.0]", "[0.1, 0.3, 0.0]", ["inertia", "symmetric"]),
+    ("[0.0, 0.3, 0.0]", "[0.0, -0.3, 0.0]", ["inertia", "positive", "-0.3"]),
+    ("[0.0, 0.3, 0.0]", "[0.0, 0.3]", ["inertia", "three rows of three", "[0.0, 0.3]"]),
+    ("[0.0, 0.3, 0.0]", "[0.0, inf, 0.0]", ["inertia", "inf"]),
+    ("[-1, 0], force", "[0, 0], force", ["thruster 0", "direction", "not zero", "(0.0, 0.0"]),
+    ("[-1, 0], force", "[nan, 0], force", ["thruster 0", "direction", "nan"]),
+    ("[-1, 0], force", "[-1, 0, 0.5], force", ["thruster 0", "plane"]),
+    ("[-1, 0], force", '"left", force', ["thruster 0", "direction", "'left'"]),
+    ("[0.3, 0.2],", "[0.3, 0.2, 0.01],", ["thruster 0", "plane", "0.01"]),
+    ("[0.3, 0.2],", "[0.3, 0.2, 0, 0],", ["thruster 0", "position", "2 or 3"]),
+    ("[0.3, 0.2],", "[1e300, 0.2],", ["thruster 0", "position", "1e+300", "1e+09"]),
+    ("force = 1.0", "force = -1", ["thruster 0", "force", "-1.0", "N"]),
+    ("force = 1.0", "force = false", ["thruster 0", "force", "False"]),
+    ("force = 1.0", "forse = 1.0", ["thruster 0", "'forse'", "unknown"]),
+    (", force = 1.0", "", ["thruster 0", "'force'", "missing"]),
+]
+
+
+@pytest.mark.parametrize(("old", "new", "says"), WRONG, ids=lambda x: str(x)[:30])
+def test_a_wrong_value_is_one_sentence(old: str, new: str, says: list[str]) -> None:
+    message = refusal(edited(old, new))
+    for words in says:
+        assert words in message
+
+
+@pytest.mark.parametrize("thrusters", ["[]", "3", '["a", "b"]', "[[1, 2]]"])
+def test_thrusters_must_be_tables(thrusters: str) -> None:
+    head = VALID[: VALID.index("thruster = [")]
+    assert "thruster" in refusal(head + f"thruster = {thrusters}")
+
+
+def test_files_that_cannot_be_read_are_named(tmp_path: Path) -> None:
+    (tmp_path / "folder.toml").mkdir()
+    (tmp_path / "latin.toml").write_bytes(b'name = "\xe9"')
+    for name in ("missing.toml", "folder.toml", "latin.toml", "nul\0.toml"):
+        with pytest.raises(ConfigError, match="cannot read the spacecraft file") as caught:
+            load_spacecraft(tmp_path / name)
+        assert name.partition("\0")[0] in str(caught.value)
+    with pytest.raises(ConfigError, match=r"named 'plattform'.*floating-platform, .*free-flyer"):
+        load_spacecraft("plattform")
+
+
+@given(any_spacecraft(2) | any_spacecraft(3))
+def test_a_file_written_from_a_spacecraft_reads_back(craft: Spacecraft) -> None:
+    values = {f.name: getattr(craft, f.name) for f in dataclasses.fields(craft) if f.name != "thrusters"}
+    lines = [f"{key} = {toml(value)}" for key, value in values.items()]
+    for thruster in craft.thrusters:
+        lines += ["[[thruster]]", *(f"{k} = {toml(v)}" for k, v in vars(thruster).items())]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        read = parse_spacecraft("\n".join(lines), "x")
+    for key, value in values.items():
+        assert getattr(read, key) == value
+    # directions are normalised once more: a few eps
+    for old, new in zip(craft.thrusters, read.thrusters, strict=True):
+        assert (old.position, old.force) == (new.position, new.force)
+        assert new.direction == pytest.approx(old.direction, abs=1e-15)
+
+
+def toml(value: Any) -> str:
+    """A value as TOML writes it."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(map(toml, value)) + "]"
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{toml(k)} = {toml(v)}" for k, v in value.items()) + "}"
+    if isinstance(value, str):
+        return '"' + "".join(f"\\U{ord(c):08x}" for c in value) + '"'
+    return repr(value)
+
+
+extremes = st.sampled_from(
+    [0, -0.0, 5e-324, 1e-310, 1e-9, 1e9, 1e154, 1e308, -1e308, 2**63, -(10**500), math.inf, math.nan]
+)
+reals = st.floats(-10, 10) | st.floats() | extremes
+scalars = reals | st.integers(-3, 3) | st.booleans() | st.sampled_from(["none", "sphere", "", "a\nb\0é"])
+junk = st.recursive(
+    scalars,
+    lambda inner: st.lists(inner, max_size=4)
+    | st.dictionaries(st.sampled_from("xyz"), inner, max_size=2),
+    max_leaves=12,
+)
+triples = st.lists(reals, min_size=3, max_size=3)
+tensors = st.lists(triples, min_size=3, max_size=3) | triples.map(lambda d: np.diag(d).tolist())
+
+
+def loads_or_refuses(text: str) -> None:
+    """Any text either describes a spacecraft or is refused in one line; nothing else may happen."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "spacecraft .* cannot push and turn", UserWarning)
+        try:
+            craft = parse_spacecraft(text, "fuzz.toml")
+        except ConfigError as error:
+            message = str(error)
+            assert message.startswith("fuzz.toml: ")
+            assert "\n" not in message
+        else:
+            assert np.isfinite(craft.wrench_map).all()
+            assert math.isfinite(np.linalg.det(craft.inertia))
+
+
+WORDS = [
+    *("0", "-1", "1e308", "-1e-320", "nan", "-inf", "0.1", "2", "3", "2.0", "true", "0x" + "f" * 4000),
+    *("1" + "0" * 400, "1_0", "1__0", ".5", "1979-05-27", "2024-02-30", "07:32:00", "[]", "[1, 2, 3]"),
+    *("{x = 1}", "'y'", '"b"', "=", "#", "[[thruster]]", "\n"),
+]
+
+
+@settings(max_examples=500)
+@given(st.data())
+def test_fuzz_values_at_keys(data: st.DataObject) -> None:
+    """500 files: one to three keys of a valid one hold what TOML can say, half of it well formed."""
+    table = tomllib.loads(VALID)
+    table["dimension"] = data.draw(st.sampled_from([2, 3]))
+    holders = [table, *table["thruster"]]
+    for holder in holders:  # two numbers do for a vector in the plane only
+        short = {key: x for key, x in holder.items() if isinstance(x, list) and len(x) == 2}
+        holder.update({key: [*x, 0.0] for key, x in short.items()})
+    for _ in range(data.draw(st.integers(1, 3))):
+        holder = data.draw(st.sampled_from(holders))
+        key = data.draw(st.sampled_from(sorted(holder)))
+        fitting = tensors if key == "inertia" else triples if isinstance(holder[key], list) else reals
+        holder[key] = data.draw(fitting if data.draw(st.booleans()) else junk)
+    loads_or_refuses("\n".join(f"{key} = {toml(value)}" for key, value in table.items()))
+
+
+@settings(max_examples=500)
+@given(st.data())
+def test_fuzz_texts(data: st.DataObject) -> None:
+    """500 files: a valid one with words exchanged, and sometimes a piece cut out or doubled."""
+    parts = re.split(r"([\w.+-]+)", VALID)  # words are at the odd places
+    for _ in range(data.draw(st.integers(1, 3))):
+        parts[data.draw(st.integers(0, len(parts) // 2 - 1)) * 2 + 1] = data.draw(st.sampled_from(WORDS))
+    text = "".join(parts)
+    if data.draw(st.integers(0, 3)) == 0:
+        start, length = data.draw(st.integers(0, len(text))), data.draw(st.integers(1, 30))
+        text = text[:start] + text[start : start + length] * data.draw(st.sampled_from([0, 2]))
+        text += VALID[start + length :]
+    loads_or_refuses(text)

@@ -1,0 +1,154 @@
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rans.fast.engine import Engine
+from rans.fast.kernels.program import Program, trace
+from rans.model.fields import absolute, at_least, cos, where, wrap
+from rans.model.random import hash4
+from rans.model.spacecraft import Spacecraft
+from rans.model.trace import Symbol, Untraceable, ordered, substituted
+from rans.tasks import TASKS, GoToPose
+from tests.fast.engines import FLYER, PLATFORM, both_crafts
+
+x: Any = Symbol.input("x")
+y: Any = Symbol.input("y")
+n: Any = Symbol.input("n", "int")
+number: Any = Symbol.constant
+
+
+def test_the_same_operation_is_one_symbol() -> None:
+    assert x * y + 1.0 is 1.0 + y * x
+    assert x - y is not y - x
+    assert cos(x) is cos(x)
+    assert where(x > y, x, y) is where(x > y, x, y)
+
+
+@pytest.mark.parametrize(("folded", "expected"), [
+    (x + 0.0, x), (x - 0, x), (0.0 - x, -x), (x * 1, x), (x * -1.0, -x), (-(0.0 - x), x), (x / 1.0, x),
+    (x / 4.0, x * 0.25), (np.float64(2.0) * x, x * 2.0), (where(x > y, x, x), x),
+    (where(number(True), x, y), x), (where(number(False), x, y), y),
+    (n.to(None).to(None), n.to(None)),
+    ((x > y) & True, x > y), ((x > y) | False, x > y), (n >> 0, n), (n ^ 0, n),
+])
+def test_what_needs_no_operation_is_none(folded: Symbol, expected: Symbol) -> None:
+    assert folded is expected
+
+
+@pytest.mark.parametrize(("folded", "value"), [
+    (x * 0.0, 0.0), (n * 0 + 7, 7), (number(2**30) * 4, 0), (number(2**31 - 1) + 1, -(2**31)),
+    (absolute(number(-2.0)), 2.0), (at_least(number(0.5), 1.0), 1.0),
+    (wrap(number(1.5 * math.pi)), -0.5 * math.pi), ((x > y) & False, False), ((x > y) | True, True),
+])
+def test_what_is_known_is_a_constant(folded: Symbol, value: float) -> None:
+    assert folded.operation == "constant"
+    assert folded.value == pytest.approx(value, abs=1e-15)
+
+
+def test_random_words_of_constants_wrap_around_as_numpys() -> None:
+    counters = (3, 2**31 - 1, -5, 123456789)
+    with np.errstate(over="ignore"):
+        expected = hash4(*(np.array([c], dtype=np.int32) for c in counters))
+    assert [w.value for w in hash4(*map(number, counters))] == [int(w[0]) for w in expected]
+
+
+def test_operands_come_before_operations() -> None:
+    roots = [cos(x * y) + x, x * y]
+    seen: set[Symbol] = set()
+    for symbol in ordered(roots):
+        assert symbol not in seen
+        assert seen.issuperset(symbol.args)
+        seen.add(symbol)
+    assert len(seen) == 5
+    assert seen.issuperset(roots)
+
+
+def test_a_known_condition_simplifies_what_depends_on_it() -> None:
+    ended = x > 1.0
+    chosen = where(ended, y, x) * 2.0
+    assert substituted([chosen, y], {ended: number(True)}) == [y * 2.0, y]
+    assert substituted([chosen], {ended: number(False)})[0] is x * 2.0
+
+
+@pytest.mark.parametrize("wrong", [
+    lambda: bool(x > 0.0), lambda: max(x, y), lambda: float(x), lambda: math.sin(x), lambda: np.sin(x),
+    lambda: x + "1", lambda: x * np.ones(3),
+])
+def test_what_is_no_field_arithmetic_is_refused(wrong: Any) -> None:
+    with pytest.raises(TypeError):
+        wrong()
+
+
+def test_a_branch_names_the_way_out() -> None:
+    with pytest.raises(Untraceable, match=r"use `rans\.model\.fields\.where`"):
+        bool(x)
+
+
+# The programs
+
+
+def traced(craft: Spacecraft, task: Any) -> Program:
+    engine = Engine(craft, task, 2)
+    return trace(engine._simulation, engine._episodes)
+
+
+def operations(symbols: Any) -> set[Symbol]:
+    return {s for s in ordered(symbols) if s.operation not in ("input", "constant")}
+
+
+def count(program: Program) -> tuple[int, int]:
+    """Operations of a step without ends, and those on top of them because there are some."""
+    going = operations([program.ended, *(store.value for store in program.going())])
+    every = operations(store.value for store in (*program.always, *program.at_end))
+    return len(going), len(every - going)
+
+
+def moved(program: Program, action_bytes: int) -> int:
+    """Bytes a step must read and write where no episode ends, in float32."""
+    size = {"real": 4, "int": 4, "signed char": 1}
+    used = set(ordered([program.ended, *(store.value for store in program.going())]))
+    read = sum(size[given.type] for given in program.memory if given.symbol in used)
+    kinds = {"memory": lambda store: size[program.memory[store.row].type], "reals": lambda _: 4,
+             "flags": lambda _: 1}
+    return action_bytes + read + sum(kinds[store.array](store) for store in program.going())
+
+
+def test_what_a_step_moves() -> None:
+    """Plane: six numbers of state and the clock read and written, goal's heading, ten of observation, five
+    terms, reward, three flags; nothing of the final observation."""
+    assert moved(traced(PLATFORM, GoToPose()), 8) == 8 + 2 * 4 * 7 + 4 + 4 * (10 + 5 + 1) + 3
+    assert moved(traced(FLYER, GoToPose()), 16) == 16 + 2 * 4 * 14 + 16 + 4 * (22 + 5 + 1) + 3
+
+
+@pytest.mark.parametrize(("craft", "single", "multi"), [
+    (PLATFORM, (200, 145), (290, 620)), (FLYER, (900, 430), (1030, 1405)),
+], ids=["plane", "space"])
+def test_no_program_grows_unseen(craft: Spacecraft, single: tuple[int, int], multi: tuple[int, int]) -> None:
+    """Bounds a tenth above the longest of the tasks; raise them when a step has more to do."""
+    for name, task in TASKS.items():
+        always, at_end = count(traced(craft, task()))
+        most = multi if name == "multi-task" else single
+        assert (always <= most[0], at_end <= most[1]) == (True, True), (name, always, at_end)
+
+
+@both_crafts
+def test_what_goes_on_needs_no_random_numbers(craft: Spacecraft) -> None:
+    program = traced(craft, GoToPose())
+    going = set(ordered([program.ended, *(store.value for store in program.going())]))
+    assert not {s.value for s in going if s.operation == "input"} & {"low", "high", "first", "stride"}
+    assert not {s.operation for s in going} & {">>"}
+
+
+def test_a_task_that_branches_is_not_traced() -> None:
+    class Branching(GoToPose):
+        def failed(self, state: Any, goal: Any) -> Any:
+            return state.p.x > 1.0 if state.p.x > 0.0 else state.p.x < -1.0
+
+    engine = Engine(PLATFORM, GoToPose(), 2)
+    object.__setattr__(engine._simulation, "task", Branching())
+    with pytest.raises(Untraceable):
+        trace(engine._simulation, engine._episodes)

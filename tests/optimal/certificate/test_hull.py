@@ -1,0 +1,164 @@
+"""Hull bounds: equal to closed forms where these exist, and below everything that ever flew."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from rans.errors import ConfigError
+from rans.flight import fly
+from rans.model.dynamics import MassProperties, PlanarState, advance, thrust, wrench
+from rans.model.fields import Heading, Vec2, leaves, map_leaves, unflatten
+from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft_file import load_spacecraft
+from rans.model.timing import Timing
+from rans.optimal.certificate import hull
+from rans.optimal.certificate.lattice import GoalSet
+from rans.optimal.control.lqr import LQR
+from rans.optimal.trajectory.arrival import aims
+from rans.optimal.trajectory.objectives import MinimumFuel, MinimumTime
+from rans.optimal.trajectory.transcription import Transcription
+from rans.scenario import scenario, scenarios
+from rans.tasks import GoToPose, GoToPosition, Task, TrackTwist, TrackVelocity, TrackVelocityHeading
+from tests.crafts import nasty_planar, nasty_spatial, random_states, spacecraft
+from tests.optimal.tiny import fly_everything, lopsided
+
+PLATFORM, FLYER = load_spacecraft("floating-platform"), load_spacecraft("free-flyer")
+SHARED = replace(PLATFORM, thrust_sharing="split")
+POSE, EXACT = aims(GoToPose()), GoalSet(0.0, 0.0, 0.0, 0.0)
+SLACK = 1 - 1e-6
+"""What is optimal has rounding, and the optimiser 1e-8 of its own."""
+
+
+def planar(x: float = 0.0, y: float = 0.0, heading: float = 0.0, v: tuple[float, float] = (0.0, 0.0),
+           w: float = 0.0) -> PlanarState:
+    return PlanarState(Vec2(x, y), Heading(heading), Vec2(*v), w)
+
+
+def test_reach_of_the_platform() -> None:
+    """By hand: one nozzle 1 N, two that agree 2 N, three sqrt(5), four 2 sqrt(2); none push harder."""
+    reach = hull.Reach.of(PLATFORM)
+    np.testing.assert_allclose(reach.thrust, [0, 1, 2, 3, 4])
+    np.testing.assert_allclose(reach.force, [0, 1, 2, math.sqrt(5), 2 * math.sqrt(2)], atol=1e-12)
+    assert (reach.torque, reach.arm) == pytest.approx((4 * 0.31, 0.31))
+    shared = hull.Reach.of(SHARED)
+    assert (shared.force.max(), shared.torque) == pytest.approx((1.0, 0.31))
+
+
+def test_least_time_from_rest_is_bang_bang() -> None:
+    goal = planar()
+    force = 2 * math.sqrt(2)
+    straight = hull.least_time(PLATFORM, POSE, planar(x=-3.0), goal, EXACT)
+    assert straight == pytest.approx(2 * math.sqrt(3.0 * PLATFORM.mass / force))
+    turn = hull.least_time(PLATFORM, POSE, planar(heading=2.0), goal, EXACT)
+    assert turn == pytest.approx(2 * math.sqrt(2.0 * PLATFORM.inertia[2][2] / 1.24))
+    brake = hull.least_time(PLATFORM, aims(TrackVelocity()), planar(v=(0.5, 0.0)), goal, EXACT)
+    assert brake == pytest.approx(0.5 * PLATFORM.mass / force)
+
+
+def test_overshooting_is_allowed_for() -> None:
+    """Too fast to stop in time: brake, come back. v^2 / 2a too far, then bang-bang back."""
+    a, v = 2 * math.sqrt(2) / PLATFORM.mass, 0.6
+    back = v * v / (2 * a)
+    bound = hull.least_time(PLATFORM, POSE, planar(v=(v, 0.0)), planar(), EXACT)
+    assert bound == pytest.approx(v / a + 2 * math.sqrt(back / a))
+
+
+def test_least_fuel_is_twice_the_momentum_of_a_straight_flight() -> None:
+    """With time to spare thrust is an impulse at each end: 2 m d / T is approached from above."""
+    bound = hull.least_fuel(PLATFORM, POSE, planar(x=-3.0), planar(), 200.0, EXACT)
+    least = 2 * PLATFORM.mass * 3.0 / 200.0
+    assert least * SLACK <= bound < least * 1.01
+    spin = hull.least_fuel(PLATFORM, POSE, planar(w=1.0), planar(), 20.0, EXACT)
+    assert spin == pytest.approx(PLATFORM.inertia[2][2] / 0.31)  # each newton second turns by 0.31 m
+
+
+def test_out_of_reach_is_infinite() -> None:
+    assert hull.least_fuel(PLATFORM, POSE, planar(x=-30.0), planar(), 2.0, EXACT) == math.inf
+    with pytest.raises(ConfigError, match="horizon > 0 s, got 0"):
+        hull.least_fuel(PLATFORM, POSE, planar(), planar(), 0.0, EXACT)
+
+
+TASKS: list[Task] = [GoToPosition(), GoToPose(), TrackVelocity(), TrackTwist(), TrackVelocityHeading()]
+
+
+@cache
+def transcription(craft: Spacecraft, task: Task, objective: Any) -> Transcription:
+    return Transcription(craft, task, objective)
+
+
+@pytest.mark.parametrize("task", TASKS, ids=lambda task: type(task).__name__)
+@pytest.mark.parametrize("craft", [PLATFORM, SHARED, nasty_planar(), FLYER], ids=lambda c: c.name)
+def test_no_optimum_beats_its_bound(craft: Spacecraft, task: Task) -> None:
+    for episode in range(2 if craft.dimension == 2 else 1):
+        case = scenario(task.for_evaluation(), craft.dimension, 21, episode)
+        for objective in (MinimumTime(12), MinimumFuel(12.0, 0.8)):
+            found = transcription(craft, task, objective).solve(case.start, case.goal)
+            assert found.solved, found.status
+            common = (craft, aims(task), case.start, case.goal)
+            timed = isinstance(objective, MinimumTime)
+            bound = hull.least_time(*common, EXACT) if timed else hull.least_fuel(*common, 12.0, EXACT)
+            assert 0.0 < bound * SLACK <= found.cost
+
+
+@settings(max_examples=40)
+@given(craft=spacecraft(2) | spacecraft(3) | st.sampled_from([PLATFORM, SHARED, FLYER, nasty_spatial()]),
+       seed=st.integers(0, 2**20), duty=st.floats(0.05, 1.0), relaxed=st.booleans())
+def test_no_flight_beats_its_bounds(craft: Spacecraft, seed: int, duty: float, relaxed: bool) -> None:
+    """A random flight, whose end is the goal, of a random spacecraft that moves and spins at the start."""
+    random, steps, h = np.random.default_rng(seed), 15, 0.2
+    state = map_leaves(lambda x: float(x[0]), random_states(craft.dimension, 1, seed))
+    commands = random.random((steps, len(craft.thrusters)))
+    commands = np.where(commands < duty, commands if relaxed else 1.0, 0.0)
+    spent, now = 0.0, state
+    for command in commands:
+        fields = tuple(float(c) for c in command)
+        now = advance(now, wrench(craft, fields), MassProperties.of(craft), h, 8).normalised()
+        spent += h * sum(s * t.force for s, t in zip(thrust(craft, fields), craft.thrusters, strict=True))
+    assume(all(math.isfinite(x) and abs(x) < 100 for x in leaves(now)))
+    loose = GoalSet(1e-3, 1e-3, 1e-3, 1e-3)  # of a flight in Runge-Kutta steps of 25 ms
+    common = (craft, POSE, state, now)
+    assert hull.least_time(*common, loose) <= steps * h * (1 + 1e-9)
+    assert hull.least_fuel(*common, steps * h, loose) <= spent * (1 + 1e-9) + 1e-12
+
+
+def test_no_lqr_flight_beats_its_bounds() -> None:
+    for craft in (PLATFORM, SHARED, FLYER):
+        task, timing = GoToPose().for_evaluation(), Timing(episode_steps=60)
+        flight = fly(craft, task, LQR(craft, task, timing), scenarios(task, craft, 7, 3), timing)
+        for k in range(3):
+            start, goal = (map_leaves(lambda x, i=i, k=k: float(x[i, k]), flight.states) for i in (0, -1))
+            shares = np.array(thrust(craft, tuple(flight.commands[:, k].T)))
+            spent = float(shares.sum(axis=1) @ [t.force for t in craft.thrusters]) * 0.2
+            loose = GoalSet(1e-3, 1e-3, 1e-3, 1e-3)
+            assert 0 < hull.least_fuel(craft, POSE, start, goal, 12.0, loose) <= spent
+            assert 0 < hull.least_time(craft, POSE, start, goal, loose) <= 12.0
+
+
+@pytest.mark.parametrize("craft", [lopsided(), replace(lopsided(), thrust_sharing="split")],
+                         ids=["full", "shared"])
+def test_no_firing_sequence_beats_its_bounds(craft: Spacecraft) -> None:
+    """All 32,768 of three periods; bounds for every final state of some of them."""
+    start = planar(0.3, -0.2, 0.7, (0.1, 0.05), 0.4)
+    flown, h = fly_everything(craft, start, 3), 0.2
+    shares = np.array(thrust(craft, tuple(np.moveaxis(flown.commands, 2, 0))))
+    spent = np.einsum("imk,i->m", shares, [t.force for t in craft.thrusters]) * h
+    for k in np.random.default_rng(0).integers(0, len(spent), 60):
+        end = unflatten(start, [float(x[k]) for x in leaves(flown.final)])
+        assert hull.least_fuel(craft, POSE, start, end, 3 * h, EXACT) <= spent[k] + 1e-9
+        assert hull.least_time(craft, POSE, start, end, EXACT) <= 3 * h + 1e-9
+
+
+def test_many_thrusters_are_bounded_by_their_sum() -> None:
+    """Beyond 16 no force exceeds the thrust; the bound is looser, and still one."""
+    doubled = replace(FLYER, thrusters=FLYER.thrusters * 2)
+    start = scenario(GoToPose().for_evaluation(), 3, 3, 0)
+    tight, loose = (hull.least_time(c, POSE, start.start, start.goal, EXACT) for c in (FLYER, doubled))
+    assert 0 < loose < tight

@@ -1,0 +1,145 @@
+"""The lattice is the motion: indices, quanta and responses against the equations every engine shares."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import sys
+import warnings
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rans.errors import ConfigError
+from rans.model.dynamics import MassProperties, PlanarState, advance, wrench
+from rans.model.fields import Heading, Vec2
+from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft_file import load_spacecraft
+from rans.optimal.certificate.dual import Relaxation
+from rans.optimal.certificate.lattice import GoalSet, Lattice
+from rans.optimal.certificate.onoff import replay
+from tests.crafts import nasty_planar
+from tests.optimal.tiny import PERIOD, lopsided
+
+PLATFORM = load_spacecraft("floating-platform")
+numbers = st.floats(-2.0, 2.0, allow_subnormal=False)
+
+
+def test_platform_by_hand() -> None:
+    lattice = Lattice(PLATFORM, 0.2)
+    # 1 N at 0.31 m for 0.2 s against 2/5 m r^2: r h / I
+    assert lattice.spin == pytest.approx(0.31 * 0.2 / (0.4 * 5.32 * 0.31**2), rel=1e-6)
+    assert sorted(lattice.multiples) == [-1] * 4 + [1] * 4
+    assert lattice.pulse == pytest.approx(0.2)
+    assert lattice.parity
+
+
+def test_unequal_thrusters() -> None:
+    lattice = Lattice(lopsided(), PERIOD)
+    assert list(lattice.multiples) == [1, -1, 2, -1, 0]
+    assert lattice.torque == pytest.approx(0.3)
+    assert lattice.pulse is None
+    assert not lattice.parity
+
+
+@pytest.mark.parametrize("craft", [PLATFORM, lopsided()], ids=lambda craft: craft.name)
+@given(choices=st.lists(st.integers(0, 2**30), min_size=12, max_size=12),
+       start=st.tuples(*[numbers] * 6))
+def test_any_firing_stays_on_the_lattice(craft: Spacecraft, choices: list[int],
+                                         start: tuple[float, ...]) -> None:
+    lattice = Lattice(craft, PERIOD)
+    state = PlanarState(Vec2(*start[:2]), Heading(start[2]), Vec2(*start[3:5]), start[5])
+    first, n, a = state, 0, 0
+    for k, choice in enumerate(choices):
+        p = choice % len(lattice.patterns.torque)
+        command = lattice.patterns.commands[p]
+        state = advance(state, wrench(craft, tuple(command)), MassProperties.of(craft), PERIOD)
+        n, a = n + int(lattice.patterns.torque[p]), a + n
+        # rounding of 12 periods
+        assert state.w == pytest.approx(first.w + lattice.spin * n, abs=1e-12)
+        heading = first.attitude.angle + first.w * (k + 1) * PERIOD + lattice.spin * PERIOD * (a + n / 2)
+        assert state.attitude.angle == pytest.approx(heading, abs=1e-12)
+
+
+@given(choices=st.lists(st.integers(0, 2**30), min_size=6, max_size=6), start=st.tuples(*[numbers] * 6))
+def test_effects_are_the_motion(choices: list[int], start: tuple[float, ...]) -> None:
+    craft = lopsided()
+    lattice = Lattice(craft, PERIOD)
+    path = np.array(choices) % len(lattice.patterns.torque)
+    first = PlanarState(Vec2(*start[:2]), Heading(start[2]), Vec2(*start[3:5]), start[5])
+    final = replay(craft, first, lattice.patterns.commands[path], PERIOD)
+    relaxation = Relaxation(lattice, first, final, GoalSet(), 6, None)
+    speed, way = relaxation.effects(path, path)
+    # the engines' six-node rule is good to 1e-9 of the thrust's effect at 2 rad a period
+    assert complex(speed.sum()) + complex(*relaxation.miss[:2]) == pytest.approx(0, abs=1e-9)
+    assert complex(way.sum()) + complex(*relaxation.miss[2:]) == pytest.approx(0, abs=1e-9)
+
+
+def test_patterns_are_all_that_differ() -> None:
+    patterns = Lattice(PLATFORM, 0.2).patterns
+    wrenches = np.array(PLATFORM.wrench_map)
+    every = np.array([[float(b) for b in f"{number:08b}"] for number in range(256)])
+    sums, thrust = every @ wrenches, every.sum(axis=1)
+    ours = patterns.commands @ wrenches
+    for total, cost in zip(sums, thrust, strict=True):
+        same = np.abs(ours - total).max(axis=1) < 1e-9
+        assert same.sum() == 1
+        assert patterns.thrust[same] <= cost
+    assert np.array_equal(patterns.thrust, patterns.commands.sum(axis=1))
+
+
+@pytest.mark.parametrize(("fuel", "net", "expected"), [
+    (0.0, {0}, 0.0), (0.01, {0}, 0.4), (0.4, {0}, 0.4), (0.401, {0}, 0.8), (4.0097, {0}, 4.4),
+    (0.01, {1}, 0.2), (0.3, {-3}, 0.6), (0.61, {-3}, 1.0), (0.41, {0, 1}, 0.6), (0.41, {0, 2}, 0.8),
+])
+def test_fuel_comes_in_pulses(fuel: float, net: set[int], expected: float) -> None:
+    assert Lattice(PLATFORM, 0.2).next_fuel(fuel, net) == pytest.approx(expected)
+
+
+def test_no_lattice_is_a_sentence() -> None:
+    with pytest.raises(ConfigError, match=r"'nasty-planar'.*whole multiples"):
+        Lattice(nasty_planar(), PERIOD)
+    with pytest.raises(ConfigError, match="planar motion only"):
+        Lattice(load_spacecraft("free-flyer"), PERIOD)
+    with pytest.raises(ConfigError, match="thrust_sharing"):
+        Lattice(dataclasses.replace(PLATFORM, thrust_sharing="split"), PERIOD)
+
+
+def test_thrusters_that_turn_nothing() -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # that it cannot be controlled is the point
+        straight = dataclasses.replace(
+            PLATFORM, name="straight", thrusters=tuple(
+                dataclasses.replace(t, position=(0.0, 0.0, 0.0)) for t in PLATFORM.thrusters))
+    with pytest.raises(ConfigError, match="'straight'"):
+        Lattice(straight, PERIOD)
+
+
+def test_spin_off_the_lattice() -> None:
+    lattice = Lattice(PLATFORM, PERIOD)
+    rest = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
+    spinning = dataclasses.replace(rest, w=2.4 * lattice.spin)
+    with pytest.raises(ConfigError, match=r"misses by 0\.121 rad/s"):
+        GoalSet().net_spins(lattice, spinning, rest)
+    assert GoalSet(spin=0.13).net_spins(lattice, spinning, rest) == {-2}
+    assert GoalSet(spin=0.2).net_spins(lattice, spinning, rest) == {-2, -3}
+
+
+@pytest.mark.parametrize("key", ["position", "velocity", "heading", "spin"])
+@pytest.mark.parametrize("value", [-0.1, math.nan, math.inf])
+def test_goal_set_refuses(key: str, value: float) -> None:
+    with pytest.raises(ConfigError, match=key):
+        GoalSet(**{key: value})
+
+
+def test_missing_numba_is_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    import rans.optimal.certificate as package
+
+    monkeypatch.setitem(sys.modules, "numba", None)
+    monkeypatch.delitem(sys.modules, "rans.optimal.certificate.lattice_kernel", raising=False)
+    monkeypatch.delattr(package, "lattice_kernel", raising=False)
+    rest = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
+    with pytest.raises(ConfigError, match="pip install numba"):
+        Relaxation(Lattice(PLATFORM, PERIOD), rest, rest, GoalSet(), 3, None)

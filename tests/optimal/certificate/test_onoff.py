@@ -1,0 +1,60 @@
+"""Upper bounds are flights: whatever the solver says, the shared equations decide."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rans.model.spacecraft_file import load_spacecraft
+from rans.optimal.certificate.ascent import scale, towards_goal
+from rans.optimal.certificate.dual import Relaxation
+from rans.optimal.certificate.lattice import GoalSet, Lattice
+from rans.optimal.certificate.onoff import fuel, nozzles, replay
+from tests.optimal.tiny import PERIOD, instance, lopsided
+
+PLATFORM = load_spacecraft("floating-platform")
+SNUG = GoalSet(0.01, 0.01, 0.03)
+NAMES = ("position", "velocity", "heading", "spin")
+
+
+def test_fuel_by_hand() -> None:
+    commands = np.zeros((3, 5))
+    commands[0, 1] = commands[2, 4] = 1.0  # 1.5 N and 0.8 N, 0.2 s each
+    assert fuel(lopsided(), commands, 0.2) == pytest.approx(0.46)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_nozzles_are_found_whenever_a_flight_exists(seed: int) -> None:
+    """For the attitude of a flight that arrives with room to spare the solver finds as cheap a one."""
+    craft, steps = lopsided(), 3
+    start, goal, flown = instance(craft, steps, seed)
+    lattice = Lattice(craft, PERIOD)
+    relaxation = Relaxation(lattice, start, goal, SNUG, steps, None)
+    roomy = GoalSet(0.0095, 0.0095, 0.03)  # within the polygon, 2 % inside the disc
+    arrived = flown.arrived(goal, roomy, NAMES)
+    best = np.flatnonzero(arrived)[flown.fuel[arrived].argmin()]
+    path = _path(lattice, flown.commands[best])
+    bound = relaxation.bound(towards_goal(relaxation) * scale(relaxation), relaxation.reachable())
+    commands = nozzles(relaxation, path, bound, float(flown.fuel[best]), 5.0)
+    assert commands is not None
+    assert fuel(craft, commands, PERIOD) <= flown.fuel[best] + 1e-9
+    assert SNUG.contains(replay(craft, start, commands, PERIOD), goal)
+
+
+def test_no_nozzles_where_none_exist() -> None:
+    """Below the least fuel of all flights there is nothing to find."""
+    craft, steps = lopsided(), 3
+    start, goal, flown = instance(craft, steps, 1)
+    lattice = Lattice(craft, PERIOD)
+    relaxation = Relaxation(lattice, start, goal, SNUG, steps, None)
+    arrived = flown.arrived(goal, SNUG, NAMES)
+    best = np.flatnonzero(arrived)[flown.fuel[arrived].argmin()]
+    bound = relaxation.bound(np.zeros(4), relaxation.reachable())
+    path = _path(lattice, flown.commands[best])
+    assert nozzles(relaxation, path, bound, float(flown.fuel[best]) - 0.01, 5.0) is None
+
+
+def _path(lattice: Lattice, commands: np.ndarray) -> np.ndarray:
+    """Any patterns with the same net torques."""
+    torque = commands @ lattice.multiples
+    return np.array([np.flatnonzero(lattice.patterns.torque == t)[0] for t in torque])

@@ -1,0 +1,160 @@
+"""The MPC settles in every task; its plans are those of a solver that knows nothing of its equations."""
+
+from __future__ import annotations
+
+import pickle
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+from scipy.spatial.transform import Rotation
+
+from rans.errors import ConfigError
+from rans.evaluation.measure.metrics import impulses, settling_times
+from rans.flight import fly
+from rans.model.dynamics import MassProperties, advance, wrench
+from rans.model.fields import leaves, map_leaves
+from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft_file import load_spacecraft
+from rans.model.timing import Timing
+from rans.optimal.control.error_state import shortest
+from rans.optimal.control.mpc import MPC, Settings
+from rans.optimal.control.regulator import Deadband, Regulator, Weights
+from rans.reference.flight import fly_in_drake
+from rans.scenario import scenarios
+from rans.tasks import GoToPose, task_class
+from tests.optimal.control.test_lqr import NAMES, SLOWEST
+
+PLATFORM, FLYER = load_spacecraft("floating-platform"), load_spacecraft("free-flyer")
+SHARED = load_spacecraft("floating-platform-shared")
+TASK, TIMING = GoToPose().for_evaluation(), Timing()
+
+
+@pytest.mark.parametrize(("craft", "count"), [(PLATFORM, 8), (FLYER, 4)], ids=["plane", "space"])
+@pytest.mark.parametrize("name", NAMES)
+def test_settles_from_every_start(name: str, craft: Spacecraft, count: int) -> None:
+    task, timing = task_class(name)().for_evaluation(), Timing(episode_steps=50)
+    controller = MPC(craft, task, timing)
+    settled = settling_times(fly(craft, task, controller, scenarios(task, craft, 31, count), timing))
+    assert np.isfinite(settled).all()
+    assert np.median(settled) < SLOWEST[name]
+    assert controller.failures == 0
+
+
+def test_settles_with_a_shared_supply_and_spends_no_more_than_it_gives() -> None:
+    controller = MPC(SHARED, TASK, TIMING)
+    flight = fly(SHARED, TASK, controller, scenarios(TASK, SHARED, 32, 3), TIMING)
+    assert np.isfinite(settling_times(flight)).all()
+    assert impulses(flight).max() <= 25.0 + 1e-9  # 1 N for 25 s
+    assert controller.failures == 0
+
+
+@pytest.mark.parametrize("craft", [PLATFORM, FLYER], ids=lambda craft: craft.name)
+def test_drake_agrees(craft: Spacecraft) -> None:
+    """The same decisions in the judge: in space three Runge-Kutta steps are off by 0.03 mm."""
+    timing = Timing(episode_steps=15)
+    starts = scenarios(TASK, craft, 33, 2)
+    ours, drake = (engine(craft, TASK, MPC(craft, TASK, timing), starts, timing)
+                   for engine in (fly, fly_in_drake))
+    assert np.array_equal(ours.commands, drake.commands)
+    assert (ours.states.p - drake.states.p).norm().max() < (1e-9 if craft is PLATFORM else 1e-4)
+
+
+def first(tree: Any) -> Any:
+    return map_leaves(lambda x: float(x[0]), tree)
+
+
+def cost(craft: Spacecraft, start: Any, goal: Any, commands: np.ndarray, effort: float) -> float:
+    """What a plan costs, flown in NumPy and measured with SciPy's rotations."""
+    regulator = Regulator.of(craft, TASK, TIMING, Weights())
+    turn, total, state = turn_to_go(start, goal), effort * float((commands**2).sum()), start
+    for k in range(commands.shape[1]):
+        state = advance(state, wrench(craft, tuple(commands[:, k])), MassProperties.of(craft),
+                        TIMING.control_period)
+        turn = turn_to_go(state, goal)
+        gaps = (((state.p - goal.p).columns(), (state.v - goal.v).columns(), regulator.translation),
+                (turn, np.array(state.spin()) - np.array(goal.spin()), regulator.rotation))
+        last = k == commands.shape[1] - 1
+        for deviation, speed, axis in gaps:
+            price = axis.cost_to_go if last else np.diag(axis.price)
+            total += sum(np.array(pair) @ price @ pair for pair in zip(deviation, speed, strict=True))
+    return float(total)
+
+
+def turn_to_go(state: Any, goal: Any) -> np.ndarray:
+    turn = goal.attitude.to(state.attitude)
+    return np.array([turn.angle]) if len(leaves(turn)) == 1 else Rotation.from_quat(
+        [turn.x, turn.y, turn.z, turn.w]).as_rotvec()
+
+
+@pytest.mark.parametrize(("craft", "horizon"), [(PLATFORM, 5), (FLYER, 2)], ids=["plane", "space"])
+def test_plan_is_that_of_a_generic_solver(craft: Spacecraft, horizon: int) -> None:
+    """Repeated until it stays, the program has found what SLSQP finds by finite differences."""
+    starts = scenarios(GoToPose(spawn_distance=(0.3, 0.4)), craft, 34, 1)
+    goal = starts.goal
+    program = MPC(craft, TASK, TIMING, settings=Settings(horizon=horizon))._program
+    error, goal_leaves = shortest(starts.start, goal)[:, 0], np.array(leaves(goal))[:, 0]
+    plan: Any = np.zeros((len(craft.thrusters), horizon))
+    for _ in range(30):
+        plan = program.improved(plan, error, goal_leaves)
+    # full thrust along an axis costs 1: in the plane four nozzles give it, in space four along x or y
+    effort = 1.0 / 4.0
+
+    def objective(flat: np.ndarray) -> float:
+        return cost(craft, first(starts.start), first(goal), flat.reshape(plan.shape), effort)
+
+    best = minimize(objective, np.full(plan.size, 0.2), method="SLSQP", bounds=[(0.0, 1.0)] * plan.size,
+                    options={"ftol": 1e-10, "maxiter": 300})
+    ours = objective(plan.ravel())
+    assert ours < objective(np.zeros(plan.size))
+    assert ours == pytest.approx(best.fun, rel=1e-5)  # finite differences leave SLSQP about 1e-6
+
+
+def test_a_program_without_a_solution_falls_back_to_the_plan_before() -> None:
+    starts = scenarios(TASK, PLATFORM, 35, 2)
+    controller = MPC(PLATFORM, TASK, TIMING, settings=Settings(horizon=4))
+    controller.reset(2)
+    seen = np.zeros((2, 10))
+    controller.act(starts.start, starts.goal, seen)
+    plans = controller._plans.copy()
+    program = controller._program
+    sparsity = {"h": program._solver.sparsity_in(0), "a": program._solver.sparsity_in(2)}
+    program._solver = ca.conic("lame", "piqp", sparsity, {"error_on_fail": False, "piqp": {"max_iter": 1}})
+    pulses = controller.act(starts.start, starts.goal, seen)
+    assert controller.failures == 2
+    assert set(np.unique(pulses)) <= {0.0, 1.0}
+    np.testing.assert_array_equal(controller._plans[..., :-1], plans[..., 1:])
+    np.testing.assert_array_equal(controller._plans[..., -1], 0.0)
+
+
+def test_a_copy_by_way_of_a_file_does_the_same() -> None:
+    """Processes get it so."""
+    starts, seen = scenarios(TASK, PLATFORM, 36, 3), np.zeros((3, 10))
+    controllers = [MPC(PLATFORM, TASK, TIMING)]
+    controllers.append(pickle.loads(pickle.dumps(controllers[0])))
+    pulses = []
+    for controller in controllers:
+        controller.reset(3)
+        pulses.append([controller.act(starts.start, starts.goal, seen) for _ in range(2)])
+    assert np.any(pulses[0])
+    np.testing.assert_array_equal(*pulses)
+
+
+def test_nothing_is_planned_at_rest() -> None:
+    goal = scenarios(TASK, PLATFORM, 36, 3).goal
+    controller = MPC(PLATFORM, TASK, TIMING)
+    controller.reset(3)
+    controller._planned = None  # type: ignore[assignment] - calling it fails
+    assert not controller.act(goal, goal, np.zeros((3, 10))).any()
+    restless = MPC(PLATFORM, TASK, TIMING, deadband=Deadband(share=0.0))
+    restless.reset(3)
+    restless._planned = None  # type: ignore[assignment]
+    with pytest.raises(TypeError):
+        restless.act(goal, goal, np.zeros((3, 10)))
+
+
+def test_impossible_settings_are_refused() -> None:
+    with pytest.raises(ConfigError, match="MPC: horizon must be a whole number >= 1, got 0"):
+        Settings(horizon=0)

@@ -1,0 +1,90 @@
+"""The gains against optimisations that know no Riccati equation; rest against hand-worked coasts."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rans.errors import ConfigError
+from rans.model.spacecraft_file import load_spacecraft
+from rans.model.timing import Timing
+from rans.optimal.control.regulator import Axis, Deadband, Regulator, Weights
+from rans.scenario import scenarios
+from rans.tasks import GoToPose, GoToPosition, TrackVelocityHeading
+
+PERIOD, PUSH = 0.2, 0.5
+PLATFORM = load_spacecraft("floating-platform")
+
+
+def least_squares(axis: Axis, start: np.ndarray, steps: int = 400) -> tuple[float, float]:
+    """First acceleration and cost of the best 80 s from a (deviation, speed), all at once: the cost is a
+    sum of squares that are linear in the accelerations."""
+    motion, effect = np.array([[1.0, PERIOD], [0.0, 1.0]]), np.array([0.5 * PERIOD**2, PERIOD])
+    state, response = start, np.zeros((2, steps))
+    rows, target = [], []
+    for k in range(steps):
+        rows.append(np.sqrt(axis.price)[:, None] * response)
+        target.append(-np.sqrt(axis.price) * state)
+        state, response = motion @ state, motion @ response
+        response[:, k] += effect
+    system = np.vstack([*rows, np.eye(steps) / PUSH])
+    wanted = np.concatenate([*target, np.zeros(steps)])
+    best, *_ = np.linalg.lstsq(system, wanted)
+    return float(best[0]), float(np.sum((system @ best - wanted) ** 2))
+
+
+@pytest.mark.parametrize("axis", [Axis.held(PERIOD, PUSH, 0.6), Axis.free(PERIOD, PUSH, 0.3)],
+                         ids=["held", "free"])
+def test_gain_and_cost_to_go_are_optimal(axis: Axis) -> None:
+    """What is left after 80 s, over ten times the slowest time constant, is below rounding."""
+    for start in np.array([[1.0, 0.0], [0.0, 1.0], [0.7, -0.4]]):
+        acceleration, cost = least_squares(axis, start)
+        assert acceleration == pytest.approx(-axis.gain @ start, rel=1e-8, abs=1e-10)
+        assert cost == pytest.approx(start @ axis.cost_to_go @ start, rel=1e-8, abs=1e-10)
+
+
+def test_gain_tends_to_the_continuous_optimum() -> None:
+    """For p'' = u with weights q on p, r on p' and 1 / b^2 on u the continuous optimum is k = b sqrt(q)
+    and d = sqrt(2 k + b^2 r) (Anderson and Moore, "Optimal Control", 1990, chapter 3)."""
+    stiffness, damping = Axis.held(1e-4, 0.3, 0.5).gain
+    assert stiffness == pytest.approx(0.6, rel=1e-3)  # 0.3 / 0.5, and first order in the period
+    assert damping == pytest.approx(math.sqrt(1.2 + 0.6), rel=1e-3)
+
+
+def test_tasks_hold_what_they_have_a_tolerance_for() -> None:
+    held = {task: Regulator.of(PLATFORM, task, Timing(), Weights()).carried(PLATFORM).tolist()
+            for task in (GoToPose(), GoToPosition(), TrackVelocityHeading())}
+    assert list(held.values()) == [[True, True, True], [True, True, False], [False, False, True]]
+
+
+@pytest.mark.parametrize(("distance", "speed", "rests"), [
+    (0.03, 0.0, True), (0.045, 0.0, False),  # 0.8 of 5 cm are 4 cm
+    (0.03, 0.01, True),  # 0.8 s later at 3.8 cm
+    (0.03, 0.02, False),  # at 4.6 cm
+    (-0.03, 0.08, True),  # through the goal, to 3.4 cm
+])
+def test_rests_while_a_coast_stays_inside(distance: float, speed: float, rests: bool) -> None:
+    task = GoToPose()
+    starts = scenarios(task, PLATFORM, 3, 2)
+    goal = starts.goal
+    state = replace(goal, p=replace(goal.p, x=goal.p.x + distance), v=replace(goal.v, x=goal.v.x + speed))
+    assert Deadband().holds(PLATFORM, task, state, goal).tolist() == [rests, rests]
+    assert not Deadband(share=0.0).holds(PLATFORM, task, state, goal).any()
+
+
+def test_does_not_rest_while_spinning() -> None:
+    task = GoToPosition()  # has no tolerance for it
+    goal = scenarios(task, PLATFORM, 3, 1).goal
+    spinning = replace(goal, w=np.array([0.15]))
+    assert not Deadband().holds(PLATFORM, task, spinning, goal).any()
+    assert Deadband().holds(PLATFORM, task, goal, goal).all()
+
+
+def test_impossible_settings_are_refused() -> None:
+    with pytest.raises(ConfigError, match="position must be > 0, got 0"):
+        Weights(position=0.0)
+    with pytest.raises(ConfigError, match=r"deadband: share must be finite and >= 0, got -0\.1"):
+        Deadband(share=-0.1)

@@ -1,0 +1,69 @@
+"""Rounded corners: close to the function everywhere, differentiable where it is not."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rans.model.dynamics import PlanarState, SpatialState
+from rans.model.fields import Heading, Quat, Vec2, Vec3, leaves, map_leaves
+from rans.optimal.trajectory.smoothing import ROUNDINGS, rounded
+from rans.tasks import TASKS
+from rans.tasks.rewards import nearness
+
+X, Y = ca.SX.sym("x"), ca.SX.sym("y")  # type: ignore[call-arg]
+NORM = ca.Function("norm", [X, Y], [ca.sqrt(X * X + Y * Y), ca.fabs(X - 2 * Y) * 3.0])
+
+
+@given(x=st.floats(-5, 5), y=st.floats(-5, 5))
+def test_never_more_than_the_radius_too_small(x: float, y: float) -> None:
+    norm, size = (float(value) for value in rounded(NORM, 0.01)(x, y))
+    assert 0 <= np.hypot(x, y) - norm <= 0.01 + 1e-12
+    assert 0 <= 3 * abs(x - 2 * y) - size <= 0.03 + 1e-12
+
+
+def test_a_radius_that_is_a_symbol_is_one_more_argument() -> None:
+    radius = ca.SX.sym("r")  # type: ignore[call-arg]
+    assert [float(x) for x in rounded(NORM, radius)(3.0, 4.0, 0.2)] == pytest.approx(
+        [float(x) for x in rounded(NORM, 0.2)(3.0, 4.0)], rel=1e-14)
+
+
+def test_zero_stays_zero() -> None:
+    norm, size = rounded(NORM, 0.01)(0.0, 0.0)
+    assert float(norm) == pytest.approx(0.0, abs=1e-15)
+    assert float(size) == pytest.approx(0.0, abs=1e-15)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize("name", [name for name in TASKS if name != "multi-task"])
+def test_rewards_have_gradients_at_the_goal(name: str, dimension: int) -> None:
+    """Where their norms do not; and are worth the same there."""
+    task = TASKS[name](switching_weight=0.1, speed_weight=0.1, spin_weight=0.1)
+    rest: PlanarState | SpatialState = (
+        PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0) if dimension == 2 else
+        SpatialState(Vec3(0.0, 0.0, 0.0), Quat(1.0, 0.0, 0.0, 0.0), Vec3(0.0, 0.0, 0.0), Vec3(0.0, 0.0, 0.0)))
+    state = map_leaves(lambda _: ca.SX.sym("s"), rest)  # type: ignore[call-arg]
+    commands = ca.SX.sym("u", 4)  # type: ignore[call-arg]
+    u = [commands[i] for i in range(4)]
+    terms = task.reward(state, rest, (u[0], u[1]), (u[2], u[3]))
+    raw = ca.Function("reward", [ca.vertcat(*leaves(state)), commands], [sum(terms.values())])
+    smooth = rounded(raw, ROUNDINGS[0])
+    here, command = list(leaves(rest)), [0.5, 0.5, 0.5, 0.5]
+    assert np.isnan(np.array(raw.jacobian()(here, command, 0)[0])).any()
+    assert np.isfinite(np.array(smooth.jacobian()(here, command, 0)[0])).all()
+    # a quaternion's w loses the radius, which turns nothing
+    assert float(smooth(here, command)) == pytest.approx(float(raw(here, command)), abs=ROUNDINGS[0] * 1e-9)
+
+
+@given(distance=st.floats(0.0, 0.2))
+def test_a_rest_has_a_gradient_at_its_edge(distance: float) -> None:
+    """Half a radius early at most; the reward inside is that at the goal but for as much."""
+    exact = ca.Function("near", [X], [nearness(X, 0.05, rest=0.04)])
+    smooth = rounded(exact, 0.01)
+    assert np.isfinite(float(smooth.jacobian()(distance, 0)))
+    assert abs(np.log(float(smooth(distance)) / float(exact(distance)))) <= 0.005 / 0.05 + 1e-12
+    edge = float(smooth.jacobian()(0.04, 0))
+    assert -1.0 / 0.05 < edge < 0.0  # between that inside, 0, and that outside

@@ -1,0 +1,198 @@
+"""Optimal trajectories against closed forms, a linear program and Drake."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.optimize import linprog
+from scipy.spatial.transform import Rotation
+
+from rans.errors import ConfigError
+from rans.model.dynamics import PlanarState
+from rans.model.fields import Heading, Vec2, map_leaves
+from rans.model.spacecraft import Spacecraft, Thruster
+from rans.optimal.trajectory.objectives import (
+    MinimumFuel,
+    MinimumTime,
+    Objective,
+    QuadraticTracking,
+)
+from rans.optimal.trajectory.transcription import Transcription
+from rans.scenario import scenario
+from rans.tasks import (
+    MultiTask,
+)
+from tests.crafts import nasty_planar
+from tests.optimal.problems import (
+    FLYER,
+    FORWARD,
+    PLATFORM,
+    SHARED,
+    SOLVER,
+    TASK,
+    planar,
+    replay_error,
+    solved,
+    spatial,
+    transcription,
+)
+
+
+def test_least_time_along_a_body_axis_is_bang_bang() -> None:
+    """Half the way at full thrust, half braking: 2 sqrt(d m / F), and no direction gives more force.
+
+    An even number of periods puts the switch on a boundary, so that discretisation costs nothing.
+    """
+    trajectory = solved(PLATFORM, MinimumTime(20), planar(x=-3.0), planar())
+    assert trajectory.cost == pytest.approx(2 * math.sqrt(3.0 * PLATFORM.mass / FORWARD), rel=SOLVER)
+    assert trajectory.control_period == pytest.approx(trajectory.cost / 20)
+
+
+def test_least_time_of_a_turn_is_bang_bang() -> None:
+    """Four nozzles at 0.31 m turn it one way: 2 sqrt(angle I / torque)."""
+    trajectory = solved(PLATFORM, MinimumTime(20), planar(heading=-1.0), planar())
+    least = 2 * math.sqrt(1.0 * PLATFORM.inertia[2][2] / (4 * 0.31))
+    assert trajectory.cost == pytest.approx(least, rel=SOLVER)
+
+
+def test_shared_thrust_is_slower() -> None:
+    """One nozzle's worth of force, whichever are open, and it need not be aligned: at least
+    2 sqrt(d m / 1 N); along a nozzle pair's common direction no turn is needed to reach it."""
+    goal = planar(heading=math.pi / 4)
+    trajectory = solved(SHARED, MinimumTime(20), planar(x=-3.0, heading=math.pi / 4), goal)
+    assert trajectory.cost == pytest.approx(2 * math.sqrt(3.0 * SHARED.mass), rel=SOLVER)
+    assert trajectory.commands.sum(axis=1).max() <= 1.0 + 1e-7  # the optimiser's bounds give by 1e-8
+
+
+def test_least_fuel_along_a_nozzle_pair_is_a_linear_programs() -> None:
+    """Two nozzles point along the body's diagonal: no other way spends less per newton, so the
+    one-dimensional problem, which is linear, has the same optimum."""
+    goal = planar(heading=math.pi / 4)
+    objective = MinimumFuel(10.0)
+    trajectory = solved(PLATFORM, objective, planar(x=-3.0, heading=math.pi / 4), goal)
+    least = _linear_program(3.0, PLATFORM.mass, 2.0, 50, 0.2)
+    assert trajectory.cost == pytest.approx(least, rel=SOLVER)
+    assert trajectory.commands.shape == (50, 8)
+
+
+def _linear_program(distance: float, mass: float, force: float, count: int, period: float) -> float:
+    """Least impulse from rest to rest with piecewise constant thrust within +-force."""
+    push = force * period / mass  # speed gained in one period at full thrust
+    way = push * (count - np.arange(count) - 0.5) * period  # and where that ends up
+    conditions = np.array([np.append(way, -way), np.full(2 * count, push) * np.repeat([1, -1], count)])
+    price = np.full(2 * count, force * period)
+    return linprog(price, A_eq=conditions, b_eq=[distance, 0.0], bounds=(0, 1)).fun
+
+
+@pytest.mark.parametrize("craft", [PLATFORM, SHARED, nasty_planar()],
+                         ids=["platform", "shared", "nasty"])
+@pytest.mark.parametrize("objective", [MinimumTime(30), MinimumFuel(20.0, 0.4)],
+                         ids=lambda objective: objective.name)
+def test_random_starts_arrive_in_drake(craft: Spacecraft, objective: Objective) -> None:
+    """In the plane the equations are exact, so only the optimiser's 1e-8 per interval is left."""
+    for episode in range(3):
+        case = scenario(TASK, 2, 7, episode)
+        trajectory = solved(craft, objective, case.start, case.goal)
+        assert replay_error(craft, trajectory) < 1e-5
+        last = map_leaves(lambda x: float(x[-1]), trajectory.states)
+        for name, error in TASK.errors(last, case.goal).items():
+            assert error < 1e-6, name
+        assert max(last.v.norm(), abs(last.w)) < 1e-6
+        assert trajectory.commands.min() >= 0.0
+        assert trajectory.commands.max() <= 1.0
+
+
+def test_random_starts_obey_the_physical_bounds() -> None:
+    """Whatever the attitude does: no force exceeds FORWARD, and an impulse of 2 m d / T is needed even
+    if thrust were unlimited."""
+    for episode in range(6):
+        case = scenario(TASK, 2, 8, episode)
+        distance = float(case.start.p.norm())
+        quick = solved(PLATFORM, MinimumTime(30), case.start, case.goal)
+        assert quick.cost >= 2 * math.sqrt(distance * PLATFORM.mass / FORWARD) * (1 - SOLVER)
+        thrifty = solved(PLATFORM, MinimumFuel(20.0, 0.4), case.start, case.goal)
+        assert 2 * PLATFORM.mass * distance / 20.0 <= thrifty.cost < 3.5  # seldom twice that bound
+
+
+def test_space_arrives_in_drake() -> None:
+    """One Runge-Kutta step a period: less than a millimetre is lost, see `Transcription`."""
+    for episode in range(2):
+        case = scenario(TASK, 3, 9, episode)
+        trajectory = solved(FLYER, MinimumTime(40), case.start, case.goal)
+        assert replay_error(FLYER, trajectory) < 1e-3
+        last = map_leaves(lambda x: float(x[-1]), trajectory.states)
+        assert TASK.errors(last, case.goal)["attitude"] < 1e-5
+        assert float(last.w.norm()) < 1e-6
+
+
+@pytest.mark.parametrize("degrees", [0.0, 179.0, 180.0])
+def test_never_arrives_the_wrong_way_round(degrees: float) -> None:
+    """Conditions on a rotation's entries also vanish at opposite attitudes: it must not end there."""
+    angle = math.radians(degrees)
+    flat = solved(PLATFORM, MinimumTime(30), planar(x=1.0, heading=angle), planar())
+    assert math.cos(float(flat.states.attitude.angle[-1])) == pytest.approx(1.0)
+    for axis in np.eye(3)[::2]:
+        start = spatial(1.0, Rotation.from_rotvec(angle * axis))
+        trajectory = solved(FLYER, MinimumTime(40), start, spatial())
+        last = map_leaves(lambda x: float(x[-1]), trajectory.states)
+        assert TASK.errors(last, spatial())["attitude"] < 1e-5
+
+
+@pytest.mark.parametrize("craft", [PLATFORM, SHARED], ids=["platform", "shared"])
+def test_too_short_a_horizon_is_a_status(craft: Spacecraft) -> None:
+    trajectory = transcription(craft, MinimumFuel(2.0)).solve(planar(x=-3.0), planar())
+    assert not trajectory.solved
+    assert trajectory.status == "Infeasible_Problem_Detected"
+    assert trajectory.attempts == 2  # one guess was asked for, one more tried
+
+
+def test_more_guesses_are_never_worse_and_turn_both_ways() -> None:
+    problem = transcription(PLATFORM, MinimumFuel(20.0, 0.5))
+    turned = []
+    for episode in range(4):
+        case = scenario(TASK, 2, 11, episode)
+        one, both = (problem.solve(case.start, case.goal, guesses) for guesses in (1, 2))
+        assert both.cost <= one.cost
+        assert (one.attempts, both.attempts) == (1, 2)
+        turned.append(abs(float(both.states.attitude.angle[-1] - one.states.attitude.angle[-1])))
+    assert all(min(abs(t), abs(t - math.tau)) < 1e-6 for t in turned)
+
+
+def test_starts_that_move_and_spin() -> None:
+    start = PlanarState(Vec2(-2.0, 0.5), Heading(1.0), Vec2(0.2, -0.1), 0.8)
+    trajectory = solved(PLATFORM, MinimumTime(30), start, planar())
+    assert replay_error(PLATFORM, trajectory) < 1e-5
+    assert float(trajectory.states.w[0]) == 0.8
+
+
+@pytest.mark.parametrize("objective", [MinimumFuel(2.0), MinimumTime(20)], ids=lambda o: o.name)
+def test_a_broken_start_is_a_status(objective: Objective) -> None:
+    trajectory = transcription(PLATFORM, objective).solve(planar(x=math.nan), planar())
+    assert not trajectory.solved
+    assert trajectory.status == "Invalid_Number_Detected"
+
+
+def test_a_craft_that_cannot_turn_still_flies_straight() -> None:
+    """Two opposite nozzles through the centre: nothing to guess commands with, but a way to go."""
+    with pytest.warns(UserWarning, match="cannot push and turn"):
+        pair = replace(PLATFORM, thrusters=tuple(
+            Thruster((0.0, 0.0, 0.0), (way, 0.0, 0.0), 2.0) for way in (1.0, -1.0)))
+    trajectory = solved(pair, MinimumFuel(10.0), planar(x=-3.0), planar())
+    assert trajectory.cost == pytest.approx(_linear_program(3.0, pair.mass, 2.0, 50, 0.2), rel=SOLVER)
+
+
+@pytest.mark.parametrize(("wrong", "message"), [
+    (lambda: MinimumFuel(horizon=-1.0), "horizon must be a finite number > 0 s, got -1.0"),
+    (lambda: MinimumFuel(control_period=math.nan), "control_period must be a finite number > 0 s"),
+    (lambda: MinimumTime(0), "intervals must be >= 1, got 0"),
+    (lambda: QuadraticTracking(command_weight=-1.0), "command_weight must be finite and not negative"),
+    (lambda: transcription(PLATFORM, MinimumTime(20)).solve(planar(1.0), planar(), 0), "at least one guess"),
+    (lambda: Transcription(PLATFORM, MultiTask(), MinimumFuel()), "judged on each of its tasks"),
+])
+def test_impossible_settings_are_refused(wrong: Any, message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        wrong()

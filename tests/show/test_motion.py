@@ -1,0 +1,127 @@
+"""What is drawn of an episode, against the states it was made of and geometry worked by hand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+import pytest
+from pydrake.geometry import Cylinder, Rgba, Sphere
+
+from rans.flight import Flight
+from rans.model.dynamics import PlanarState
+from rans.model.fields import Heading, Vec2, leaves, map_leaves
+from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft_file import load_spacecraft
+from rans.model.timing import Timing
+from rans.show.motion import Motion
+from rans.show.shapes import (
+    craft_parts,
+    floor_parts,
+    goal_parts,
+    plume_parts,
+    trail_parts,
+    velocity_arrow,
+)
+from rans.tasks import GoToPose, GoToPosition
+from tests.reference.flights import FLYER, TRACKING, drifting, lqr_flight
+
+PLATFORM = load_spacecraft("floating-platform")
+
+
+def test_poses_are_the_states() -> None:
+    """Drake builds the rotation from the quaternion by itself."""
+    flight = lqr_flight(steps=30)
+    motion = Motion.of(flight, 1)
+    rows = np.array(leaves(flight.states))[:, :, 1].T
+    np.testing.assert_array_equal(motion.way, rows[:, :3])
+    np.testing.assert_array_equal(motion.velocities, rows[:, 7:10])
+    for pose, wxyz in zip(motion.poses, rows[:, 3:7], strict=True):
+        quaternion = pose.rotation().ToQuaternion().wxyz()
+        assert abs(quaternion @ wxyz) == pytest.approx(1.0, abs=1e-12)  # both signs are one rotation
+    goal = np.array(leaves(flight.goals))[:, 1]
+    np.testing.assert_array_equal(motion.goal.translation(), goal[:3])
+
+
+def test_a_planar_pose_turns_about_z() -> None:
+    full = lambda value: np.full((2, 1), value)  # noqa: E731
+    turned = Heading(full(np.pi / 2))
+    state = PlanarState(Vec2(full(1.0), full(2.0)), turned, Vec2(full(0.5), full(0.0)), full(0.0))
+    goal = map_leaves(lambda x: x[0], state)
+    flight = Flight(PLATFORM, GoToPose(), Timing(episode_steps=1), state, goal, np.zeros((1, 1, 8)), "nobody")
+    motion = Motion.of(flight, 0)
+    np.testing.assert_allclose(motion.poses[0] @ [1.0, 0.0, 0.0], [1.0, 3.0, 0.0], atol=1e-15)
+    np.testing.assert_array_equal(motion.velocities[0], [0.5, 0.0, 0.0])
+
+
+def test_flames_belong_to_the_period_that_follows() -> None:
+    motion = Motion.of(drifting(TRACKING), 0)
+    assert [list(np.flatnonzero(row)) for row in motion.firing[:4]] == [[], [11], [], []]
+    assert not motion.firing[-1].any()
+
+
+def test_a_failed_episode_ends_where_it_failed() -> None:
+    """At 0.5 m/s from the origin, the goal at (9, 9, 9): 9 sqrt(3) = 15.6 m is beyond 8 m at once."""
+    assert len(Motion.of(drifting(GoToPose()), 0).poses) == 1
+    assert len(Motion.of(drifting(GoToPose(fail_distance=100.0)), 0).poses) == 11
+
+
+def test_a_goal_without_a_place_stays_with_the_spacecraft() -> None:
+    motion = Motion.of(drifting(TRACKING), 0)
+    np.testing.assert_allclose(motion.goal_at(10).translation(), [1.0, 0.0, 0.0], atol=1e-15)
+    np.testing.assert_allclose(motion.goal_at(10).rotation().matrix(), np.diag([-1.0, -1.0, 1.0]), atol=1e-15)
+    np.testing.assert_array_equal(motion.goal_velocity, [0.0, 0.25, 0.0])
+    np.testing.assert_array_equal(motion.box()[1], np.array([1.0, 0.0, 0.0]) + 2.0 * FLYER.radius)
+    placed = Motion.of(drifting(GoToPosition(fail_distance=100.0)), 0)
+    np.testing.assert_array_equal(placed.goal_at(10).translation(), [9.0, 9.0, 9.0])
+
+
+def test_plumes_leave_against_the_thrust(shipped: Spacecraft) -> None:
+    for part, thruster in zip(plume_parts(shipped), shipped.thrusters, strict=True):
+        way = part.pose.translation() + np.array(shipped.centre_of_mass) - thruster.position
+        for along in (part.pose.rotation().matrix()[:, 2], way / np.linalg.norm(way)):
+            np.testing.assert_allclose(along, -np.array(thruster.direction), atol=1e-12)
+
+
+def test_parts_have_names_of_their_own(shipped: Spacecraft) -> None:
+    """Equal names would replace one another on the page."""
+    parts = [*craft_parts(shipped, Rgba()), *plume_parts(shipped),
+             *floor_parts(np.array([-1.2, 0.1, 0.0]), np.array([1.0, 0.9, 1.0]))]
+    assert len({part.name for part in parts}) == len(parts)
+    assert sum(part.name.startswith("line") for part in parts) == 4 + 2  # x = -2 ... 1 and y = 0, 1
+
+
+@pytest.mark.parametrize(("shape", "kind"), [("sphere", Sphere), ("cylinder", Cylinder)])
+def test_the_body_is_as_the_file_says(shape: Literal["sphere", "cylinder"], kind: type) -> None:
+    body = craft_parts(replace(FLYER, shape=shape, radius=0.4), Rgba())[0].shape
+    assert isinstance(body, kind)
+    assert body.radius() == 0.4  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize(("wanted", "names"), [
+    ({"position"}, {"needle", "head"}),
+    ({"position", "attitude"}, {"ghost", "x axis", "y axis", "z axis"}),
+    ({"velocity", "attitude"}, {"x axis", "y axis", "z axis"}),
+    ({"velocity", "spin"}, set()),
+])
+def test_the_goal_shows_what_the_task_wants(wanted: set[str], names: set[str]) -> None:
+    assert {part.name for part in goal_parts(FLYER, wanted)} == names
+
+
+def test_a_trail_is_whole_and_leaves_nothing_out() -> None:
+    """Along a circle of 1 m radius its pieces are as long as the circle, but for the last 3 cm at most."""
+    angle = np.linspace(0.0, 2.0 * np.pi, 1000)
+    way = np.stack((np.cos(angle), np.sin(angle), 0.0 * angle), axis=1)
+    pieces = list(trail_parts(way))
+    length = sum(part.shape.length() for _, part in pieces)  # type: ignore[attr-defined]
+    assert 2.0 * np.pi - 0.04 < length < 2.0 * np.pi
+    assert [k for k, _ in pieces] == sorted(k for k, _ in pieces)
+    assert not list(trail_parts(np.zeros((5, 3))))
+
+
+def test_an_arrow_points_along_the_velocity() -> None:
+    turn, length = velocity_arrow(np.array([0.0, -0.3, 0.4]))
+    np.testing.assert_allclose(turn.matrix()[:, 0], [0.0, -0.6, 0.8], atol=1e-12)
+    assert length == pytest.approx(1.0)  # the way of 2 s
+    assert velocity_arrow(np.zeros(3))[1] > 0.0  # Meshcat cannot invert a scale of 0

@@ -1,0 +1,42 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+from matplotlib.colors import to_hex
+
+from rans.fast.learn.batched_trainer import Member
+from rans.fast.learn.sweep import Sweep
+from rans.show.panels import ORANGE
+from rans.show.sweep_figure import sweep_figure
+from tests.fast.training import CONFIG, TINY
+
+
+def sweep() -> Sweep:
+    """Two seeds of two step sizes; the first seed of the second is the best, and one never solves it."""
+    configs = [replace(CONFIG, seed=seed, solved_share=0.9, ppo=replace(TINY, learning_rate=rate))
+               for rate in (1e-3, 3e-4) for seed in (0, 1)]
+    result = Sweep(configs)
+    ends = zip(configs, (500, 400, 200, 300), (0.5, 1.0, 1.0, 1.0), strict=True)
+    result.members = [member(config, steps, success) for config, steps, success in ends]
+    return result
+
+
+def member(config: object, steps: int, success: float) -> Member:
+    made = Member(config)  # type: ignore[arg-type]
+    for when in (steps - 100, steps):
+        made.note({"steps": when, "success": success})
+    return made
+
+
+def test_every_member_has_a_curve_and_a_mark_and_the_best_stands_out() -> None:
+    curves, ends = sweep_figure(sweep()).axes
+    assert [list(line.get_xdata()) for line in curves.get_lines()[:4]] == [  # type: ignore[arg-type]
+        [400, 500], [300, 400], [100, 200], [200, 300]]
+    best = curves.get_lines()[4]
+    assert (to_hex(best.get_color()), best.get_label()) == (ORANGE.lower(), "best: seed 0")
+    assert list(best.get_xdata()) == [100, 200]  # type: ignore[arg-type]
+    marks = [(float(dot.get_offsets()[0][0]), to_hex(dot.get_facecolor()[0])) for dot in ends.collections]  # type: ignore[index]
+    assert [x for x, _ in marks] == [500, 400, 200, 300]
+    assert [colour == ORANGE.lower() for _, colour in marks] == [False, False, True, False]
+    names = [text.get_text() for text in ends.get_yticklabels()]
+    assert names == ["learning_rate 0.001", "learning_rate 0.0003"]

@@ -1,0 +1,136 @@
+"""The page in a real browser: what it shows is where the flight was."""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+import logging
+import re
+import shutil
+import socket
+import subprocess
+import urllib.request
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from rans.errors import ConfigError
+from rans.model.fields import leaves
+from rans.show.view import View
+from tests.reference.flights import TRACKING, drifting, lqr_flight
+
+TIMES = (0.0, 2.5, 6.0)
+"""s; 2.5 lies in the middle of a control period."""
+
+PROBE = """<script>
+viewer.animate = () => {};  // nothing is drawn but what is asked for
+// The animation comes with the last message of the page.
+function probe() {
+  if (!viewer.animator.actions.length) return setTimeout(probe, 100);
+  const at = (...path) => viewer.scene_tree.find(["flights", ...path]).object;
+  const found = TIMES.map(t => {
+    viewer.animator.seek(t);
+    viewer.scene.updateMatrixWorld(true);
+    viewer.renderer.render(viewer.scene, viewer.camera);
+    const craft = at("0 LQR", "episode 0", "craft"), trail = at("0 LQR", "episode 0", "trail");
+    const world = craft.getWorldPosition(new MeshCat.THREE.Vector3());
+    const seen = world.clone().project(viewer.camera);
+    return {place: at().worldToLocal(world.clone()).toArray(), pixel: [(1 + seen.x) / 2, (1 - seen.y) / 2],
+            plumes: craft.children.filter(c => c.visible).map(c => c.name).filter(n => n.startsWith("plume")),
+            trail: trail.children.filter(c => c.visible).length,
+            picture: viewer.renderer.domElement.toDataURL()};
+  });
+  document.body.innerHTML = `<pre id="found">${JSON.stringify(found)}</pre>`;
+}
+probe();
+</script></body>"""
+
+
+def browse(page: Path) -> str:
+    """The page after its scripts have run, without any network."""
+    browser = shutil.which("chromium") or shutil.which("google-chrome") or shutil.which("chromium-browser")
+    if browser is None:
+        pytest.skip("needs the browser Chromium: sudo apt-get install -y chromium")
+    run = subprocess.run(
+        [browser, "--headless", "--no-sandbox", "--disable-background-networking", "--use-gl=angle",
+         "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--host-resolver-rules=MAP * ~NOTFOUND",
+         f"--user-data-dir={page.parent / 'profile'}", "--virtual-time-budget=10000", "--window-size=640,480",
+         "--dump-dom", page.as_uri()], capture_output=True, text=True, timeout=60, check=True)
+    return run.stdout
+
+
+def test_the_browser_finds_the_body_where_it_flew(tmp_path: Path) -> None:
+    flight, page = lqr_flight(episodes=1), tmp_path / "replay.html"
+    view = View()
+    assert view.show([flight]) == ["grey"]
+    view.save(page)
+    assert page.stat().st_size < 5e6
+    page.write_text(page.read_text().replace("</body>", PROBE.replace("TIMES", str(list(TIMES)))))
+    found = json.loads(re.findall('<pre id="found">(.*?)</pre>', browse(page), re.DOTALL)[-1])
+    for time, frame in zip(TIMES, found, strict=True):
+        before, after = int(time / 0.2), -int(-time // 0.2)
+        p = np.array(leaves(flight.states.p))[:, :, 0]
+        # The browser moves it straight through a period, and counts in float32.
+        np.testing.assert_allclose(frame["place"], (p[:, before] + p[:, after]) / 2, atol=1e-5)
+        firing = np.flatnonzero(flight.commands[before, 0])
+        assert {int(name.split()[1]) for name in frame["plumes"]} == set(firing)
+    trails = [frame["trail"] for frame in found]
+    assert trails[0] == 0 < trails[1] < trails[2]
+    check_pictures(found)
+
+
+def check_pictures(found: list[dict[str, Any]]) -> None:
+    """The body is where the camera must see it: what is seen there changes as it comes and goes."""
+    colours = np.array([[colour_at(frame["picture"], other["pixel"]) for other in found] for frame in found])
+    for place in range(len(found)):
+        for shown in {0, 1, 2} - {place}:
+            assert np.abs(colours[shown, place] - colours[place, place]).max() > 20.0, colours
+
+
+def colour_at(picture: str, pixel: tuple[float, float]) -> np.ndarray:
+    image = Image.open(io.BytesIO(base64.b64decode(picture.partition(",")[2]))).convert("RGB")
+    x, y = (round(share * size) for share, size in zip(pixel, image.size, strict=True))
+    return np.asarray(image)[y - 1:y + 2, x - 1:x + 2].mean(axis=(0, 1))
+
+
+def test_several_flights_and_episodes_are_on_one_page(tmp_path: Path) -> None:
+    """Flights of any tasks; the page is also served. Names are in the messages that build the scene."""
+    view = View()
+    flight = lqr_flight(steps=20)
+    assert view.show([flight, drifting(TRACKING), flight]) == ["grey", "orange", "green"]
+    view.save(tmp_path / "three.html")
+    messages = re.findall(r'base64,([^"]*)"', (tmp_path / "three.html").read_text())
+    text = b"".join(base64.b64decode(message) for message in messages)
+    for path in (b"/flights/0 LQR/episode 1/craft", b"/flights/1 nobody/episode 0/target velocity",
+                 b"/flights/2 LQR/episode 1/goal", b"/flights/floor"):
+        assert path in text
+    assert b"/flights/0 LQR/episode 0/velocity" not in text
+    with urllib.request.urlopen(view.url, timeout=10) as page:
+        assert b"meshcat" in page.read()
+
+
+def test_showing_again_replaces(tmp_path: Path) -> None:
+    view = View()
+    view.show([lqr_flight(steps=20)])
+    view.show([drifting(TRACKING)])
+    view.save(tmp_path / "page.html")
+    messages = re.findall(r'base64,([^"]*)"', (tmp_path / "page.html").read_text())
+    assert not any(b"LQR" in base64.b64decode(message) for message in messages)
+
+
+def test_a_taken_port_is_a_sentence() -> None:
+    with socket.create_server(("localhost", 0)) as taken:
+        port = taken.getsockname()[1]
+        with pytest.raises(ConfigError, match=f"port {port} of this computer, it is taken"):
+            View(port)
+
+
+def test_the_page_announces_itself_once(caplog: pytest.LogCaptureFixture) -> None:
+    """The command names the page; Drake's own message would repeat it."""
+    with caplog.at_level(logging.INFO):
+        View()
+    assert not caplog.records
