@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,14 +11,16 @@ import gymnasium
 import numpy as np
 from gymnasium.error import ResetNeeded
 
+from rans.episode import Episode, Mover, World, step
 from rans.errors import ConfigError
+from rans.model.dynamics import State
 from rans.model.fields import leaves, map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.scenario import Scenario, scenario
 from rans.spaces import action_space, checked_render_mode, choose, observation_space
-from rans.tasks import Task, observation
-from rans.tasks.base import Dimension
+from rans.tasks import Task
+from rans.tasks.sight import Dimension
 
 
 class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
@@ -53,12 +56,14 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
         self.render_mode = checked_render_mode(render_mode)
         self.craft, self.task = choose(task_name, dimension, spacecraft, task)
         self.timing = timing or Timing()
-        self.observation_space = observation_space(self.craft)
+        self.observation_space = observation_space(self.task, dimension)
         self.action_space = action_space(self.craft)
         self.metadata = {**self.metadata, "render_fps": 1.0 / self.timing.control_period}
         self._seed: int | None = None
         self._episode = 0
-        self._state: Any = None
+        self._world = World(self.craft, self.task, self.timing)
+        self._move = self._mover()
+        self._now = None
         self._scene: Any = None
         self._window: Any = None
 
@@ -78,8 +83,8 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
         self._count(seed)
         chosen = scenario(self.task, self.craft.dimension, self._seed or 0, self._episode)
         chosen = _given_scenario(options or {}, chosen) or chosen
-        self._state, self._goal, self._steps = chosen.start, chosen.goal, 0
-        self._command: tuple[float, ...] = (0.0,) * len(self.craft.thrusters)
+        shut = (0.0,) * len(self.craft.thrusters)
+        self._now: Episode | None = Episode(chosen.start, chosen.goal, 0, shut)
         self._trail: list[tuple[float, ...]] = []
         self._show()
         return self._observe(), {"errors": self._errors()}
@@ -91,31 +96,43 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
             ConfigError: the action is not one 0 or 1 per thruster.
             gymnasium.error.ResetNeeded: there was no `reset` yet.
         """
-        self._require_reset()
-        previous, self._command = self._command, self._checked(action)
-        self._trail.append(self._state.p.columns())
-        self._state = map_leaves(float, self._moved(self._state, self._command).normalised())
-        self._steps += 1
+        before = self._running()
+        command = self._checked(action)
+        self._trail.append(before.state.p.columns())
+        outcome = step(self._world, before, command, self._move)
+        arrived = outcome.episode
+        self._now = replace(arrived, state=map_leaves(float, arrived.state),
+                            goal=map_leaves(float, arrived.goal))
         self._show()
-        terms = self.task.reward(self._state, self._goal, self._command, previous)
-        terminated = bool(self.task.failed(self._state, self._goal))
-        truncated = self._steps >= self.timing.episode_steps and not terminated
-        info: dict[str, Any] = {
-            "reward_terms": {name: float(term) for name, term in terms.items()},
-            "errors": self._errors(),
-        }
+        terms = {name: float(term) for name, term in outcome.terms.items()}
+        terminated, truncated = bool(outcome.terminated), bool(outcome.truncated)
+        info: dict[str, Any] = {"reward_terms": terms, "errors": self._errors()}
         if terminated or truncated:
-            info["is_success"] = truncated and bool(self.task.reached(self._state, self._goal))
-        return self._observe(), float(sum(terms.values())), terminated, truncated, info
+            info["is_success"] = truncated and bool(outcome.reached)
+        return self._observe(), sum(terms.values()), terminated, truncated, info
 
     @abstractmethod
-    def _moved(self, state: Any, command: tuple[float, ...]) -> Any:
-        """The state after the command was held for one control period, of numbers or arrays of one."""
+    def _mover(self) -> Mover | None:
+        """Who moves the spacecraft; None: our equations."""
 
     def render(self) -> np.ndarray | None:  # type: ignore[override]
         """A frame (480, 640, 3) uint8 in the mode "rgb_array"; see `rans.drawing.Scene`."""
-        self._require_reset()
+        self._running()
         return self._draw() if self.render_mode == "rgb_array" else None
+
+    @property
+    def state(self) -> State:
+        """The spacecraft's, of numbers.
+
+        Raises:
+            gymnasium.error.ResetNeeded: there was no `reset` yet.
+        """
+        return self._running().state
+
+    @property
+    def goal(self) -> State:
+        """The episode's, of numbers; raises as `state`."""
+        return self._running().goal
 
     def close(self) -> None:
         """Close the window, if there is one."""
@@ -124,11 +141,12 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
             self._window = None
 
     def _draw(self) -> np.ndarray:
+        now = self._running()
         if self._scene is None:
             from rans.drawing import Scene
 
             self._scene = Scene(self.craft, self.task)
-        return self._scene.render(self._state, self._goal, self._command, self._trail)
+        return self._scene.render(now.state, now.goal, now.previous, self._trail)
 
     def _show(self) -> None:
         """Show the newest frame if the render mode asks for it."""
@@ -148,9 +166,10 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
         self._seed = int(self.np_random.integers(2**63)) if seed is None else seed
         self._episode = 0
 
-    def _require_reset(self) -> None:
-        if self._state is None:
+    def _running(self) -> Episode:
+        if self._now is None:
             raise ResetNeeded("call reset() before step() and render().")
+        return self._now
 
     def _checked(self, action: Any) -> tuple[float, ...]:
         values, count = np.asarray(action), len(self.craft.thrusters)
@@ -161,10 +180,11 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
         return tuple(values.astype(float).tolist())
 
     def _observe(self) -> np.ndarray:
-        return np.array(observation(self.task, self._state, self._goal), dtype=np.float32)
+        return np.array(self._world.observe(self._running()), dtype=np.float32)
 
     def _errors(self) -> dict[str, float]:
-        return {name: float(x) for name, x in self.task.errors(self._state, self._goal).items()}
+        now = self._running()
+        return {name: float(x) for name, x in self.task.errors(now.state, now.goal).items()}
 
 
 def _given_scenario(options: dict[str, Any], like: Scenario) -> Scenario | None:

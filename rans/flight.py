@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
 
-from rans.model.dynamics import MassProperties, advance, wrench
-from rans.model.fields import leaves, map_leaves, unflatten
+from rans.episode import Episode, Mover, World, step
+from rans.model.fields import finite, leaves, map_leaves, unflatten
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.scenario import Scenario
-from rans.tasks.base import Task, observation
+from rans.tasks.base import Task
+from rans.tasks.rewards import Transition
 
 
 class Controller(Protocol):
@@ -73,29 +74,53 @@ class Flight:
         after = map_leaves(lambda x: x[1:], self.states)
         command = np.moveaxis(self.commands, 2, 0)
         previous = np.insert(command[:, :-1], 0, 0.0, axis=1)
-        return self.task.reward(after, self.goals, tuple(command), tuple(previous))
+        return self.task.reward(Transition(after, self.goals, tuple(command), tuple(previous)))
 
     def failed(self) -> np.ndarray:
-        """(N,) whether the task ever declared the episode failed."""
-        return self.task.failed(self.states, self.goals).any(axis=0)
+        """(N,) whether the task ever declared the episode failed, or its state was no longer finite."""
+        lost = ~np.asarray(finite(*leaves(self.states)))
+        return (self.task.failed(self.states, self.goals) | lost).any(axis=0)
 
 
-def fly(craft: Spacecraft, task: Task, controller: Controller, starts: Scenario, timing: Timing) -> Flight:
-    """Fly a batch of scenarios with our equations, in float64.
+def fly(craft: Spacecraft, task: Task, controller: Controller, starts: Scenario, timing: Timing,
+        engine: str = "fast", move: Mover | None = None) -> Flight:
+    """Fly a batch of scenarios, in float64.
 
-    Episodes run for the full time, failed or not, so that nothing is dropped from a statistic.
+    Episodes run for the full time, failed or not, so that nothing is dropped from a statistic. One whose
+    state is no longer finite stops there: its states are NaN from then on, and the controller sees its start.
+
+    Args:
+        craft: what flies.
+        task: gives the observations.
+        controller: sees all N episodes at once.
+        starts: fields of float64 arrays (N,), as `rans.scenario.scenarios` gives them.
+        timing: control period, accuracy and length.
+        engine: who moves, for `Flight.engine`.
+        move: how; None: our equations.
     """
-    state: Any = starts.start
-    goal = starts.goal
-    body, count = MassProperties.of(craft), len(leaves(starts.start)[0])
+    world = World(craft, task, timing)
+    now, count = Episode(starts.start, starts.goal, 0), len(leaves(starts.start)[0])
     controller.reset(count)
-    states, commands = [state], []
+    states, commands, alive = [starts.start], [], np.ones(count, dtype=bool)
     for _ in range(timing.episode_steps):
-        seen = np.stack(observation(task, state, goal), axis=1).astype(np.float32)
-        command = np.asarray(controller.act(state, goal, seen), dtype=np.float64)
-        state = advance(state, wrench(craft, tuple(command.T)), body, timing.control_period,
-                        timing.substeps).normalised()
-        states.append(state)
+        seen = np.stack(world.observe(now), axis=1).astype(np.float32)
+        command = np.asarray(controller.act(now.state, now.goal, seen), dtype=np.float64)
+        now = step(world, now, tuple(command.T), move).episode
+        alive &= np.asarray(finite(*leaves(now.state)))
+        if alive.all():
+            states.append(now.state)
+        else:
+            states.append(_only(alive, now.state, map_leaves(lambda _: np.nan, now.state)))
+            now = replace(now, state=_only(alive, now.state, starts.start))
         commands.append(command)
-    track = unflatten(state, [np.stack(x) for x in zip(*(leaves(s) for s in states), strict=True)])
-    return Flight(craft, task, timing, track, goal, np.stack(commands), controller.name)
+    return Flight(craft, task, timing, _stacked(states), starts.goal, np.stack(commands), controller.name,
+                  engine)
+
+
+def _only(alive: np.ndarray, state: Any, otherwise: Any) -> Any:
+    return map_leaves(lambda x, y: np.where(alive, x, y), state, otherwise)
+
+
+def _stacked(trees: list[Any]) -> Any:
+    """One tree whose fields are those of many, (T, N)."""
+    return unflatten(trees[0], [np.stack(x) for x in zip(*map(leaves, trees), strict=True)])

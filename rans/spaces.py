@@ -11,19 +11,21 @@ from gymnasium import spaces
 from rans.errors import ConfigError
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
-from rans.tasks import Task, observation_width, task_class
-from rans.tasks.base import Dimension
+from rans.tasks import Task, task_class
+from rans.tasks.base import example
+from rans.tasks.sight import Dimension
 
 _DEFAULT_CRAFT = {2: "floating-platform", 3: "free-flyer"}
 
 
-def observation_space(craft: Spacecraft, dtype: type[np.floating[Any]] = np.float32) -> spaces.Box:
-    """10 (plane) or 22 (space) columns that may be any finite float32 number.
+def observation_space(task: Task, dimension: Dimension,
+                      dtype: type[np.floating[Any]] = np.float32) -> spaces.Box:
+    """The columns of a task's observation, within their bounds; without one, any finite float32 number.
 
     Gymnasium's and SB3's checkers ask for finite bounds.
     """
-    bound = float(np.finfo(np.float32).max)
-    return spaces.Box(-bound, bound, (observation_width(craft.dimension),), dtype)
+    bounds = np.minimum(example(task, dimension).bounds(), np.finfo(np.float32).max).astype(dtype)
+    return spaces.Box(-bounds, bounds, dtype=dtype)
 
 
 def action_space(craft: Spacecraft) -> spaces.MultiDiscrete:

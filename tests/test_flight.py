@@ -58,7 +58,7 @@ def test_the_books_of_a_flight(shipped: Spacecraft) -> None:
     starts = scenarios(task, shipped, seed=1, count=count)
     flight = fly(shipped, task, pilot, starts, timing)
     assert pilot.resets == [count]
-    assert [x.shape for x in pilot.seen] == [(count, observation_width(shipped.dimension))] * 4
+    assert [x.shape for x in pilot.seen] == [(count, observation_width(GoToPose(), shipped.dimension))] * 4
     assert {x.dtype for x in pilot.seen} == {np.dtype(np.float32)}
     assert {x.shape for x in leaves(flight.states)} == {(5, count)}
     assert flight.commands.shape == (4, count, len(shipped.thrusters))

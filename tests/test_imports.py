@@ -17,7 +17,7 @@ LAYERS: list[set[str]] = [
     {"rans.files", "rans.processes"},
     {"rans.model", "rans.pretrained"},
     {"rans.tasks"},
-    {"rans.scenario"},
+    {"rans.scenario", "rans.episode"},
     {"rans.flight"},
     {"rans.drawing", "rans.spaces", "rans.window"},
     {"rans.environment"},

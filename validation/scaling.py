@@ -78,7 +78,7 @@ class Scaling:
         settings = PPOSettings(n_envs=total, n_steps=self.n_steps, batch_size=total * self.n_steps // 4,
                                layers=self.layers, matmul=self.matmul)
         engine = Engine(load_spacecraft("floating-platform"), GoToPose(), self.n_envs, device=self.device,
-                        world=world)
+                        processes=world)
         model = make_ppo(engine, settings, seed=0)
         model.start()
 

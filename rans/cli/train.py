@@ -121,7 +121,7 @@ class Train:
 
         compile_in_this_process()
         trainer = self._trainer()
-        if not trainer.world.is_first:
+        if not trainer.processes.is_first:
             return _assist(trainer)
         watched = _watched(trainer.run.path) if self.view else contextlib.nullcontext()
         with watched, TrainingProgress(trainer.config) as progress, StopGently() as stop:

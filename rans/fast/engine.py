@@ -11,18 +11,19 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from rans.episode import Episode, World
 from rans.errors import ConfigError
 from rans.fast.body import in_memory
 from rans.fast.distributed import ALONE, Processes
-from rans.fast.episode import Episodes, Simulation
 from rans.fast.kernels.launch import Kernel
-from rans.fast.step import Step, results, step_tensors
+from rans.fast.step import Step, results, step_and_restart, step_tensors
 from rans.model.dynamics import NODES, MassProperties
 from rans.model.fields import leaves, map_leaves
 from rans.model.random import seed_words
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
-from rans.tasks.base import Task, observation, observation_width
+from rans.tasks.base import Task, layout
+from rans.tasks.rewards import Transition
 
 _FLOAT32_NODES = 4
 """Quadrature nodes at which float32 rounding hides the rule's error, up to 15 rad/s."""
@@ -51,7 +52,7 @@ class Engine:
             128 spacecraft, and without a compiler.
         generated: whether on a GPU the step is the kernel of docs/decisions/007-generated-kernel.md, 1.4
             to 2.7 times as fast as torch.compile's, which stands in where it cannot be made.
-        world: the processes among which the batch is divided; ``num_envs`` are this one's.
+        processes: those among which the batch is divided; ``num_envs`` are this one's.
         body: mass properties other than the craft's, each one number or (N,), one for each spacecraft.
 
     Raises:
@@ -62,7 +63,7 @@ class Engine:
     def __init__(self, craft: Spacecraft, task: Task, num_envs: int, timing: Timing | None = None, *,
                  seed: int = 0, device: str | torch.device = "cpu",
                  dtype: torch.dtype = torch.float32, compiled: bool | None = None,
-                 generated: bool = True, world: Processes = ALONE,
+                 generated: bool = True, processes: Processes = ALONE,
                  body: MassProperties | None = None) -> None:
         if not isinstance(craft, Spacecraft):
             raise ConfigError(f"craft must be a Spacecraft, got {craft!r}; rans.load_spacecraft reads one.")
@@ -74,20 +75,20 @@ class Engine:
         self.craft, self.task, self.timing = craft, task, timing or Timing()
         self.num_envs, self.dtype, self.device = num_envs, dtype, torch.device(device)
         self.compiled = self.device.type == "cuda" if compiled is None else compiled
-        self.world = world
-        self.observation_width = observation_width(craft.dimension)
+        self.processes = processes
+        self.layout = layout(task, craft.dimension)
         fields = field_dtype(self.device, dtype, self.compiled)
         self._on_numpy = not isinstance(fields, torch.dtype)
         nominal = MassProperties.of(craft)
-        self._simulation = Simulation(
-            craft, task, self.timing, fields,
-            body=in_memory(body or nominal, nominal, num_envs, self._field),
+        self._fields = fields
+        self._world = World(
+            craft, task, self.timing, in_memory(body or nominal, nominal, num_envs, self._field),
             nodes=_FLOAT32_NODES if dtype == torch.float32 else NODES)
         step = step_tensors
         self._step = torch.compile(step, fullgraph=True, dynamic=False) if self.compiled else step
         self._seed: tuple[Any, Any] = (self._int32(0), self._int32(0))
-        self._numbers = self._first_numbers(), num_envs * world.size
-        self._episodes: Episodes = self._allocate(seed)
+        self._numbers = self._first_numbers(), num_envs * processes.size
+        self._episode = self._allocate(seed)
         self._kernel = self._generated() if generated else None
         self.reset(seed)
 
@@ -102,24 +103,29 @@ class Engine:
     @cached_property
     def term_names(self) -> tuple[str, ...]:
         """Names of the reward terms, in the order of `Step.terms`."""
-        e = self._episodes
+        e = self._episode
         shut = (leaves(e.state)[0] * 0.0,) * len(self.craft.thrusters)
-        return tuple(self.task.reward(e.state, e.goal, shut, shut))
+        return tuple(self.task.reward(Transition(e.state, e.goal, shut, shut)))
+
+    @property
+    def observation_width(self) -> int:
+        """Columns of an observation."""
+        return self.layout.width
 
     @property
     def state(self) -> Any:
         """The current `State`; its fields are views that the next step overwrites."""
-        return self._episodes.state
+        return self._episode.state
 
     @property
     def body(self) -> MassProperties:
         """Mass properties; fields (N,) among them may be written in place, which compiles nothing."""
-        return self._simulation.body
+        return self._world.body or MassProperties.of(self.craft)
 
     @property
     def goal(self) -> Any:
         """The current goals; fields that never vary are floats."""
-        return self._episodes.goal
+        return self._episode.goal
 
     def reset(self, seed: int | None = None) -> Tensor:
         """Start a new episode everywhere.
@@ -130,34 +136,34 @@ class Engine:
         Returns:
             Observation (N, width).
         """
-        simulation, clock = self._simulation, self._episodes.clock
+        world, clock = self._world, self._episode.clock
         if seed is None:
-            self._write(clock, simulation.next_episode(clock))
+            self._write(clock, world.next_episode(clock))
         else:
             self._set_seed(seed_words(seed))
             self._write(clock, 0)
-        start, goal = simulation.begin(self._seed, simulation.number(clock, self._numbers))
-        begun = Episodes(start, goal, clock, previous=(0,) * len(self._episodes.previous))
+        start, goal = world.begin(self._seed, world.number(clock, self._numbers), self._fields)
+        begun = Episode(start, goal, clock, previous=(0,) * len(self._episode.previous))
         for buffer, value in zip(self._buffers(), begun.memory(), strict=True):
             self._write(buffer, value)
         return self.observe()
 
     def stagger(self, generator: torch.Generator | None = None) -> None:
         """Pretend the episodes started at random times, so that they do not all end together."""
-        limit, everywhere = self.timing.episode_steps, self.num_envs * self.world.size
-        steps = self.world.mine(
+        limit, everywhere = self.timing.episode_steps, self.num_envs * self.processes.size
+        steps = self.processes.mine(
             torch.randint(0, limit, (everywhere,), generator=generator, dtype=torch.int32))
-        clock = self._episodes.clock
-        clock -= clock & self._simulation.step_mask
+        clock = self._episode.clock
+        clock -= clock & self._world.step_mask
         clock += steps.numpy() if self._on_numpy else steps.to(self.device)
 
     def observe(self) -> Tensor:
         """The current observation, (N, width)."""
-        return self._stack(observation(self.task, self._episodes.state, self._episodes.goal)).T
+        return self._stack(self._world.observe(self._episode)).T
 
     def errors(self) -> dict[str, Tensor]:
         """The task's errors in the current state by name, each (N,)."""
-        errors = self.task.errors(self._episodes.state, self._episodes.goal)
+        errors = self.task.errors(self._episode.state, self._episode.goal)
         return {name: torch.as_tensor(error) for name, error in errors.items()}
 
     def step(self, action: Tensor) -> Step:
@@ -177,14 +183,14 @@ class Engine:
             return self._step_numpy(action)
         if self._kernel is not None:
             return self._kernel(action)
-        return self._step(self._simulation, self._episodes, action, self._seed, self._numbers)
+        return self._step(self._world, self._episode, action, self._seed, self._numbers, self._fields)
 
     def _generated(self) -> Kernel | None:
         """The step as one generated kernel; without it torch's compiler makes several."""
         if self.device.type != "cuda" or not self.compiled:
             return None
         try:
-            kernel = Kernel(self._simulation, self._episodes, self._seed, self.world)
+            kernel = Kernel(self._world, self._episode, self._seed, self.processes, self.dtype)
             kernel.function(self.dtype)
         except Exception as error:  # no compiler, or a task of the user's that only torch understands
             warnings.warn(f"torch.compile makes this engine's step, which is slower: {error}", stacklevel=3)
@@ -192,15 +198,15 @@ class Engine:
         return kernel
 
     def _step_numpy(self, action: Tensor) -> Step:
-        command = tuple(np.ascontiguousarray(action.numpy().T).astype(self._simulation.dtype))
-        after, outcome = self._simulation.step(self._episodes, command, self._seed, self._numbers)
-        for buffer, value in zip(self._buffers(), after.memory(), strict=True):
+        command = tuple(np.ascontiguousarray(action.numpy().T).astype(self._fields))
+        seen = step_and_restart(self._world, self._episode, command, self._seed, self._numbers, self._fields)
+        for buffer, value in zip(self._buffers(), seen.after.memory(), strict=True):
             self._write(buffer, value)
-        return results(outcome, lambda rows: torch.from_numpy(np.stack(rows)), torch.from_numpy)
+        return results(seen, lambda rows: torch.from_numpy(np.stack(rows)), torch.from_numpy)
 
     def save_state(self) -> dict[str, Any]:
         """Everything a later `load_state` needs to go on bit-identically."""
-        buffers = [self.world.whole(torch.as_tensor(b)).clone() for b in self._buffers()]
+        buffers = [self.processes.whole(torch.as_tensor(b)).clone() for b in self._buffers()]
         return {"buffers": buffers, "seed": [int(w) for w in self._seed],
                 "episode_steps": self.timing.episode_steps}
 
@@ -210,7 +216,7 @@ class Engine:
         Raises:
             ConfigError: it was saved with another number of environments, dimension or length of episodes.
         """
-        buffers, values = self._buffers(), [self.world.mine(value) for value in saved["buffers"]]
+        buffers, values = self._buffers(), [self.processes.mine(value) for value in saved["buffers"]]
         if [tuple(b.shape) for b in buffers] != [tuple(v.shape) for v in values]:
             raise ConfigError(
                 f"the saved state is not one of {self.num_envs} environments of {self.craft.name!r}; "
@@ -232,23 +238,23 @@ class Engine:
                 tensor.fill_(word)
 
     def _first_numbers(self) -> Any:
-        numbers = self.world.rank, self.num_envs * self.world.size, self.world.size
+        numbers = self.processes.rank, self.num_envs * self.processes.size, self.processes.size
         if self._on_numpy:
             return np.arange(*numbers, dtype=np.int32)
         return torch.arange(*numbers, dtype=torch.int32, device=self.device)
 
-    def _allocate(self, seed: int) -> Episodes:
+    def _allocate(self, seed: int) -> Episode:
         """Buffers of the right shape; their content is written by `reset`."""
         self._set_seed(seed_words(seed))
-        start, goal = self._simulation.begin(self._seed, self._numbers[0])
+        start, goal = self._world.begin(self._seed, self._numbers[0], self._fields)
         where = {} if self._on_numpy else {"device": self.device}
         zeros: Any = np.zeros if self._on_numpy else torch.zeros
-        buffer = lambda _: zeros(self.num_envs, dtype=self._simulation.dtype, **where)  # noqa: E731
-        return Episodes(
+        buffer = lambda _: zeros(self.num_envs, dtype=self._fields, **where)  # noqa: E731
+        return Episode(
             state=map_leaves(buffer, start),
             goal=map_leaves(lambda x: x if isinstance(x, float) else buffer(x), goal),
             clock=self._numbers[0] * 0,
-            previous=self._shut() if self.task.watches_switching else (),
+            previous=self._shut() if self._world.watches_switching else (),
         )
 
     def _shut(self) -> tuple[Any, ...]:
@@ -257,7 +263,7 @@ class Engine:
         return tuple(zeros) if self._on_numpy else torch.from_numpy(zeros).to(self.device).unbind()
 
     def _buffers(self) -> list[Any]:
-        return self._episodes.memory()
+        return self._episode.memory()
 
     def _write(self, buffer: Any, value: Any) -> None:
         buffer[:] = value

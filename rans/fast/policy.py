@@ -20,46 +20,21 @@ from rans.errors import ConfigError
 from rans.fast.distributed import ALONE, Processes
 from rans.fast.learn.config import Precision
 from rans.fast.symmetry import Symmetries
-from rans.model.fields import Field
+from rans.tasks.sight import Block, Drawn, Layout, OwnAttitude, Scalar, Spin, Turn, VectorInW
 
 ACTIVATIONS: dict[str, type[nn.Module]] = {"tanh": nn.Tanh, "elu": nn.ELU, "relu": nn.ReLU}
 
 
-class BodyFrame(nn.Module):
-    """Turns the vectors of an observation from the world frame W into the body frame B.
+def paper_layout(width: int) -> Layout:
+    """The layout of policies that were saved without one: 10 or 22 columns of any of the paper's tasks.
 
-    The paper's observation gives velocity and way to go in W, but thrusters push in B: a network
-    would have to learn the rotation, and to learn it again for every heading. Without gravity or
-    floor nothing else depends on W, so the attitude itself is dropped (decision 004).
-
-    Plane, 10 columns to 8: v_B (2), w, task flag, first vector of the task data in B (2), rest (2).
-    Space, 22 columns to 16: v_B (3), w (3), task flag, first vector in B (3), rest (6).
+    Data beside the way to go are a rotation, or with the flag of TrackTwist (3) an angular velocity.
     """
-
-    def __init__(self, width: int) -> None:
-        super().__init__()
-        self.dimension = 2 if width == 10 else 3
-        self.width = width - (2 if self.dimension == 2 else 6)
-
-    def forward(self, observation: Tensor) -> Tensor:
-        """(N, width) with vectors in W to (N, self.width) with vectors in B."""
-        return torch.stack(self.turned(observation.unbind(dim=1)), dim=1)
-
-    def turned(self, columns: Sequence[Field]) -> list[Field]:
-        """The same column by column, in whatever library the columns are of."""
-        return self._planar(columns) if self.dimension == 2 else self._spatial(columns)
-
-    def _planar(self, x: Sequence[Field]) -> list[Field]:
-        c, s, v_x, v_y, w, flag, d_x, d_y, *rest = x
-        return [c * v_x + s * v_y, c * v_y - s * v_x, w, flag, c * d_x + s * d_y, c * d_y - s * d_x,
-                *rest]
-
-    def _spatial(self, x: Sequence[Field]) -> list[Field]:
-        """The third row of the rotation matrix is the cross product of the first two."""
-        a, b, v, w, flag, d, rest = x[:3], x[3:6], x[6:9], x[9:12], x[12], x[13:16], x[16:]
-        third = (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
-        turn = lambda u: [p * u[0] + q * u[1] + r * u[2] for p, q, r in zip(a, b, third, strict=True)]  # noqa: E731
-        return [*turn(v), *w, flag, *turn(d), *rest]
+    axes, spins, turn = (2, 1, 2) if width == 10 else (3, 3, 6)
+    twist = (Block(Spin, spins), *(Block(Scalar, 1),) * (turn - spins))
+    choices = (*((float(flag), (Block(Turn, turn),)) for flag in (0, 1, 2, 4)), (3.0, twist))
+    return Layout((Block(OwnAttitude, turn), Block(VectorInW, axes), Block(Spin, spins), Block(Scalar, 1),
+                   Block(VectorInW, axes), Block(Drawn, turn, choices)))
 
 
 class NormalisedMlp(BaseFeaturesExtractor):
@@ -76,15 +51,18 @@ class NormalisedMlp(BaseFeaturesExtractor):
             as plain to see as a metre (decision 008). 0: no second look.
         symmetries: of the spacecraft, whose policy is then an `OnOffPolicy`: it sees every state from the
             one of its equivalent sides that has the goal ahead (decision 009).
+        layout: which columns are what; None: those of the paper's tasks.
         bf16: whether on a GPU the hidden layers' products are of bfloat16.
     """
 
     def __init__(self, observation_space: gymnasium.spaces.Box, layers: Sequence[int] = (128, 128),
                  activation: str = "tanh", clip: float = 10.0, zoom: float = 0.0,
-                 symmetries: Symmetries | None = None, bf16: bool = False) -> None:
+                 symmetries: Symmetries | None = None, layout: Layout | None = None,
+                 bf16: bool = False) -> None:
         super().__init__(observation_space, layers[-1])
-        self.body_frame = BodyFrame(observation_space.shape[0])
-        width = self.body_frame.width
+        self.layout = layout or paper_layout(observation_space.shape[0])
+        self._body = self.layout.body
+        width = self._body.width
         self.clip, self.zoom, self.bf16 = clip, zoom, bf16
         self.mean: Tensor
         self.variance: Tensor
@@ -118,11 +96,12 @@ class NormalisedMlp(BaseFeaturesExtractor):
 
         The latter is None for spacecraft whose symmetry is not used.
         """
-        columns, views = self.body_frame.turned(observations.to(self.mean.dtype).unbind(dim=1)), self.views
-        if views is None:
+        columns, views = self.layout.in_body(observations.to(self.mean.dtype).unbind(dim=1)), self.views
+        way = self._body.ahead(columns)
+        if views is None or way is None:
             return torch.stack(columns, dim=1), None
-        which = views.which(columns)
-        return torch.stack(views.viewed(columns, which), dim=1), views.place[which]
+        which = views.which(way)
+        return torch.stack(views.viewed(self._body, columns, which), dim=1), views.place[which]
 
     def precision(self, x: Tensor) -> AbstractContextManager[Any]:
         """In this context x is multiplied as `bf16` says."""
@@ -195,7 +174,8 @@ class OnOff(NamedTuple):
 
 
 def network(layers: Sequence[int] = (64, 64), activation: str = "tanh", zoom: float = 0.0,
-            symmetries: Symmetries | None = None, bf16: bool = False) -> dict[str, Any]:
+            symmetries: Symmetries | None = None, layout: Layout | None = None,
+            bf16: bool = False) -> dict[str, Any]:
     """SB3's ``policy_kwargs`` for one trunk shared by actor and critic, and Adam in one kernel.
 
     With symmetries the policy must be an `OnOffPolicy`.
@@ -204,7 +184,7 @@ def network(layers: Sequence[int] = (64, 64), activation: str = "tanh", zoom: fl
         "features_extractor_class": NormalisedMlp,
         "features_extractor_kwargs": {
             "layers": layers, "activation": activation, "zoom": zoom, "symmetries": symmetries,
-            "bf16": bf16},
+            "layout": layout, "bf16": bf16},
         "net_arch": [],
         "optimizer_kwargs": {"fused": True, "eps": 1e-5},
     }

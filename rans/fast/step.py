@@ -1,4 +1,4 @@
-"""What one step of an engine gives, and how torch makes it."""
+"""One step of an engine: the episode's, with the next episode begun where one ended."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
-from rans.fast.episode import Episodes, Outcome, Simulation
+from rans.episode import Command, Episode, Outcome, World, restart, step
+from rans.model.fields import Field
 
 
 class Step(NamedTuple):
@@ -29,24 +30,46 @@ class Step(NamedTuple):
     """(terms, N): reward by term, in the order of `Engine.term_names`."""
 
 
-def step_tensors(simulation: Simulation, episodes: Episodes, action: Tensor,
-                 seed: tuple[Tensor, Tensor], numbers: tuple[Tensor, int]) -> Step:
-    """One step on tensors, writing the episodes' buffers in place; this is what is compiled."""
-    command = tuple(action[:, i].to(simulation.dtype) for i in range(action.shape[1]))
-    after, outcome = simulation.step(episodes, command, seed, numbers)
-    for buffer, value in zip(episodes.memory(), after.memory(), strict=True):
+class Seen(NamedTuple):
+    """One step of fields, in whatever library."""
+
+    after: Episode
+    """The episode to act in next."""
+    outcome: Outcome
+    """Of the one that acted."""
+    observation: tuple[Field, ...]
+    """Of the episode to act in next."""
+    final_observation: tuple[Field, ...]
+    """Of the state arrived in."""
+
+
+def step_and_restart(world: World, episode: Episode, command: Command, seed: tuple[Field, Field],
+                     numbers: tuple[Field, Any], dtype: Any) -> Seen:
+    """`rans.episode.step` and, where an episode ended, `rans.episode.restart`."""
+    outcome = step(world, episode, command)
+    after = restart(world, outcome, seed, numbers, dtype)
+    return Seen(after, outcome, world.observe(after), world.observe(outcome.episode))
+
+
+def step_tensors(world: World, episode: Episode, action: Tensor, seed: tuple[Tensor, Tensor],
+                 numbers: tuple[Tensor, int], dtype: torch.dtype) -> Step:
+    """One step on tensors, writing the episode's buffers in place; this is what is compiled."""
+    command = tuple(action[:, i].to(dtype) for i in range(action.shape[1]))
+    seen = step_and_restart(world, episode, command, seed, numbers, dtype)
+    for buffer, value in zip(episode.memory(), seen.after.memory(), strict=True):
         buffer.copy_(value)
-    return results(outcome, torch.stack, lambda x: x)
+    return results(seen, torch.stack, lambda x: x)
 
 
-def results(outcome: Outcome, stack: Any, wrap: Any) -> Step:
-    """An outcome as tensors: ``stack`` makes one of several fields, ``wrap`` of one."""
+def results(seen: Seen, stack: Any, wrap: Any) -> Step:
+    """A step as tensors: ``stack`` makes one of several fields, ``wrap`` of one."""
+    outcome = seen.outcome
     return Step(
-        observation=stack(outcome.observation).T,
+        observation=stack(seen.observation).T,
         reward=wrap(outcome.reward),
         terminated=wrap(outcome.terminated),
         truncated=wrap(outcome.truncated),
-        final_observation=stack(outcome.final_observation).T,
+        final_observation=stack(seen.final_observation).T,
         reached=wrap(outcome.reached),
         terms=stack(tuple(outcome.terms.values())),
     )

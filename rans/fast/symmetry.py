@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from rans.model.fields import Field, where
+from rans.model.fields import Field
 from rans.model.spacecraft import Spacecraft, Thruster
-from rans.tasks import TrackTwist
+from rans.tasks.sight import Columns, Layout
 
 _AIM = (0.9, 0.38, 0.21)
 """Of all equivalent views, the one taken has the goal nearest to this direction. Any will do that lies in
@@ -28,26 +28,18 @@ class Symmetries(NamedTuple):
     place: Any
     """(S, n): index of the thruster that thruster i looks like in the view."""
 
-    def which(self, seen: Sequence[Field]) -> Field:
-        """Index (N,) of the view to take of columns in B, as `rans.fast.policy.BodyFrame` gives them."""
-        _, _, _, way, _ = _parts(seen)
+    def which(self, way: Columns) -> Field:
+        """Index (N,) of the view to take of a vector in B, `Layout.ahead`: the one that has it ahead."""
         goal: Any = [d[:, None] for d in way]
         ahead = sum(a * sum(self.turn[:, i, j] * d for j, d in enumerate(goal))
                     for i, a in enumerate(_AIM[:len(way)]))
         return ahead.argmax(1)  # type: ignore[union-attr]
 
-    def viewed(self, seen: Sequence[Field], which: Field) -> list[Field]:
-        """The columns as the chosen views show them."""
+    def viewed(self, layout: Layout, seen: Columns, which: Field) -> list[Field]:
+        """The columns in B as the chosen views show them."""
         turn, hand = self.turn[which], self.hand[which]
-        v, w, flag, way, rest = _parts(seen)
         view = lambda u: [sum(turn[:, i, j] * x for j, x in enumerate(u)) for i in range(len(u))]  # noqa: E731
-        if len(v) == 2:
-            first = where(flag == TrackTwist.flag, rest[0] * hand, rest[0])
-            return [*view(v), w[0] * hand, flag, *view(way), first, rest[1] * hand]
-        spin = [x * hand for x in view(w)]
-        rotation, twist = _rotation(view, rest), [x * hand for x in view(rest[:3])] + list(rest[3:])
-        data = [where(flag == TrackTwist.flag, a, b) for a, b in zip(twist, rotation, strict=True)]
-        return [*view(v), *spin, flag, *view(way), *data]
+        return layout.mirrored(seen, view, hand)
 
 
 def symmetries(craft: Spacecraft) -> Symmetries | None:
@@ -60,20 +52,6 @@ def symmetries(craft: Spacecraft) -> Symmetries | None:
         return None
     turn = np.array([view for view, _ in found])
     return Symmetries(turn, np.linalg.det(turn).round(), np.array([place for _, place in found]))
-
-
-def _parts(x: Sequence[Field]) -> tuple[Sequence[Field], ...]:
-    """Velocity, spin, task flag, first vector and rest of the task data, of columns in B."""
-    d, k = (2, 1) if len(x) == 8 else (3, 3)
-    return x[:d], x[d:d + k], x[d + k], x[d + k + 1:2 * d + k + 1], x[2 * d + k + 1:]
-
-
-def _rotation(view: Any, rest: Sequence[Field]) -> list[Field]:
-    """First two rows of G R G^T, where G is the view and rest holds the first two rows of R."""
-    a, b = rest[:3], rest[3:]
-    third = [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-    columns = [view(column) for column in zip(a, b, third, strict=True)]
-    return [x for row in list(zip(*columns, strict=True))[:2] for x in view(row)]
 
 
 def _candidates(craft: Spacecraft) -> Iterator[np.ndarray]:

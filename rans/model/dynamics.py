@@ -7,13 +7,14 @@ flies free or floats on air.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import numpy as np
 
-from rans.model.fields import Field, Heading, Quat, Vec2, Vec3, at_least, cos, sin
+from rans.model.fields import Attitude, Field, Heading, Quat, Vec2, Vec3, Vector, at_least, cos, sin
 from rans.model.magnus import Rotation, Series, at, exponential, last_product, total, turned
 from rans.model.spacecraft import Spacecraft
 
@@ -38,7 +39,21 @@ _RULES = {count: _gauss_legendre(count) for count in range(1, NODES + 3)}
 
 
 @dataclass(frozen=True)
-class PlanarState:
+class State(ABC):
+    """Motion of the body frame B in the world frame W: `PlanarState` or `SpatialState`."""
+
+    p: Vector
+    attitude: Attitude
+    v: Vector
+    w: Field
+
+    @abstractmethod
+    def spin(self) -> tuple[Field, ...]:
+        """The components of the angular velocity, rad/s."""
+
+
+@dataclass(frozen=True)
+class PlanarState(State):
     """Motion in the plane (3DoF)."""
 
     p: Vec2
@@ -60,7 +75,7 @@ class PlanarState:
 
 
 @dataclass(frozen=True)
-class SpatialState:
+class SpatialState(State):
     """Motion in space (6DoF)."""
 
     p: Vec3
@@ -81,7 +96,6 @@ class SpatialState:
         return self.w.columns()
 
 
-State = PlanarState | SpatialState
 AnyState = TypeVar("AnyState", PlanarState, SpatialState)
 
 

@@ -15,10 +15,11 @@ from __future__ import annotations
 import dataclasses
 import math
 import sys
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, TypeVar
+from typing import Any, Self, TypeVar
 
 import numpy as np
 
@@ -97,6 +98,11 @@ def wrap(angle: Field) -> Field:
     return angle - math.tau * floor(angle / math.tau + 0.5)
 
 
+def finite(*xs: Field) -> Field:
+    """Whether all of them are numbers: a sum is neither NaN nor infinite unless one of its terms is."""
+    return absolute(sum(xs[1:], start=xs[0])) < 1e30  # beyond float32's squares
+
+
 def leaves(tree: Any) -> tuple[Field, ...]:
     """The fields of a tree of frozen dataclasses, in the order of definition."""
     if not dataclasses.is_dataclass(tree):
@@ -122,11 +128,50 @@ def unflatten(tree: Tree, fields: Any) -> Tree:
 
 
 @dataclass(frozen=True)
-class Vec2:
-    """A vector in the plane."""
+class Vector(ABC):
+    """A vector in the plane or in space: `Vec2` or `Vec3`."""
 
     x: Field
     y: Field
+
+    @abstractmethod
+    def __add__(self, other: Any, /) -> Self: ...
+
+    @abstractmethod
+    def __sub__(self, other: Any, /) -> Self: ...
+
+    @abstractmethod
+    def scale(self, s: Field) -> Self:
+        """The vector times a scalar field."""
+
+    @abstractmethod
+    def norm(self) -> Field:
+        """Euclidean length."""
+
+    @abstractmethod
+    def columns(self) -> tuple[Field, ...]:
+        """The components, in order."""
+
+
+class Attitude(ABC):
+    """A rotation in the plane or in space: `Heading` or `Quat`."""
+
+    @abstractmethod
+    def to(self, goal: Any) -> Attitude:
+        """The rotation from this attitude to the goal's, R_B^T R_goal."""
+
+    @abstractmethod
+    def magnitude(self) -> Field:
+        """The angle of the shortest equal rotation, rad, in [0, pi]."""
+
+    @abstractmethod
+    def columns(self) -> tuple[Field, ...]:
+        """What a policy sees of it: (cos, sin), or the first two rows of the rotation matrix."""
+
+
+@dataclass(frozen=True)
+class Vec2(Vector):
+    """A vector in the plane."""
 
     def __add__(self, other: Vec2) -> Vec2:
         return Vec2(self.x + other.x, self.y + other.y)
@@ -152,11 +197,9 @@ class Vec2:
 
 
 @dataclass(frozen=True)
-class Vec3:
+class Vec3(Vector):
     """A vector in space."""
 
-    x: Field
-    y: Field
     z: Field
 
     def __add__(self, other: Vec3) -> Vec3:
@@ -191,7 +234,7 @@ class Vec3:
 
 
 @dataclass(frozen=True)
-class Heading:
+class Heading(Attitude):
     """A rotation in the plane, R_WB, given by its angle.
 
     Like `Quat`, it rotates vectors, compares with another rotation and lists its entries, so that a
@@ -224,7 +267,7 @@ class Heading:
 
 
 @dataclass(frozen=True)
-class Quat:
+class Quat(Attitude):
     """A rotation in space, R_WB, given by a unit quaternion (w, x, y, z)."""
 
     w: Field

@@ -1,6 +1,6 @@
 """Symbols: fields that write down what is done to them.
 
-Running `rans.fast.episode.Simulation.step` on symbols gives its operations as a graph, every one of them
+Running `rans.episode.step` on symbols gives its operations as a graph, every one of them
 once, with constants folded: the straight-line program that `rans.fast.kernels.source` prints.
 """
 
@@ -211,6 +211,12 @@ def ordered(roots: Iterable[Symbol], known: Iterable[Symbol] = ()) -> Iterator[S
             seen.add(symbol)
             stack.append((symbol, True))
             stack.extend((arg, False) for arg in reversed(symbol.args))
+
+
+def depends(roots: Iterable[Operand], inputs: Iterable[Symbol]) -> bool:
+    """Whether any of the inputs has a part in any of the roots."""
+    made_of = set(ordered(root for root in roots if isinstance(root, Symbol)))
+    return not made_of.isdisjoint(inputs)
 
 
 def substituted(roots: Iterable[Symbol], values: Mapping[Symbol, Symbol]) -> list[Symbol]:

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-import numpy as np
-
 from rans.environment import Environment
-from rans.reference.flight import rows_from_states, states_from_rows
+from rans.episode import Mover
+from rans.reference.flight import mover
 from rans.reference.plant import Plant
 
 
@@ -22,11 +19,5 @@ class DrakeEnv(Environment):
         ConfigError: see `Environment`; or Drake refuses the spacecraft's mass properties.
     """
 
-    def __init__(self, *arguments: Any, **options: Any) -> None:
-        super().__init__(*arguments, **options)
-        self._plant = Plant(self.craft)
-
-    def _moved(self, state: Any, command: tuple[float, ...]) -> Any:
-        rows = self._plant.advance(rows_from_states(state)[None], np.array([command]),
-                                   self.timing.control_period)
-        return states_from_rows(rows[0], state)
+    def _mover(self) -> Mover:
+        return mover(Plant(self.craft), self.timing)

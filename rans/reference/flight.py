@@ -6,39 +6,32 @@ from typing import Any
 
 import numpy as np
 
-from rans.flight import Controller, Flight
+from rans.episode import Command, Episode, Mover
+from rans.flight import Controller, Flight, fly
 from rans.model.dynamics import State
 from rans.model.fields import leaves, unflatten
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.reference.plant import Plant
 from rans.scenario import Scenario
-from rans.tasks.base import Task, observation
+from rans.tasks.base import Task
 
 
 def fly_in_drake(craft: Spacecraft, task: Task, controller: Controller, starts: Scenario,
                  timing: Timing) -> Flight:
-    """Fly a batch of scenarios in Drake, as `rans.flight.fly` does with our equations.
+    """Fly a batch of scenarios as `rans.flight.fly` does, moved by Drake; substeps do not concern it."""
+    plant = Plant(craft, len(leaves(starts.start)[0]))
+    return fly(craft, task, controller, starts, timing, "drake", mover(plant, timing))
 
-    Args:
-        craft: what flies.
-        task: gives the observations.
-        controller: sees all N episodes at once, with headings wrapped and quaternions normalised.
-        starts: fields of float64 arrays (N,), as `rans.flight.scenarios` gives them.
-        timing: control period and length; its substeps do not concern Drake.
-    """
-    goal, count = starts.goal, len(leaves(starts.start)[0])
 
-    def act(rows: np.ndarray) -> np.ndarray:
-        state = states_from_rows(rows, starts.start).normalised()
-        seen = np.stack(observation(task, state, goal), axis=1).astype(np.float32)
-        return controller.act(state, goal, seen)
+def mover(plant: Plant, timing: Timing) -> Mover:
+    """Drake as what moves the spacecraft of an episode."""
+    def move(episode: Episode, command: Command) -> Any:
+        rows, commands = rows_from_states(episode.state), np.stack(command, axis=-1)
+        moved = plant.advance(np.atleast_2d(rows), np.atleast_2d(commands), timing.control_period)
+        return states_from_rows(moved.reshape(rows.shape), episode.state).normalised()
 
-    controller.reset(count)
-    rows, commands = Plant(craft, count).follow(
-        rows_from_states(starts.start), act, timing.episode_steps, timing.control_period)
-    states = states_from_rows(rows, starts.start).normalised()
-    return Flight(craft, task, timing, states, goal, commands, controller.name, "drake")
+    return move
 
 
 def replay(craft: Spacecraft, start: State, commands: np.ndarray, timing: Timing) -> Any:

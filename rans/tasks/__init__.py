@@ -9,6 +9,7 @@ from rans.tasks.base import SingleTask, Task, observation, observation_columns, 
 from rans.tasks.go_to_pose import GoToPose
 from rans.tasks.go_to_position import GoToPosition
 from rans.tasks.multi_task import MultiTask
+from rans.tasks.rewards import Transition
 from rans.tasks.track_twist import TrackTwist
 from rans.tasks.track_velocity import TrackVelocity
 from rans.tasks.track_velocity_heading import TrackVelocityHeading
@@ -61,6 +62,6 @@ def drawn(task: Task, goal: Any) -> Task:
 
 __all__ = [
     "GYMNASIUM_IDS", "TASKS", "GoToPose", "GoToPosition", "MultiTask", "SingleTask", "Task", "TrackTwist",
-    "TrackVelocity", "TrackVelocityHeading", "drawn", "observation", "observation_columns",
+    "Transition",    "TrackVelocity", "TrackVelocityHeading", "drawn", "observation", "observation_columns",
     "observation_width", "parts", "task_class",
 ]

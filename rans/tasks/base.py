@@ -1,88 +1,74 @@
-"""What a task is, and the observation every task shares."""
+"""What a task is, and how what it shows becomes the observation of a policy."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal, Protocol
+from typing import Any, ClassVar
+
+import numpy as np
 
 from rans.errors import ConfigError
 from rans.model.dynamics import State
 from rans.model.fields import Field
 from rans.model.random import Random
-from rans.tasks.rewards import Prices
+from rans.model.trace import Symbol
+from rans.tasks.rewards import Prices, Transition
+from rans.tasks.settings import map_settings
+from rans.tasks.sight import Column, Dimension, Entry, Layout, OwnAttitude, Scalar, Sight, Spin, VectorInW
 
-Dimension = Literal[2, 3]
+UNITS = {"position": "m", "attitude": "rad", "velocity": "m/s", "spin": "rad/s"}
+"""Units of the errors a task may name."""
 
 
-class Task(Protocol):
+class Task(ABC):
     """A frozen dataclass of settings with pure functions over fields; no engine inside.
 
     The same object serves the plane and space, and torch, NumPy and CasADi. A task never truncates:
     time belongs to the engine.
     """
 
-    def flag_of(self, goal: Any) -> Field:
-        """The paper's task flag tf, by which a policy knows its task."""
-        ...
+    @abstractmethod
+    def flag_of(self, goal: State) -> Field:
+        """The paper's task flag tf, by which a policy knows the task that a goal is of."""
 
+    @abstractmethod
     def sample(self, random: Random) -> tuple[State, State]:
         """Start and goal of one episode."""
-        ...
 
     def for_evaluation(self) -> Task:
-        """The task with the starts and goals that agents are judged on."""
-        ...
+        """The task with the starts and goals that agents are judged on: by default those of training."""
+        return self
 
-    def residual(self, state: Any, goal: Any) -> tuple[Field, ...]:
-        """The paper's task data td (Table 1), smooth.
+    @abstractmethod
+    def sight(self, state: State, goal: State) -> tuple[Entry, ...]:
+        """What a policy sees of the way to the goal, smooth: the paper's task data td (Table 1).
 
-        Policies observe it, optimal controllers drive it to `residual_target`.
+        Optimal controllers drive it to the entries' targets.
         """
-        ...
 
-    def residual_target(self, dimension: Dimension) -> tuple[float, ...]:
-        """Value of `residual` at the goal."""
-        ...
-
-    def residual_columns(self, dimension: Dimension) -> tuple[Column, ...]:
-        """One row of the observation table per entry of `residual`."""
-        ...
-
-    def errors(self, state: Any, goal: Any) -> dict[str, Field]:
+    @abstractmethod
+    def errors(self, state: State, goal: State) -> dict[str, Field]:
         """Distance from the goal by quantity; the names are keys of `UNITS`."""
-        ...
 
+    @abstractmethod
     def tolerances(self) -> dict[str, float]:
         """The error below which each quantity counts as reached, in the units of `errors`."""
-        ...
 
-    @property
-    def watches_switching(self) -> bool:
-        """Whether `reward` looks at the previous command; engines remember it only then."""
-        ...
+    @abstractmethod
+    def reward(self, transition: Transition) -> dict[str, Field]:
+        """Named terms; their sum is the reward of arriving in this state."""
 
-    def reward(self, state: Any, goal: Any, command: tuple[Field, ...],
-               previous: tuple[Field, ...]) -> dict[str, Field]:
-        """Named terms; their sum is the reward of arriving in this state.
-
-        Args:
-            state: arrived in.
-            goal: of the episode.
-            command: that brought it here: one field per thruster, 0 (shut) to 1 (open), whatever
-                share of the thrust each got.
-            previous: the command before; all shut at the start of an episode.
-        """
-        ...
-
-    def reached(self, state: Any, goal: Any) -> Field:
+    def reached(self, state: State, goal: State) -> Field:
         """Whether every error is within its tolerance."""
-        ...
+        return reached(self.errors(state, goal), self.tolerances())
 
-    def failed(self, state: Any, goal: Any) -> Field:
+    @abstractmethod
+    def failed(self, state: State, goal: State) -> Field:
         """Whether the episode ends here as a failure."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -93,64 +79,81 @@ class SingleTask(Prices, Task):
         ConfigError: see `check_settings`.
     """
 
-    flag: ClassVar[int]
+    flag: ClassVar[float] = -1.0
 
     def __post_init__(self) -> None:
         check_settings(self)
 
-    def flag_of(self, goal: Any) -> Field:
+    def flag_of(self, goal: State) -> Field:
         """The same for every goal."""
         return float(self.flag)
 
-    def for_evaluation(self) -> Task:
-        """The same: starts and goals of training are those of evaluation."""
-        return self
 
-    def reached(self, state: Any, goal: Any) -> Field:
-        """Whether every error is within its tolerance."""
-        errors, tolerances = self.errors(state, goal), self.tolerances()
-        inside = [errors[name] < tolerances[name] for name in tolerances]
-        result = inside[0]
-        for condition in inside[1:]:
-            result = result & condition
-        return result
+def reached(errors: Mapping[str, Field], tolerances: Mapping[str, float]) -> Field:
+    """Whether every error that has a tolerance is within it."""
+    first, *others = (errors[name] < tolerances[name] for name in tolerances)
+    for inside in others:
+        first = first & inside
+    return first
 
 
-Column = tuple[str, str, str]
-"""(what, unit, frame) of one column of the observation."""
-
-UNITS = {"position": "m", "attitude": "rad", "velocity": "m/s", "spin": "rad/s"}
-"""Units of the errors a task may name."""
-
-_TASK_DATA = {2: 4, 3: 9}
-"""Columns kept for task data, so that every task's observation has the same width (Table 1)."""
+def sight(task: Task, state: State, goal: State) -> Sight:
+    """All that a policy sees (paper, section 3.2): attitude, velocity, spin, task flag, task data."""
+    zero = state.attitude.columns()[0] * 0.0
+    return Sight(OwnAttitude("", "-", state.attitude), VectorInW("v_", "m/s", state.v),
+                 Spin("w", "rad/s", state.spin()), Scalar("task flag", "-", zero + task.flag_of(goal)),
+                 task.sight(state, goal))
 
 
-def observation_width(dimension: Dimension) -> int:
-    """10 columns in the plane, 22 in space (paper, section 3.2)."""
-    return len(_BODY_COLUMNS[dimension]) + 1 + _TASK_DATA[dimension]
+def observation(task: Task, state: State, goal: State) -> tuple[Field, ...]:
+    """The columns of `sight`, which `observation_columns` names."""
+    return sight(task, state, goal).columns()
 
 
-def observation(task: Task, state: Any, goal: Any) -> tuple[Field, ...]:
-    """The paper's observation (section 3.2): attitude, velocity, spin, task flag, task data.
+def example(task: Task, dimension: Dimension) -> Sight:
+    """What the task shows at the start of an episode, whose entries have the types that all have."""
+    try:
+        return sight(*symbolic(task, dimension))
+    except TypeError:  # a task of the user's that symbols cannot follow
+        return sight(task, *task.sample(Random(dimension, 0, 0, np.zeros(1, dtype=np.int32), np.float64)))
 
-    Unused task data is zero. `observation_columns` names every column.
+
+def symbolic(task: Task, dimension: Dimension) -> tuple[Task, State, State]:
+    """The task with symbols for its settings in memory, and start and goal of an episode of symbols.
+
+    Raises:
+        TypeError: the task's functions do more than arithmetic on fields.
     """
-    body = (*state.attitude.columns(), *state.v.columns(), *state.spin())
-    data = task.residual(state, goal)
-    zero = body[0] * 0.0
-    padding = (zero,) * (observation_width(state_dimension(state)) - len(body) - 1 - len(data))
-    return (*body, zero + task.flag_of(goal), *data, *padding)
+    def fixed(name: str, value: Field) -> Field:
+        return value if isinstance(value, int | float) else Symbol.input(name)
+
+    task = map_settings(fixed, task)
+    low, high, episode = (Symbol.input(name, "int") for name in ("low", "high", "episode"))
+    return task, *task.sample(Random(dimension, low, high, episode, None))
+
+
+def layout(task: Task, dimension: Dimension) -> Layout:
+    """Which columns of the task's observation are what."""
+    return example(task, dimension).layout()
+
+
+def observation_width(task: Task, dimension: Dimension) -> int:
+    """Columns of the task's observation: 10 in the plane and 22 in space (paper, section 3.2), or more."""
+    return layout(task, dimension).width
 
 
 def observation_columns(task: Task, dimension: Dimension) -> tuple[Column, ...]:
     """What each column of `observation` holds."""
-    data = task.residual_columns(dimension)
-    padding = (("unused", "-", "-"),) * (_TASK_DATA[dimension] - len(data))
-    return (*_BODY_COLUMNS[dimension], ("task flag", "-", "-"), *data, *padding)
+    return example(task, dimension).table()
 
 
-def state_dimension(state: Any) -> Dimension:
+def residual(task: Task, state: State, goal: State) -> tuple[Field, ...]:
+    """How far the task's data are from where they are at the goal, column by column."""
+    return tuple(x - target for entry in task.sight(state, goal)
+                 for x, target in zip(entry.columns(), entry.target(), strict=True))
+
+
+def state_dimension(state: State) -> Dimension:
     """2 for a planar state, 3 for a spatial one."""
     return 2 if len(state.p.columns()) == 2 else 3
 
@@ -189,19 +192,3 @@ def check_spawn(spawn_distance: tuple[float, float], fail_distance: float) -> No
         raise ConfigError(
             f"fail_distance must exceed the farthest start, {spawn_distance[1]} m, got {fail_distance}: "
             "episodes would fail as they begin.")
-
-
-_BODY_COLUMNS: dict[int, tuple[Column, ...]] = {
-    2: (
-        ("cos heading", "-", "W"),
-        ("sin heading", "-", "W"),
-        ("v_x", "m/s", "W"),
-        ("v_y", "m/s", "W"),
-        ("w_z", "rad/s", "B"),
-    ),
-    3: (
-        *((f"R_WB[{i},{j}]", "-", "W") for i in (0, 1) for j in (0, 1, 2)),
-        *((f"v_{axis}", "m/s", "W") for axis in "xyz"),
-        *((f"w_{axis}", "rad/s", "B") for axis in "xyz"),
-    ),
-}

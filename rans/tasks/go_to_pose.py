@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
 
 from rans.model.dynamics import State
 from rans.model.fields import Field
 from rans.model.random import Random
-from rans.tasks.base import Column, Dimension, SingleTask, check_spawn
-from rans.tasks.rewards import is_used, nearness
+from rans.tasks.base import SingleTask, check_spawn
+from rans.tasks.rewards import Transition, is_used, nearness, speed
+from rans.tasks.sight import Entry, Turn, VectorInW
 
 
 @dataclass(frozen=True)
@@ -76,24 +76,11 @@ class GoToPose(SingleTask):
         start = random.around(*self.spawn_distance)
         return start, random.at_rest(random.origin(), random.attitude())
 
-    def residual(self, state: Any, goal: Any) -> tuple[Field, ...]:
+    def sight(self, state: State, goal: State) -> tuple[Entry, ...]:
         """Position and attitude still to go."""
-        return (*(goal.p - state.p).columns(), *state.attitude.to(goal.attitude).columns())
+        return (VectorInW("d", "m", goal.p - state.p), Turn("d", "-", state.attitude.to(goal.attitude)))
 
-    def residual_target(self, dimension: Dimension) -> tuple[float, ...]:
-        """No way to go and no rotation left."""
-        if dimension == 2:
-            return (0.0, 0.0, 1.0, 0.0)
-        return (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
-
-    def residual_columns(self, dimension: Dimension) -> tuple[Column, ...]:
-        """See the class."""
-        way = tuple((f"d{axis}", "m", "W") for axis in "xyz"[:dimension])
-        if dimension == 2:
-            return (*way, ("cos dheading", "-", "-"), ("sin dheading", "-", "-"))
-        return (*way, *((f"dR[{i},{j}]", "-", "B") for i in (0, 1) for j in (0, 1, 2)))
-
-    def errors(self, state: Any, goal: Any) -> dict[str, Field]:
+    def errors(self, state: State, goal: State) -> dict[str, Field]:
         """Distance and angle to the goal."""
         return {
             "position": (goal.p - state.p).norm(),
@@ -104,14 +91,13 @@ class GoToPose(SingleTask):
         """See the settings."""
         return {"position": self.position_tolerance, "attitude": self.attitude_tolerance}
 
-    def reward(self, state: Any, goal: Any, command: tuple[Field, ...],
-               previous: tuple[Field, ...]) -> dict[str, Field]:
+    def reward(self, transition: Transition) -> dict[str, Field]:
         """exp(-distance / scale) + exp(-angle / scale), as the original system; wider and narrower copies.
 
         Without the wide "turn" some seeds hold the position with any attitude and never leave that
         optimum, and without "approach" training takes twice as long (docs/decisions/005-presets.md).
         """
-        distance, angle = self.errors(state, goal).values()
+        distance, angle = self.errors(transition.state, transition.goal).values()
         near = partial(nearness, distance, rest=self.rest_position)
         aligned = partial(nearness, angle, rest=self.rest_attitude)
         return {
@@ -124,12 +110,12 @@ class GoToPose(SingleTask):
                if is_used(self.fine_weight) else {}),
             **({"misaligned": near(self.fine_position_scale) * (aligned(self.fine_attitude_scale) - 1.0)
                 * self.misaligned_weight} if is_used(self.misaligned_weight) else {}),
-            **self.prices(state, command, previous),
+            **self.prices(transition),
         }
 
-    def failed(self, state: Any, goal: Any) -> Field:
+    def failed(self, state: State, goal: State) -> Field:
         """Too far away, or in space spinning too fast."""
         lost = (goal.p - state.p).norm() > self.fail_distance
         if len(state.spin()) == 1:
             return lost
-        return lost | (state.w.norm() > self.fail_spin)
+        return lost | (speed(state.spin()) > self.fail_spin)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
 
 from rans.model.dynamics import State
 from rans.model.fields import Field
 from rans.model.random import Random
-from rans.tasks.base import Column, Dimension, SingleTask, check_spawn
-from rans.tasks.rewards import is_used, nearness, speed
+from rans.tasks.base import SingleTask, check_spawn
+from rans.tasks.rewards import Transition, is_used, nearness, speed
+from rans.tasks.sight import Entry, VectorInW
 
 
 @dataclass(frozen=True)
@@ -66,19 +66,11 @@ class GoToPosition(SingleTask):
         start = random.around(*self.spawn_distance)
         return start, random.at_rest(random.origin(), random.no_rotation())
 
-    def residual(self, state: Any, goal: Any) -> tuple[Field, ...]:
+    def sight(self, state: State, goal: State) -> tuple[Entry, ...]:
         """The way still to go."""
-        return (goal.p - state.p).columns()
+        return (VectorInW("d", "m", goal.p - state.p),)
 
-    def residual_target(self, dimension: Dimension) -> tuple[float, ...]:
-        """No way to go."""
-        return (0.0,) * dimension
-
-    def residual_columns(self, dimension: Dimension) -> tuple[Column, ...]:
-        """See the class."""
-        return tuple((f"d{axis}", "m", "W") for axis in "xyz"[:dimension])
-
-    def errors(self, state: Any, goal: Any) -> dict[str, Field]:
+    def errors(self, state: State, goal: State) -> dict[str, Field]:
         """Distance to the goal, and angular speed."""
         return {"position": (goal.p - state.p).norm(), "spin": speed(state.spin())}
 
@@ -86,20 +78,19 @@ class GoToPosition(SingleTask):
         """See the settings."""
         return {"position": self.position_tolerance}
 
-    def reward(self, state: Any, goal: Any, command: tuple[Field, ...],
-               previous: tuple[Field, ...]) -> dict[str, Field]:
+    def reward(self, transition: Transition) -> dict[str, Field]:
         """exp(-distance / scale), as the original system; a wider and a narrower copy; stillness."""
-        distance, spin = self.errors(state, goal).values()
+        distance, spin = self.errors(transition.state, transition.goal).values()
         near = partial(nearness, distance, rest=self.rest_position)
         return {
             "position": near(self.position_scale),
             "approach": near(self.approach_scale) * self.approach_weight,
             "stillness": nearness(spin, self.stillness_scale, self.rest_spin) * self.stillness_weight,
             **({"fine": near(self.fine_scale) * self.fine_weight} if is_used(self.fine_weight) else {}),
-            **self.prices(state, command, previous),
+            **self.prices(transition),
         }
 
-    def failed(self, state: Any, goal: Any) -> Field:
+    def failed(self, state: State, goal: State) -> Field:
         """Too far away, or in space spinning too fast."""
         distance, spin = self.errors(state, goal).values()
         lost = distance > self.fail_distance

@@ -10,9 +10,11 @@ from rans.errors import ConfigError
 from rans.model.dynamics import PlanarState, SpatialState, State
 from rans.model.fields import Field, leaves, unflatten, where
 from rans.model.random import Random
-from rans.tasks.base import Column, Dimension, SingleTask
+from rans.tasks.base import SingleTask, Task
 from rans.tasks.go_to_pose import GoToPose
 from rans.tasks.go_to_position import GoToPosition
+from rans.tasks.rewards import Transition
+from rans.tasks.sight import Block, Choice, Drawn, Entry, Scalar, VectorInW
 from rans.tasks.track_twist import TrackTwist
 from rans.tasks.track_velocity import TrackVelocity
 from rans.tasks.track_velocity_heading import TrackVelocityHeading
@@ -35,7 +37,7 @@ class SpatialGoal(SpatialState):
 
 
 @dataclass(frozen=True)
-class MultiTask:
+class MultiTask(Task):
     """Fly whichever task the episode draws, with equal chances (paper: section 3.2, task flag).
 
     Start, goal, reward, failure and observation are those of the drawn task, whose flag tells the policy
@@ -89,24 +91,25 @@ class MultiTask:
         kind: Any = PlanarGoal if isinstance(goal, PlanarState) else SpatialGoal
         return start, kind(goal.p, goal.attitude, goal.v, goal.w, flag)
 
-    def residual(self, state: Any, goal: Any) -> tuple[Field, ...]:
-        """Of the drawn task; entries it has none of are zero."""
-        data = [part.residual(state, goal) for part in self.parts().values()]
-        width = max(map(len, data))
-        return self._drawn_row(goal.flag, [(*d, *(0.0,) * (width - len(d))) for d in data])
+    def sight(self, state: State, goal: State) -> tuple[Entry, ...]:
+        """Of the drawn task: a vector, as all have, and whatever else; entries it has none of are zero."""
+        shown = [part.sight(state, goal) for part in self.parts().values()]
+        vectors = self._drawn_row(self.flag_of(goal), [first.columns() for first, *_ in shown])
+        others = [[x for entry in data for x in entry.columns()] for _, *data in shown]
+        width = max(map(len, others))
+        padded = [(*data, *(0.0,) * (width - len(data))) for data in others]
+        rest = self._drawn_row(self.flag_of(goal), padded)
+        vector = VectorInW("task data ", "-", type(goal.p)(*vectors))
+        return (vector, Drawn("task data", "-", rest, self._choices(shown, width))) if width else (vector,)
 
-    def residual_columns(self, dimension: Dimension) -> tuple[Column, ...]:
-        """As the drawn task's."""
-        width = max(len(part.residual_columns(dimension)) for part in self.parts().values())
-        return tuple((f"task data {i} of the drawn task", "-", "-") for i in range(width))
+    def _choices(self, shown: Sequence[tuple[Entry, ...]], width: int) -> tuple[Choice, ...]:
+        """What `sight`'s second entry is, by the drawn task's flag."""
+        def blocks(data: Sequence[Entry]) -> tuple[Block, ...]:
+            own = tuple(entry.block() for entry in data)
+            return (*own, *(Block(Scalar, 1),) * (width - sum(block.width for block in own)))
 
-    def residual_target(self, dimension: Dimension) -> tuple[float, ...]:
-        """There is none that all tasks share.
-
-        Raises:
-            ConfigError: always.
-        """
-        raise ConfigError(_ONE_BY_ONE)
+        return tuple((float(part.flag), blocks(data))
+                     for part, (_, *data) in zip(self.parts().values(), shown, strict=True))
 
     def tolerances(self) -> dict[str, float]:
         """There are none that all tasks share.
@@ -116,28 +119,23 @@ class MultiTask:
         """
         raise ConfigError(_ONE_BY_ONE)
 
-    def errors(self, state: Any, goal: Any) -> dict[str, Field]:
+    def errors(self, state: State, goal: State) -> dict[str, Field]:
         """Those of the drawn task; a quantity it does not name has no error."""
-        return self._drawn_terms(goal.flag, [part.errors(state, goal) for part in self.parts().values()])
+        return self._drawn_terms(self.flag_of(goal),
+                                 [part.errors(state, goal) for part in self.parts().values()])
 
-    @property
-    def watches_switching(self) -> bool:
-        """Whether any of the tasks does."""
-        return any(part.watches_switching for part in self.parts().values())
-
-    def reward(self, state: Any, goal: Any, command: tuple[Field, ...],
-               previous: tuple[Field, ...]) -> dict[str, Field]:
+    def reward(self, transition: Transition) -> dict[str, Field]:
         """The drawn task's terms; those of the others are zero."""
-        return self._drawn_terms(goal.flag, [part.reward(state, goal, command, previous)
-                                             for part in self.parts().values()])
+        return self._drawn_terms(self.flag_of(transition.goal),
+                                 [part.reward(transition) for part in self.parts().values()])
 
-    def reached(self, state: Any, goal: Any) -> Field:
+    def reached(self, state: State, goal: State) -> Field:
         """Whether every error of the drawn task is within its tolerance."""
-        return self._drawn(goal.flag, [part.reached(state, goal) for part in self.parts().values()])
+        return self._drawn(self.flag_of(goal), [part.reached(state, goal) for part in self.parts().values()])
 
-    def failed(self, state: Any, goal: Any) -> Field:
+    def failed(self, state: State, goal: State) -> Field:
         """Whether the drawn task has failed."""
-        return self._drawn(goal.flag, [part.failed(state, goal) for part in self.parts().values()])
+        return self._drawn(self.flag_of(goal), [part.failed(state, goal) for part in self.parts().values()])
 
     def _drawn(self, flag: Field, values: Sequence[Field]) -> Field:
         """The drawn task's among the values of all tasks."""

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
+from rans.model.dynamics import State
 from rans.model.fields import Field, absolute, exp, sqrt
 
 
@@ -29,6 +30,20 @@ def speed(spin: tuple[Field, ...]) -> Field:
     return sqrt(sum(w * w for w in spin))
 
 
+class Transition(NamedTuple):
+    """What a reward may look at. Engines remember only what some reward of theirs reads (`rans.episode`)."""
+
+    state: State
+    """Arrived in."""
+    goal: State
+    """Of the episode."""
+    command: tuple[Field, ...]
+    """That brought it here: one field per thruster, 0 (shut) to 1 (open), whatever share of the thrust each
+    got."""
+    previous: tuple[Field, ...]
+    """The command before; all shut at the start of an episode."""
+
+
 @dataclass(frozen=True)
 class Prices:
     """Settings that every task has: what a step costs, wherever the goal is.
@@ -47,27 +62,15 @@ class Prices:
     spin_weight: float = 0.0
     """Reward lost per step and rad/s of angular speed."""
 
-    @property
-    def watches_switching(self) -> bool:
-        """Whether `prices` looks at the previous command."""
-        return is_used(self.switching_weight)
+    def prices(self, transition: Transition) -> dict[str, Field]:
+        """The terms whose weight is not zero."""
+        return dict(self._prices(transition))
 
-    def prices(self, state: Any, command: tuple[Field, ...],
-               previous: tuple[Field, ...]) -> dict[str, Field]:
-        """The terms whose weight is not zero.
-
-        Args:
-            state: arrived in.
-            command: one field per thruster, 0 (shut) to 1 (open).
-            previous: the command before it.
-        """
-        return dict(self._prices(state, command, previous))
-
-    def _prices(self, state: Any, command: tuple[Field, ...],
-                previous: tuple[Field, ...]) -> Iterator[tuple[str, Field]]:
+    def _prices(self, transition: Transition) -> Iterator[tuple[str, Field]]:
+        state, _, command, previous = transition
         if is_used(self.thrust_weight):
             yield "thrust", sum(command[1:], start=command[0]) * -self.thrust_weight
-        if self.watches_switching:
+        if is_used(self.switching_weight):
             moved = [absolute(new - old) for new, old in zip(command, previous, strict=True)]
             yield "switching", sum(moved[1:], start=moved[0]) * -self.switching_weight
         if is_used(self.speed_weight):

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 from rans.model.dynamics import State
 from rans.model.fields import Field
 from rans.model.random import Random
-from rans.tasks.base import Column, Dimension, SingleTask
-from rans.tasks.rewards import is_used, nearness, speed
+from rans.tasks.base import SingleTask
+from rans.tasks.rewards import Transition, is_used, nearness, speed
+from rans.tasks.sight import Entry, Spin, VectorInW
 
 
 @dataclass(frozen=True)
@@ -64,20 +64,11 @@ class TrackTwist(SingleTask):
         velocity = random.direction().scale(random.uniform(*self.target_speed))
         return start, random.moving(velocity, random.no_rotation(), random.spin(self.target_spin))
 
-    def residual(self, state: Any, goal: Any) -> tuple[Field, ...]:
+    def sight(self, state: State, goal: State) -> tuple[Entry, ...]:
         """The velocities still to gain."""
-        return (*(goal.v - state.v).columns(), *spin_difference(state, goal))
+        return (VectorInW("dv_", "m/s", goal.v - state.v), Spin("dw", "rad/s", spin_difference(state, goal)))
 
-    def residual_target(self, dimension: Dimension) -> tuple[float, ...]:
-        """No velocity to gain."""
-        return (0.0,) * (3 if dimension == 2 else 6)
-
-    def residual_columns(self, dimension: Dimension) -> tuple[Column, ...]:
-        """See the class."""
-        linear = tuple((f"dv_{axis}", "m/s", "W") for axis in "xyz"[:dimension])
-        return (*linear, *((f"dw_{axis}", "rad/s", "B") for axis in ("z" if dimension == 2 else "xyz")))
-
-    def errors(self, state: Any, goal: Any) -> dict[str, Field]:
+    def errors(self, state: State, goal: State) -> dict[str, Field]:
         """Lengths of both differences."""
         return {"velocity": (goal.v - state.v).norm(), "spin": speed(spin_difference(state, goal))}
 
@@ -85,24 +76,23 @@ class TrackTwist(SingleTask):
         """See the settings."""
         return {"velocity": self.velocity_tolerance, "spin": self.spin_tolerance}
 
-    def reward(self, state: Any, goal: Any, command: tuple[Field, ...],
-               previous: tuple[Field, ...]) -> dict[str, Field]:
+    def reward(self, transition: Transition) -> dict[str, Field]:
         """exp(-error / scale) of both velocities; narrower copies."""
-        velocity, spin = self.errors(state, goal).values()
+        velocity, spin = self.errors(transition.state, transition.goal).values()
         return {
             "velocity": nearness(velocity, self.velocity_scale),
             "rotation": nearness(spin, self.spin_scale),
             "fine": nearness(velocity, self.fine_scale) * self.fine_weight,
             **({"fine rotation": nearness(spin, self.fine_spin_scale) * self.fine_spin_weight}
                if is_used(self.fine_spin_weight) else {}),
-            **self.prices(state, command, previous),
+            **self.prices(transition),
         }
 
-    def failed(self, state: Any, goal: Any) -> Field:
+    def failed(self, state: State, goal: State) -> Field:
         """Spinning too fast; there is no place to leave."""
         return speed(state.spin()) > self.fail_spin
 
 
-def spin_difference(state: Any, goal: Any) -> tuple[Field, ...]:
+def spin_difference(state: State, goal: State) -> tuple[Field, ...]:
     """Goal's less own angular velocity, rad/s: about z in the plane, in B in space."""
     return tuple(wanted - w for wanted, w in zip(goal.spin(), state.spin(), strict=True))

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 from rans.model.dynamics import State
 from rans.model.fields import Field
 from rans.model.random import Random
-from rans.tasks.base import Column, Dimension, SingleTask
-from rans.tasks.rewards import nearness, speed
+from rans.tasks.base import SingleTask
+from rans.tasks.rewards import Transition, nearness, speed
+from rans.tasks.sight import Entry, VectorInW
 
 
 @dataclass(frozen=True)
@@ -51,19 +51,11 @@ class TrackVelocity(SingleTask):
         velocity = random.direction().scale(random.uniform(*self.target_speed))
         return start, random.moving(velocity, random.no_rotation())
 
-    def residual(self, state: Any, goal: Any) -> tuple[Field, ...]:
+    def sight(self, state: State, goal: State) -> tuple[Entry, ...]:
         """The velocity still to gain."""
-        return (goal.v - state.v).columns()
+        return (VectorInW("dv_", "m/s", goal.v - state.v),)
 
-    def residual_target(self, dimension: Dimension) -> tuple[float, ...]:
-        """No velocity to gain."""
-        return (0.0,) * dimension
-
-    def residual_columns(self, dimension: Dimension) -> tuple[Column, ...]:
-        """See the class."""
-        return tuple((f"dv_{axis}", "m/s", "W") for axis in "xyz"[:dimension])
-
-    def errors(self, state: Any, goal: Any) -> dict[str, Field]:
+    def errors(self, state: State, goal: State) -> dict[str, Field]:
         """Velocity error, and angular speed."""
         return {"velocity": (goal.v - state.v).norm(), "spin": speed(state.spin())}
 
@@ -71,17 +63,16 @@ class TrackVelocity(SingleTask):
         """See the settings."""
         return {"velocity": self.velocity_tolerance}
 
-    def reward(self, state: Any, goal: Any, command: tuple[Field, ...],
-               previous: tuple[Field, ...]) -> dict[str, Field]:
+    def reward(self, transition: Transition) -> dict[str, Field]:
         """exp(-error / scale), as the original system; a narrower copy; stillness; thrust."""
-        velocity, spin = self.errors(state, goal).values()
+        velocity, spin = self.errors(transition.state, transition.goal).values()
         return {
             "velocity": nearness(velocity, self.velocity_scale),
             "fine": nearness(velocity, self.fine_scale) * self.fine_weight,
             "stillness": nearness(spin, self.stillness_scale) * self.stillness_weight,
-            **self.prices(state, command, previous),
+            **self.prices(transition),
         }
 
-    def failed(self, state: Any, goal: Any) -> Field:
+    def failed(self, state: State, goal: State) -> Field:
         """Spinning too fast; there is no place to leave."""
         return speed(state.spin()) > self.fail_spin

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 from rans.model.dynamics import State
 from rans.model.fields import Field
 from rans.model.random import Random
-from rans.tasks.base import Column, Dimension, SingleTask
-from rans.tasks.rewards import nearness, speed
+from rans.tasks.base import SingleTask
+from rans.tasks.rewards import Transition, nearness, speed
+from rans.tasks.sight import Entry, Turn, VectorInW
 
 
 @dataclass(frozen=True)
@@ -55,24 +55,11 @@ class TrackVelocityHeading(SingleTask):
         velocity = random.direction().scale(random.uniform(*self.target_speed))
         return start, random.moving(velocity, random.attitude())
 
-    def residual(self, state: Any, goal: Any) -> tuple[Field, ...]:
+    def sight(self, state: State, goal: State) -> tuple[Entry, ...]:
         """The velocity still to gain and the rotation still to make."""
-        return (*(goal.v - state.v).columns(), *state.attitude.to(goal.attitude).columns())
+        return (VectorInW("dv_", "m/s", goal.v - state.v), Turn("d", "-", state.attitude.to(goal.attitude)))
 
-    def residual_target(self, dimension: Dimension) -> tuple[float, ...]:
-        """No velocity to gain and no rotation left."""
-        if dimension == 2:
-            return (0.0, 0.0, 1.0, 0.0)
-        return (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
-
-    def residual_columns(self, dimension: Dimension) -> tuple[Column, ...]:
-        """See the class."""
-        gain = tuple((f"dv_{axis}", "m/s", "W") for axis in "xyz"[:dimension])
-        if dimension == 2:
-            return (*gain, ("cos dheading", "-", "-"), ("sin dheading", "-", "-"))
-        return (*gain, *((f"dR[{i},{j}]", "-", "B") for i in (0, 1) for j in (0, 1, 2)))
-
-    def errors(self, state: Any, goal: Any) -> dict[str, Field]:
+    def errors(self, state: State, goal: State) -> dict[str, Field]:
         """Velocity error, and angle to the goal's attitude."""
         return {
             "velocity": (goal.v - state.v).norm(),
@@ -83,18 +70,17 @@ class TrackVelocityHeading(SingleTask):
         """See the settings."""
         return {"velocity": self.velocity_tolerance, "attitude": self.attitude_tolerance}
 
-    def reward(self, state: Any, goal: Any, command: tuple[Field, ...],
-               previous: tuple[Field, ...]) -> dict[str, Field]:
+    def reward(self, transition: Transition) -> dict[str, Field]:
         """exp(-error / scale) of both, as the original system; a narrower and a wider copy; thrust."""
-        velocity, angle = self.errors(state, goal).values()
+        velocity, angle = self.errors(transition.state, transition.goal).values()
         return {
             "velocity": nearness(velocity, self.velocity_scale),
             "attitude": nearness(angle, self.attitude_scale),
             "fine": nearness(velocity, self.fine_scale) * self.fine_weight,
             "turn": nearness(angle, self.turn_scale) * self.turn_weight,
-            **self.prices(state, command, previous),
+            **self.prices(transition),
         }
 
-    def failed(self, state: Any, goal: Any) -> Field:
+    def failed(self, state: State, goal: State) -> Field:
         """Spinning too fast; there is no place to leave."""
         return speed(state.spin()) > self.fail_spin

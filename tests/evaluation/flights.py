@@ -79,5 +79,5 @@ class TrackNothing(GoToPose):
     def tolerances(self) -> dict[str, float]:
         return {"velocity": 0.1, "spin": 0.1}
 
-    def reward(self, state: Any, goal: Any, command: Any, previous: Any) -> dict[str, Any]:
-        return {"velocity": -self.errors(state, goal)["velocity"]}
+    def reward(self, transition: Any) -> dict[str, Any]:
+        return {"velocity": -self.errors(transition.state, transition.goal)["velocity"]}

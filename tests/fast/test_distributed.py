@@ -32,7 +32,7 @@ SETTINGS = replace(TINY, max_grad_norm=0.1, learning_rate=2.0**-9)
 
 def started(world: Processes = ALONE) -> PPO:
     """A training of 16 environments, or of this process's share of them, in float64."""
-    engine = Engine(PLATFORM, NEAR, 16 // world.size, SHORT, seed=4, dtype=torch.float64, world=world)
+    engine = Engine(PLATFORM, NEAR, 16 // world.size, SHORT, seed=4, dtype=torch.float64, processes=world)
     model = make_ppo(engine, SETTINGS, seed=4)
     model.set_logger(Logger(None, []))
     model._current_progress_remaining = 1.0

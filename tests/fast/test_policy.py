@@ -16,7 +16,7 @@ from rans.errors import ConfigError
 from rans.fast.engine import Engine
 from rans.fast.learn.config import PPOSettings, Precision
 from rans.fast.learn.trainer import make_ppo
-from rans.fast.policy import BodyFrame, NormalisedMlp, OnOff, evaluate, expect_duty, set_precision
+from rans.fast.policy import NormalisedMlp, OnOff, evaluate, expect_duty, paper_layout, set_precision
 from rans.model.dynamics import PlanarState, SpatialState
 from rans.model.fields import Heading, Quat, Vec2, Vec3
 from rans.spaces import action_space, observation_space
@@ -29,7 +29,8 @@ from tests.fast.training import scatter
 def make_policy(craft: Any, net_arch: Any = ()) -> ActorCriticPolicy:
     """A float64 policy with large random weights and statistics."""
     policy = ActorCriticPolicy(
-        observation_space(craft), action_space(craft), lambda _: 1e-3, net_arch=net_arch or [],
+        observation_space(GoToPose(), craft.dimension), action_space(craft), lambda _: 1e-3,
+        net_arch=net_arch or [],
         features_extractor_class=NormalisedMlp, features_extractor_kwargs={"layers": (16,)})
     policy.double()
     scatter(policy)
@@ -96,7 +97,7 @@ def test_body_frame_in_the_plane() -> None:
     """Facing world y, what moves along world x moves to the body's right, its negative y."""
     row = [0.0, 1.0, 3.0, 0.0, 0.7, 1.0, 0.0, 2.0, 0.6, 0.8]
     expected = [0.0, -3.0, 0.7, 1.0, 2.0, 0.0, 0.6, 0.8]
-    torch.testing.assert_close(BodyFrame(10)(torch.tensor([row])), torch.tensor([expected]))
+    torch.testing.assert_close(torch.tensor(paper_layout(10).in_body(row)), torch.tensor(expected))
 
 
 def test_body_frame_in_space() -> None:
@@ -105,7 +106,7 @@ def test_body_frame_in_space() -> None:
     rest = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6]
     row = [0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 3.0, 4.0, 5.0, 7.0, 8.0, 9.0, 1.0, 10.0, 11.0, 12.0, *rest]
     expected = [4.0, -3.0, 5.0, 7.0, 8.0, 9.0, 1.0, 11.0, -10.0, 12.0, *rest]
-    torch.testing.assert_close(BodyFrame(22)(torch.tensor([row])), torch.tensor([expected]))
+    torch.testing.assert_close(torch.tensor(paper_layout(22).in_body(row)), torch.tensor(expected))
 
 
 def turned(state: Any, angle: float, axis: np.ndarray) -> Any:
@@ -146,7 +147,7 @@ def test_statistics_are_those_of_all_observations(dtype: torch.dtype) -> None:
              for part, count in enumerate((3, 500, 1, 64))]
     for part in parts:
         extractor.update_statistics(extractor.seen(part)[0])
-    everything = extractor.body_frame(torch.cat(parts).double()).numpy()
+    everything = np.stack(extractor.layout.in_body(torch.cat(parts).double().unbind(1)), axis=1)
     # Rounding of the dtype, and in float32 of the observations turned into the body frame.
     relative = 1e-12 if dtype == torch.float64 else 2e-5
     np.testing.assert_allclose(extractor.mean, everything.mean(axis=0), rtol=relative, atol=relative)
@@ -155,7 +156,7 @@ def test_statistics_are_those_of_all_observations(dtype: torch.dtype) -> None:
 
 
 def test_normalised_observations() -> None:
-    extractor = NormalisedMlp(observation_space(PLATFORM)).double()  # type: ignore[arg-type]
+    extractor = NormalisedMlp(observation_space(GoToPose(), 2)).double()  # type: ignore[arg-type]
     observations = seen(PLATFORM, 1000)
     extractor.update_statistics(extractor.seen(observations)[0])
     result = looks(extractor, observations).numpy()
@@ -170,10 +171,10 @@ def test_normalised_observations() -> None:
 
 
 def test_second_look_is_steep_at_zero_and_flat_far_away() -> None:
-    space = observation_space(PLATFORM)
+    space = observation_space(GoToPose(), 2)
     plain = NormalisedMlp(space).double()  # type: ignore[arg-type]
     zoomed = NormalisedMlp(space, zoom=20.0).double()  # type: ignore[arg-type]
-    width = plain.body_frame.width
+    width = plain.layout.body.width
     assert zoomed.trunk[0].in_features == 2 * width
     plain.mean[2] = zoomed.mean[2] = 0.5
     observations = torch.zeros(3, 10, dtype=torch.float64)
@@ -221,5 +222,5 @@ def test_untrained_policies_open_thrusters_as_often_as_asked() -> None:
 
 
 def looks(extractor: NormalisedMlp, observations: Tensor) -> Tensor:
-    columns = extractor.body_frame(observations.to(extractor.mean.dtype))
+    columns = torch.stack(extractor.layout.in_body(observations.to(extractor.mean.dtype).unbind(1)), dim=1)
     return extractor.looks(columns, extractor.mean, extractor.variance)

@@ -28,8 +28,8 @@ def views_of(craft: Spacecraft) -> Symmetries:
     return views
 
 
-def symmetric_policy(craft: Spacecraft) -> Any:
-    policy = tiny_ppo(craft, dtype=torch.float64, symmetric=True, zoom=4.0).policy
+def symmetric_policy(craft: Spacecraft, task: Any) -> Any:
+    policy = tiny_ppo(craft, dtype=torch.float64, task=task, symmetric=True, zoom=4.0).policy
     scatter(policy)
     return policy
 
@@ -61,7 +61,7 @@ def single_tasks() -> list[Any]:
 def test_policies_fly_every_equivalent_view_alike(craft: Spacecraft, task: Any) -> None:
     if craft.dimension == 3 and type(task).__name__ == "TrackVelocityHeading":
         pytest.skip("a task of the plane")
-    policy, views = symmetric_policy(craft), views_of(craft)
+    policy, views = symmetric_policy(craft, task), views_of(craft)
     state, goal = (random_states(craft.dimension, 50, seed) for seed in (5, 6))
 
     def logit(*states: Any) -> Tensor:

@@ -28,11 +28,11 @@ CONFIG = TrainConfig("go-to-pose", GoToPose(), "floating-platform", TINY, SHORT,
                      solved_share=None)
 
 
-def tiny_ppo(craft: Any = PLATFORM, seed: int = 0, dtype: torch.dtype = torch.float32,
+def tiny_ppo(craft: Any = PLATFORM, seed: int = 0, dtype: torch.dtype = torch.float32, task: Any = NEAR,
              **settings: Any) -> PPO:
-    """PPO on `NEAR`, where many episodes fail and others are cut off by time; its policy is SB3's own."""
+    """PPO, by default on `NEAR`, where many episodes fail and others are cut off by time; its policy is SB3's."""
     chosen = replace(TINY, **{"symmetric": False} | settings)
-    return make_ppo(Engine(craft, NEAR, chosen.n_envs, SHORT, seed=seed, dtype=dtype), chosen, seed)
+    return make_ppo(Engine(craft, task, chosen.n_envs, SHORT, seed=seed, dtype=dtype), chosen, seed)
 
 
 def tiny_trainer(path: Path, config: TrainConfig = CONFIG) -> Trainer:

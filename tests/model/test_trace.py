@@ -93,7 +93,7 @@ def test_a_branch_names_the_way_out() -> None:
 
 def traced(craft: Spacecraft, task: Any) -> Program:
     engine = Engine(craft, task, 2)
-    return trace(engine._simulation, engine._episodes)
+    return trace(engine._world, engine._episode, engine.dtype)
 
 
 def operations(symbols: Any) -> set[Symbol]:
@@ -149,6 +149,6 @@ def test_a_task_that_branches_is_not_traced() -> None:
             return state.p.x > 1.0 if state.p.x > 0.0 else state.p.x < -1.0
 
     engine = Engine(PLATFORM, GoToPose(), 2)
-    object.__setattr__(engine._simulation, "task", Branching())
+    object.__setattr__(engine._world, "task", Branching())
     with pytest.raises(Untraceable):
-        trace(engine._simulation, engine._episodes)
+        trace(engine._world, engine._episode, engine.dtype)

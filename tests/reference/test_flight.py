@@ -50,7 +50,7 @@ def test_controllers_see_what_the_task_shows(craft: Spacecraft) -> None:
     assert watching.count == 3
     assert len(watching.seen) == 15
     for step, (state, seen) in enumerate(watching.seen):
-        assert seen.shape == (3, observation_width(craft.dimension))
+        assert seen.shape == (3, observation_width(GoToPose(), craft.dimension))
         assert seen.dtype == np.float32
         # The flight records the states that were seen: headings wrapped, quaternions of unit length.
         assert np.array_equal(leaves(map_leaves(lambda x, k=step: x[k], flight.states)), leaves(state))

@@ -123,8 +123,8 @@ def test_a_task_with_one_error_leaves_two_panels_empty() -> None:
         def tolerances(self) -> dict[str, float]:
             return {"position": 0.05}
 
-        def reward(self, state: Any, goal: Any, command: Any, previous: Any) -> dict[str, Any]:
-            return {"position": -self.errors(state, goal)["position"]}
+        def reward(self, transition: Any) -> dict[str, Any]:
+            return {"position": -self.errors(transition.state, transition.goal)["position"]}
 
     flight = flight_of(np.ones((6, 2)), 0.0, task=PositionOnly())
     assert sum(not axes.axison for axes in evaluation_figure(flight).axes) == 2

@@ -24,7 +24,8 @@ from rans.tasks import (
     parts,
     task_class,
 )
-from rans.tasks.base import UNITS, state_dimension
+from rans.tasks.base import UNITS, residual, state_dimension
+from rans.tasks.rewards import Transition
 from tests.tasks.conftest import COUNT
 
 PAPER_WIDTH = {2: 10, 3: 22}
@@ -34,11 +35,17 @@ PAPER_WIDTH = {2: 10, 3: 22}
 def everything(task: Any, state: Any, goal: Any, command: Any, previous: Any) -> dict[str, Any]:
     """Every field a task computes, by name."""
     numbered = {f"observation {i}": x for i, x in enumerate(observation(task, state, goal))}
-    residual = {f"residual {i}": x for i, x in enumerate(task.residual(state, goal))}
+    residual = {f"residual {i}": x for i, x in enumerate(data(task, state, goal))}
     errors = {f"error {name}": x for name, x in task.errors(state, goal).items()}
-    terms = {f"reward {name}": x for name, x in task.reward(state, goal, command, previous).items()}
+    reward = task.reward(Transition(state, goal, command, previous))
+    terms = {f"reward {name}": x for name, x in reward.items()}
     flags = {"failed": task.failed(state, goal), "reached": task.reached(state, goal)}
     return {**numbered, **residual, **errors, **terms, **flags}
+
+
+def data(task: Any, state: Any, goal: Any) -> list[Any]:
+    """The columns of what a task shows."""
+    return [x for entry in task.sight(state, goal) for x in entry.columns()]
 
 
 def at(index: int, tree: Any) -> Any:
@@ -104,16 +111,16 @@ def test_casadi_traces_the_residual(task: Any, states: Any, goals: Any) -> None:
     casadi = pytest.importorskip("casadi")
     state, goal = at(5, states), at(5, goals)
     x = casadi.SX.sym("x", len(leaves(state)))
-    residual = casadi.vertcat(*task.residual(unflatten(state, casadi.vertsplit(x)), goal))
+    residual = casadi.vertcat(*data(task, unflatten(state, casadi.vertsplit(x)), goal))
     traced = casadi.Function("residual", [x], [residual, casadi.jacobian(residual, x)])
     here = np.array(leaves(state))
     value, jacobian = (out.full() for out in traced(here))
     # last digits of sine and cosine
-    np.testing.assert_allclose(value[:, 0], task.residual(state, goal), rtol=1e-13, atol=1e-14)
+    np.testing.assert_allclose(value[:, 0], data(task, state, goal), rtol=1e-13, atol=1e-14)
     assert np.isfinite(jacobian).all()
     step = 1e-6  # truncation step^2 and rounding eps / step: both 1e-10 at most, for values to 10
     for column, nudge in zip(jacobian.T, step * np.eye(len(here)), strict=True):
-        ahead, behind = (task.residual(unflatten(state, here + s * nudge), goal) for s in (1, -1))
+        ahead, behind = (data(task, unflatten(state, here + s * nudge), goal) for s in (1, -1))
         difference = (np.array(ahead) - np.array(behind)) / (2 * step)
         np.testing.assert_allclose(column, difference, rtol=0, atol=1e-8)
 
@@ -123,9 +130,10 @@ def test_casadi_traces_the_reward(task: Any, states: Any, goals: Any, commands: 
     state, goal = at(5, states), at(5, goals)
     here, numbers = np.array(leaves(state)), [[float(c[5]) for c in command] for command in commands]
     x, *pairs = (casadi.SX.sym("x", len(values)) for values in (here, *numbers))
-    terms = task.reward(unflatten(state, casadi.vertsplit(x)), goal, *map(casadi.vertsplit, pairs))
+    symbolic = unflatten(state, casadi.vertsplit(x))
+    terms = task.reward(Transition(symbolic, goal, *map(casadi.vertsplit, pairs)))
     traced = casadi.Function("reward", [x, *pairs], [casadi.vertcat(*terms.values())])
-    expected = task.reward(state, goal, *numbers)
+    expected = task.reward(Transition(state, goal, *map(tuple, numbers)))
     assert terms.keys() == expected.keys()
     # last digits of exp and atan2
     np.testing.assert_allclose(traced(here, *numbers).full()[:, 0], list(expected.values()),
@@ -137,7 +145,7 @@ def test_residual_is_differentiable_at_the_goal(task: Any, goals: Any) -> None:
     casadi = pytest.importorskip("casadi")
     goal = at(3, goals)
     x = casadi.SX.sym("x", len(leaves(goal)))
-    residual = casadi.vertcat(*task.residual(unflatten(goal, casadi.vertsplit(x)), goal))
+    residual = casadi.vertcat(*data(task, unflatten(goal, casadi.vertsplit(x)), goal))
     jacobian = casadi.Function("j", [x], [casadi.jacobian(residual, x)])(np.array(leaves(goal)))
     assert np.isfinite(jacobian.full()).all()
 
@@ -149,7 +157,7 @@ def test_observation_table_names_every_column(
     columns = observation_columns(task, dimension)
     values = observation(task, states, goals)
     assert state_dimension(states) == dimension
-    assert len(columns) == len(values) == observation_width(dimension) == PAPER_WIDTH[dimension]
+    assert len(columns) == len(values) == observation_width(task, dimension) == PAPER_WIDTH[dimension]
     assert all(len(c) == 3 and all(isinstance(part, str) and part for part in c) for c in columns)
     named = [c[0] for c in columns if c[0] != "unused"]
     assert len(set(named)) == len(named)
@@ -161,19 +169,9 @@ def test_observation_table_names_every_column(
             assert (value == task.flag_of(goals)).all()
 
 
-def test_residual_has_a_row_and_a_target_per_entry(
-    task: Any, craft: Spacecraft, states: Any, goals: Any
-) -> None:
-    assert len(task.residual_columns(craft.dimension)) == len(task.residual(states, goals))
-    for part in parts(task).values():
-        assert len(part.residual_target(craft.dimension)) == len(part.residual(states, goals))
-
-
 def test_at_the_goal_nothing_is_left(task: Any, craft: Spacecraft, goals: Any) -> None:
     for part in parts(task).values():
-        residual = np.stack(part.residual(goals, goals))
-        target = np.array(part.residual_target(craft.dimension))[:, None]
-        np.testing.assert_allclose(residual, np.broadcast_to(target, residual.shape), rtol=0, atol=1e-14)
+        np.testing.assert_allclose(np.stack(residual(part, goals, goals)), 0.0, rtol=0, atol=1e-14)
     for name, error in task.errors(goals, goals).items():
         np.testing.assert_allclose(error, 0.0, atol=1e-14, err_msg=name)
     assert not task.failed(goals, goals).any()
@@ -206,8 +204,8 @@ def drawn(task: Any, goal: Any) -> Any:
 
 def test_reward_is_best_at_the_goal(task: Any, states: Any, goals: Any, commands: Any) -> None:
     idle = tuple(0.0 * c for c in commands[0])
-    there = np.sum(list(task.reward(goals, goals, idle, idle).values()), axis=0)
-    elsewhere = np.sum(list(task.reward(states, goals, *commands).values()), axis=0)
+    there = np.sum(list(task.reward(Transition(goals, goals, idle, idle)).values()), axis=0)
+    elsewhere = np.sum(list(task.reward(Transition(states, goals, *commands)).values()), axis=0)
     assert (there > elsewhere).all()
 
 

@@ -11,6 +11,7 @@ import pytest
 from rans.model.dynamics import PlanarState, SpatialState
 from rans.model.fields import Heading, Quat, Vec2, Vec3
 from rans.tasks import GoToPose, observation
+from rans.tasks.rewards import Transition
 
 HALF = math.sqrt(0.5)
 
@@ -59,21 +60,21 @@ def test_reward() -> None:
     The wide copies: exp(-0.5 / 1.5) / 2 = 0.3582657; exp(-pi / 6) / 2 = 0.2961925.
     """
     task = GoToPose(thrust_weight=0.02)
-    terms = task.reward(PLANAR, PLANAR_GOAL, (1.0, 0.0, 1.0, 1.0), (0.0,) * 4)
+    terms = task.reward(Transition(PLANAR, PLANAR_GOAL, (1.0, 0.0, 1.0, 1.0), (0.0,) * 4))
     expected = {"position": 0.1353353, "attitude": 0.1231447, "approach": 0.3582657,
                 "turn": 0.2961925, "thrust": -0.06}
     assert terms == pytest.approx(expected, abs=1e-7)
     far = GoToPose(position_scale=3.0, attitude_scale=2 * math.pi / 3)
-    terms = far.reward(SPATIAL, SPATIAL_GOAL, (1.0,), (0.0,))
+    terms = far.reward(Transition(SPATIAL, SPATIAL_GOAL, (1.0,), (0.0,)))
     assert [terms["position"], terms["attitude"]] == pytest.approx([0.3678794] * 2, abs=1e-7)
 
 
 def test_a_wrong_attitude_costs_at_the_goals_place_only() -> None:
     """Weight 8; ln 2 scales off in attitude, 8 (1 - 1/2) = 4; ln 2 scales off the place too, half of it."""
     task = GoToPose(misaligned_weight=8.0, fine_position_scale=0.1, fine_attitude_scale=0.2)
-    cost = lambda x, angle: task.reward(  # noqa: E731
+    cost = lambda x, angle: task.reward(Transition(  # noqa: E731
         PlanarState(Vec2(x, 0.0), Heading(angle), Vec2(0.0, 0.0), 0.0),
-        PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0), (0.0,), (0.0,))["misaligned"]
+        PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0), (0.0,), (0.0,)))["misaligned"]
     half = math.log(2.0)
     assert cost(0.0, 0.2 * half) == pytest.approx(-4.0)
     assert cost(0.1 * half, -0.2 * half) == pytest.approx(-2.0)
@@ -82,8 +83,9 @@ def test_a_wrong_attitude_costs_at_the_goals_place_only() -> None:
     # In space 3 m and a third of a turn off; beyond the rests 2 m and 2 rad, ln 2 scales each: -8 / 2 / 2.
     spatial = GoToPose(misaligned_weight=8.0, fine_position_scale=2.0 / half, fine_attitude_scale=2.0 / half,
                        rest_position=1.0, rest_attitude=2 * math.pi / 3 - 2.0)
-    assert spatial.reward(SPATIAL, SPATIAL_GOAL, (0.0,), (0.0,))["misaligned"] == pytest.approx(-2.0)
-    assert "misaligned" not in GoToPose().reward(PLANAR, PLANAR_GOAL, (1.0,), (0.0,))
+    terms = spatial.reward(Transition(SPATIAL, SPATIAL_GOAL, (0.0,), (0.0,)))
+    assert terms["misaligned"] == pytest.approx(-2.0)
+    assert "misaligned" not in GoToPose().reward(Transition(PLANAR, PLANAR_GOAL, (1.0,), (0.0,)))
 
 
 @pytest.mark.parametrize(("distance", "angle", "expected"), [

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,8 +10,11 @@ import pytest
 from rans.errors import ConfigError
 from rans.model.fields import leaves, map_leaves, unflatten
 from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import scenarios
 from rans.tasks import TASKS, GoToPose, MultiTask, TrackVelocity, observation, parts
+from rans.tasks.base import residual
+from rans.tasks.rewards import Transition
 from tests.crafts import random_states
 
 COUNT = 500
@@ -46,7 +48,8 @@ def test_the_drawn_task_decides_everything(name: str, shipped: Spacecraft) -> No
         np.testing.assert_array_equal(column[mine], own)
     for ours, own in (
         (TASK.errors(state, goal), part.errors(its_state, its_goal)),
-        (TASK.reward(state, goal, *commands), part.reward(its_state, its_goal, *its_commands)),
+        (TASK.reward(Transition(state, goal, *commands)),
+         part.reward(Transition(its_state, its_goal, *its_commands))),
     ):
         assert own.keys() < ours.keys()
         for key, value in ours.items():
@@ -81,12 +84,6 @@ def test_parts_carry_their_settings_and_their_evaluation() -> None:
     assert parts(TrackVelocity()) == {"track-velocity": TrackVelocity()}
 
 
-def test_previous_commands_are_watched_where_any_drawn_task_prices_switching() -> None:
-    assert TASK.watches_switching
-    assert not MultiTask().watches_switching
-    assert not replace(TASK, tasks=("go-to-position", "track-velocity")).watches_switching
-
-
 @pytest.mark.parametrize("names", [(), ("go-to-pose", "go-to-pose"), ("go-to-pose", "multi-task")])
 def test_wrong_lists(names: tuple[str, ...]) -> None:
     with pytest.raises(ConfigError, match=r"tasks must be different ones of go-to-position, .*, got"):
@@ -94,6 +91,7 @@ def test_wrong_lists(names: tuple[str, ...]) -> None:
 
 
 def test_it_is_judged_one_task_at_a_time() -> None:
-    for ask in (MultiTask().tolerances, lambda: MultiTask().residual_target(2)):
-        with pytest.raises(ConfigError, match=r"each of its tasks by itself.*: name one"):
+    every = scenarios(MultiTask(), load_spacecraft("free-flyer"), 1, 1)
+    for ask in (MultiTask().tolerances, lambda: residual(MultiTask(), every.start, every.goal)):
+        with pytest.raises(ConfigError, match=r"name one of them"):
             ask()

@@ -14,7 +14,7 @@ from rans.model.fields import Heading, Quat, Vec2, Vec3
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.tasks import TASKS, GoToPose, SingleTask
-from rans.tasks.rewards import Prices, nearness
+from rans.tasks.rewards import Prices, Transition, nearness
 
 PLANAR = PlanarState(Vec2(7.0, -9.0), Heading(2.0), Vec2(0.3, -0.4), -0.2)
 """At 0.5 m/s and 0.2 rad/s."""
@@ -29,24 +29,22 @@ WORK = ((1.0, 0.0, 1.0, 0.0, 1.0), (1.0, 1.0, 0.0, 0.0, 0.0))
 def test_prices(state: Any, speed: float, spin: float) -> None:
     prices = Prices(thrust_weight=0.1, switching_weight=0.01, speed_weight=2.0, spin_weight=3.0)
     expected = {"thrust": -0.3, "switching": -0.03, "speed": -2.0 * speed, "spin": -3.0 * spin}
-    assert prices.prices(state, *WORK) == pytest.approx(expected)
+    assert prices.prices(Transition(state, state, *WORK)) == pytest.approx(expected)
 
 
 @pytest.mark.parametrize("name", ["thrust", "switching", "speed", "spin"])
 def test_a_price_of_zero_is_no_term(name: str) -> None:
     free = {f"{other}_weight": 0.0 for other in ("thrust", "switching", "speed", "spin")}
-    assert Prices(**free).prices(PLANAR, *WORK) == {}
-    assert Prices(**free | {f"{name}_weight": 0.5}).prices(PLANAR, *WORK).keys() == {name}
-    assert Prices(**free | {f"{name}_weight": 0.5}).watches_switching == (name == "switching")
+    assert Prices(**free).prices(Transition(PLANAR, PLANAR, *WORK)) == {}
+    assert Prices(**free | {f"{name}_weight": 0.5}).prices(Transition(PLANAR, PLANAR, *WORK)).keys() == {name}
 
 
 @pytest.mark.parametrize("kind", [kind for kind in TASKS.values() if issubclass(kind, SingleTask)])
 def test_every_task_charges_for_open_thrusters_only(kind: Any) -> None:
     """Unless it is told to charge for more; and no weight may be negative."""
-    charged = kind().reward(PLANAR, PLANAR, *WORK).keys() & {"thrust", "switching", "speed"}
+    charged = kind().reward(Transition(PLANAR, PLANAR, *WORK)).keys() & {"thrust", "switching", "speed"}
     assert charged == {"thrust"}
-    assert not kind().watches_switching
-    dearer = kind(thrust_weight=0.5, switching_weight=0.25).reward(PLANAR, PLANAR, *WORK)
+    dearer = kind(thrust_weight=0.5, switching_weight=0.25).reward(Transition(PLANAR, PLANAR, *WORK))
     assert (dearer["thrust"], dearer["switching"]) == (-1.5, -0.75)
     with pytest.raises(ConfigError, match=r"switching_weight must be finite and not negative, got -0\.1"):
         kind(switching_weight=-0.1)
@@ -81,6 +79,7 @@ def test_an_agent_at_rest_gains_nothing_by_coming_closer(name: str, fine: set[st
     near = PlanarState(Vec2(0.0, -7e-3), Heading(0.01), Vec2(0.0, 0.0), 0.0)
     rests = {"rest_position": 8e-3, "rest_spin" if name == "go-to-position" else "rest_attitude": 0.02}
     task, plain = TASKS[name](fine_weight=0.5, **rests), TASKS[name]()
-    assert task.reward(near, goal, *WORK) == task.reward(goal, goal, *WORK)
-    assert plain.reward(near, goal, *WORK)["position"] < plain.reward(goal, goal, *WORK)["position"]
-    assert task.reward(near, goal, *WORK).keys() - plain.reward(near, goal, *WORK).keys() == fine
+    assert task.reward(Transition(near, goal, *WORK)) == task.reward(Transition(goal, goal, *WORK))
+    close, there = (plain.reward(Transition(state, goal, *WORK)) for state in (near, goal))
+    assert close["position"] < there["position"]
+    assert task.reward(Transition(near, goal, *WORK)).keys() - close.keys() == fine

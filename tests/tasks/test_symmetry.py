@@ -13,6 +13,7 @@ from rans.model.fields import Heading, Quat, Vec2, Vec3, leaves, unflatten
 from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import scenarios
 from rans.tasks.multi_task import PlanarGoal, SpatialGoal
+from rans.tasks.rewards import Transition
 from tests.crafts import random_states
 from tests.tasks.conftest import COUNT
 
@@ -21,7 +22,7 @@ def test_a_moved_world_changes_nothing(task: Any, states: Any, goals: Any, comma
     """Errors, reward and failure are the same when start and goal are turned and shifted together."""
     moved_states, moved_goals = moved(states), moved(goals)
     here, there = (
-        {"failed": task.failed(s, g), **task.errors(s, g), **task.reward(s, g, *commands)}
+        {"failed": task.failed(s, g), **task.errors(s, g), **task.reward(Transition(s, g, *commands))}
         for s, g in ((states, goals), (moved_states, moved_goals))
     )
     for name, x in here.items():
@@ -49,10 +50,11 @@ def test_the_plane_is_a_slice_of_space(task: Any) -> None:
     drawn_goal, goal = flat_goals(task), random_states(2, COUNT, seed=8, speed=0.0, spin=0.0)
     goal = unflatten(drawn_goal, (*leaves(goal), *leaves(drawn_goal)[6:]))
     opened, shut = (np.ones(COUNT),) * 8, (np.zeros(COUNT),) * 8
-    for name in ("errors", "reward"):
-        extra = (opened, shut) if name == "reward" else ()
-        plane = getattr(task, name)(flat, goal, *extra)
-        space = getattr(task, name)(embedded(flat), embedded(goal), *extra)
+    pairs = (
+        (task.errors(flat, goal), task.errors(embedded(flat), embedded(goal))),
+        (task.reward(Transition(flat, goal, opened, shut)),
+         task.reward(Transition(embedded(flat), embedded(goal), opened, shut))))
+    for plane, space in pairs:
         assert plane.keys() == space.keys()
         for key, value in plane.items():
             # twice an atan2 against a difference of angles

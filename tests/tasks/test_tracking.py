@@ -14,6 +14,7 @@ from rans.model.fields import Heading, Quat, Vec2, Vec3
 from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import scenarios
 from rans.tasks import TrackTwist, TrackVelocity, TrackVelocityHeading, observation
+from rans.tasks.rewards import Transition
 
 HALF = math.sqrt(0.5)
 
@@ -77,7 +78,7 @@ def test_errors(task: Any, planar: dict[str, float], spatial: dict[str, float]) 
       "thrust": -0.2}),
 ])
 def test_reward(task: Any, expected: dict[str, float]) -> None:
-    terms = task.reward(PLANAR, PLANAR_GOAL, (1.0, 0.0, 1.0), (0.0, 0.0, 0.0))
+    terms = task.reward(Transition(PLANAR, PLANAR_GOAL, (1.0, 0.0, 1.0), (0.0, 0.0, 0.0)))
     assert terms == pytest.approx(expected, abs=1e-7)
 
 

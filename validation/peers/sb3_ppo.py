@@ -24,6 +24,7 @@ from rans.fast.learn.trainer import SOLVED_IN_A_ROW, architecture
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.tasks import GoToPose
+from rans.tasks.base import layout
 
 _LIMIT = 300.0
 """Training not solved after so many seconds is given up."""
@@ -65,7 +66,8 @@ def _model(settings: PPOSettings, device: str) -> PPO:
     env = _Scaled(SB3VecEnv(Engine(_CRAFT, _TASK, settings.n_envs, device=device)), settings.reward_scale)
     names = ("n_steps", "batch_size", "n_epochs", "learning_rate", "gamma", "gae_lambda", "clip_range",
              "ent_coef", "vf_coef", "max_grad_norm")
-    return PPO(ActorCriticPolicy, env, policy_kwargs=architecture(_CRAFT, settings), seed=0, device=device,
+    kwargs = architecture(_CRAFT, settings, layout(_TASK, _CRAFT.dimension))
+    return PPO(ActorCriticPolicy, env, policy_kwargs=kwargs, seed=0, device=device,
                **{name: getattr(settings, name) for name in names})
 
 

@@ -77,10 +77,11 @@ def numpy_policy(policy: ActorCriticPolicy) -> Policy:
     views = extractor.views and Symmetries(*(table.numpy() for table in extractor.views))
 
     def act(observation: np.ndarray) -> np.ndarray:
-        columns, place = extractor.body_frame.turned(tuple(observation.T)), None
-        if views:
-            which = views.which(columns)
-            columns, place = views.viewed(columns, which), views.place[which]
+        layout, place = extractor.layout.body, None
+        columns = extractor.layout.in_body(tuple(observation.T))
+        if views and (way := layout.ahead(columns)) is not None:
+            which = views.which(way)
+            columns, place = views.viewed(layout, columns, which), views.place[which]
         seen = np.stack(columns, axis=1)
         x = np.clip((seen - mean) * scale, -extractor.clip, extractor.clip)
         x = np.concatenate((x, np.tanh(seen * scale * zoom)), axis=1) if zoom else x

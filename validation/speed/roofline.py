@@ -63,7 +63,7 @@ def step_work(engine: Engine) -> StepWork:
     Raises:
         TypeError: the task's functions do more than arithmetic on fields.
     """
-    program = trace(engine._simulation, engine._episodes)
+    program = trace(engine._world, engine._episode, engine.dtype)
     symbols = list(ordered([program.ended, *(store.value for store in program.going())]))
     operations = Counter(s.operation for s in symbols if s.operation not in _NO_OPERATIONS)
     return StepWork(tuple(_traffic(engine, program, set(symbols))), operations)

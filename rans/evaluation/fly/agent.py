@@ -66,13 +66,13 @@ def load_agent(path: Path) -> LoadedRun:
         policy = PPO.load(run.policy_file, device="cpu").policy
     except Exception as error:  # a damaged pickle raises anything
         raise ConfigError(f"{run.policy_file} is damaged: {first_line(error)}.") from error
-    _check_fit(policy, craft, run)
+    _check_fit(policy, craft, config.settings, run)
     return LoadedRun(Agent(policy, path.resolve().name), craft, config.settings, config.timing)
 
 
-def _check_fit(policy: ActorCriticPolicy, craft: Spacecraft, run: RunFolder) -> None:
+def _check_fit(policy: ActorCriticPolicy, craft: Spacecraft, task: Task, run: RunFolder) -> None:
     seen, open_or_shut = policy.observation_space.shape, policy.action_space.shape
-    needed = ((observation_width(craft.dimension),), (len(craft.thrusters),))
+    needed = ((observation_width(task, craft.dimension),), (len(craft.thrusters),))
     if (seen, open_or_shut) != needed:
         raise ConfigError(
             f"{run.policy_file} observes {seen} and commands {open_or_shut} thrusters, but "

@@ -45,7 +45,7 @@ def contestant(spec: str, protocol: ProtocolName = "own", lent: Conditions | Non
         if lent is None:
             raise ConfigError(f"{spec} knows no task: name somebody who does before it, as in rans compare "
                               f"RUN {spec}.")
-        return LoadedRun(user_policy(spec, lent.craft), *lent)
+        return LoadedRun(user_policy(spec, lent.craft, lent.task), *lent)
     kind, name, part = _parse(spec)
     if kind in ("lqr", "mpc"):
         conditions = under_protocol(protocol, _picked(_named_conditions(name, spec), part, spec))

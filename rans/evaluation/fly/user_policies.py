@@ -13,7 +13,7 @@ import numpy as np
 from rans.errors import ConfigError
 from rans.files import first_line
 from rans.model.spacecraft import Spacecraft
-from rans.tasks import observation_width
+from rans.tasks import Task, observation_width
 
 FORMS = "sb3:FILE.zip, onnx:FILE or python:MODULE:FUNCTION"
 """What `user_policy` understands, for messages and help."""
@@ -30,15 +30,16 @@ class UserPolicy:
         name: as `user_policy` knows it.
         policy: called with all episodes at once.
         craft: whose thrusters it must command.
+        task: whose observations it must understand.
     """
 
-    def __init__(self, name: str, policy: Policy, craft: Spacecraft) -> None:
+    def __init__(self, name: str, policy: Policy, craft: Spacecraft, task: Task) -> None:
         self.name = name
-        self._policy, self._craft = policy, craft
+        self._policy, self._craft, self._task = policy, craft, task
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Another process loads it anew: not every policy can be pickled."""
-        return user_policy, (self.name, self._craft)
+        return user_policy, (self.name, self._craft, self._task)
 
     def reset(self, count: int) -> None:
         """See `rans.flight.Controller`; a function has no memory."""
@@ -69,12 +70,13 @@ def is_user_policy(spec: str) -> bool:
     return spec.partition(":")[0] in _LOADERS and ":" in spec
 
 
-def user_policy(spec: str, craft: Spacecraft) -> UserPolicy:
+def user_policy(spec: str, craft: Spacecraft, task: Task) -> UserPolicy:
     """The policy behind ``sb3:FILE.zip``, ``onnx:FILE`` or ``python:MODULE:FUNCTION``.
 
     Args:
         spec: see above. An SB3 file is a pickle and a module is code: open only what you trust.
         craft: whose thrusters it commands.
+        task: whose observations it understands.
 
     Raises:
         ConfigError: it cannot be loaded, or is for another observation or other actions.
@@ -82,10 +84,10 @@ def user_policy(spec: str, craft: Spacecraft) -> UserPolicy:
     kind, _, name = spec.partition(":")
     if not is_user_policy(spec) or not name:
         raise ConfigError(f"there is no policy {spec!r}; known are {FORMS}.")
-    return UserPolicy(spec, _LOADERS[kind](name, craft), craft)
+    return UserPolicy(spec, _LOADERS[kind](name, craft, task), craft, task)
 
 
-def _sb3(name: str, craft: Spacecraft) -> Policy:
+def _sb3(name: str, craft: Spacecraft, task: Task) -> Policy:
     """The policy of any SB3 algorithm: the file names its class, so the algorithm need not be known."""
     from stable_baselines3.common.save_util import load_from_zip_file
 
@@ -100,12 +102,12 @@ def _sb3(name: str, craft: Spacecraft) -> Policy:
         raise ConfigError(f"{name} is no policy that Stable-Baselines3 saved: "
                           f"{first_line(error)}.") from error
     policy.set_training_mode(False)
-    _check_spaces(name, *spaces, craft)
+    _check_spaces(name, *spaces, craft, task)
     return lambda observation: policy.predict(observation, deterministic=True)[0]
 
 
-def _check_spaces(name: str, seen: Any, action: Any, craft: Spacecraft) -> None:
-    width, count = observation_width(craft.dimension), len(craft.thrusters)
+def _check_spaces(name: str, seen: Any, action: Any, craft: Spacecraft, task: Task) -> None:
+    width, count = observation_width(task, craft.dimension), len(craft.thrusters)
     if seen.shape != (width,):
         raise ConfigError(f"{name} observes {seen.shape}, but {craft.name} shows ({width},).")
     if not _on_off(action, count):
@@ -121,7 +123,7 @@ def _on_off(action: Any, count: int) -> bool:
     return isinstance(action, MultiBinary) and action.shape == (count,)
 
 
-def _onnx(name: str, craft: Spacecraft) -> Policy:
+def _onnx(name: str, _craft: Spacecraft, _task: Task) -> Policy:
     """A network with one input of observations, whose first output is the commands."""
     try:
         from onnxruntime import InferenceSession  # pyright: ignore[reportMissingImports]
@@ -138,7 +140,7 @@ def _onnx(name: str, craft: Spacecraft) -> Policy:
     return lambda observation: session.run(None, {inputs[0]: observation})[0]
 
 
-def _python(name: str, craft: Spacecraft) -> Policy:
+def _python(name: str, _craft: Spacecraft, _task: Task) -> Policy:
     module, _, function = name.rpartition(":")
     if not module or not function:
         raise ConfigError(f"python:{name} must name a module and a function, as python:my_policy:act.")
@@ -160,4 +162,5 @@ def _check_file(name: str) -> None:
         raise ConfigError(f"there is no file {name}.")
 
 
-_LOADERS: dict[str, Callable[[str, Spacecraft], Policy]] = {"sb3": _sb3, "onnx": _onnx, "python": _python}
+_LOADERS: dict[str, Callable[[str, Spacecraft, Task], Policy]] = {
+    "sb3": _sb3, "onnx": _onnx, "python": _python}

@@ -28,7 +28,7 @@ class SB3VecEnv(VecEnv):
     def __init__(self, engine: Engine) -> None:
         self.engine = engine
         self.render_mode = None
-        super().__init__(engine.num_envs, observation_space(engine.craft),
+        super().__init__(engine.num_envs, observation_space(engine.task, engine.craft.dimension),
                          action_space(engine.craft))
         self._action = torch.zeros(0)
 

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from rans.environment import Environment
-from rans.model.dynamics import MassProperties, advance, wrench
 
 
 class SpacecraftEnv(Environment):
@@ -15,6 +12,5 @@ class SpacecraftEnv(Environment):
     `rans.fast.SpacecraftVectorEnv`, and as `rans.reference.env.DrakeEnv`.
     """
 
-    def _moved(self, state: Any, command: tuple[float, ...]) -> Any:
-        return advance(state, wrench(self.craft, command), MassProperties.of(self.craft),
-                       self.timing.control_period, self.timing.substeps)
+    def _mover(self) -> None:
+        """See `Environment`: our equations."""

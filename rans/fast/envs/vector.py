@@ -19,7 +19,7 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.spaces import action_space, checked_render_mode, choose, observation_space
 from rans.tasks import Task
-from rans.tasks.base import Dimension
+from rans.tasks.sight import Dimension
 
 
 class SpacecraftVectorEnv(VectorEnv[Tensor, Tensor, Tensor]):
@@ -67,7 +67,7 @@ class SpacecraftVectorEnv(VectorEnv[Tensor, Tensor, Tensor]):
                              compiled=compiled)
         self.num_envs, self.device = num_envs, self.engine.device
         width = np.float32 if dtype == torch.float32 else np.float64
-        self.single_observation_space = observation_space(craft, width)
+        self.single_observation_space = observation_space(task, dimension, width)
         self.single_action_space = action_space(craft)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)

@@ -7,8 +7,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from rans.episode import Episode, World
 from rans.fast.distributed import Processes
-from rans.fast.episode import Episodes, Simulation
 from rans.fast.kernels.cuda import Function
 from rans.fast.kernels.program import Shape, trace
 from rans.fast.kernels.source import THREADS, source
@@ -26,23 +26,24 @@ class Kernel:
     It may be recorded in a CUDA graph once it is compiled.
 
     Args:
-        simulation: what to run.
-        episodes: in memory that never moves.
+        world: what to run.
+        episode: in memory that never moves.
         seed: its two words, likewise.
-        world: whose part of the spacecraft these are.
+        processes: whose part of the spacecraft these are.
+        dtype: of reals.
 
     Raises:
         TypeError: the task's functions do more than arithmetic on fields, or a curriculum's numbers are of
             another dtype or device.
     """
 
-    def __init__(self, simulation: Simulation, episodes: Episodes, seed: tuple[Tensor, Tensor],
-                 world: Processes) -> None:
-        self._program = trace(simulation, episodes)
+    def __init__(self, world: World, episode: Episode, seed: tuple[Tensor, Tensor], processes: Processes,
+                 dtype: torch.dtype) -> None:
+        self._program = trace(world, episode, dtype)
         self._inputs = [given.source for given in (*self._program.memory, *self._program.settings)]
-        self._seed, self._world = seed, world
-        self._real, self._device = simulation.dtype, self._inputs[0].device
-        self._count, self._thrusters = len(self._inputs[0]), len(simulation.craft.thrusters)
+        self._seed, self._processes = seed, processes
+        self._real, self._device = dtype, self._inputs[0].device
+        self._count, self._thrusters = len(self._inputs[0]), len(world.craft.thrusters)
         self._together = 2 if self._count >= MANY and self._count % 2 == 0 else 1
         for given in self._program.settings:  # read as they lie in memory, so that nothing converts them
             if (given.source.dtype, given.source.device) != (self._real, self._device):
@@ -91,7 +92,7 @@ class Kernel:
         return cache // (12 * THREADS * self._together * bytes_read)
 
     def _numbers(self) -> tuple[int, ...]:
-        return self._count, self._world.rank, self._world.size, self._ahead
+        return self._count, self._processes.rank, self._processes.size, self._ahead
 
     def _launch(self, action: torch.dtype, pointers: list[int], numbers: tuple[int, ...]) -> None:
         with torch.cuda.device(self._device):

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import copy
 import dataclasses
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from rans.fast.episode import Episodes, Simulation
+from rans.episode import Episode, World
+from rans.fast.step import step_and_restart
 from rans.model.fields import leaves, unflatten
 from rans.model.trace import Symbol, ordered, substituted
-from rans.tasks.base import is_moving
+from rans.tasks.settings import map_settings
 
 Type = Literal["real", "int", "signed char"]
 
@@ -71,7 +71,7 @@ class Program:
     """What a step computes from symbols.
 
     They are "command_0" ..., "memory_0" ..., "setting_0" ..., the seed's words "low" and "high", and the
-    episodes' numbers "first" and "stride" (`rans.fast.episode.Simulation.step`). Starts and goals are drawn
+    episodes' numbers "first" and "stride" (`rans.episode.restart`). Starts and goals are drawn
     for every spacecraft, and chosen where an episode ended; the kernel draws only in warps that need one.
     """
 
@@ -108,27 +108,28 @@ class Program:
         return symbol.operation == "where" and symbol.args[0] is self.ended
 
 
-def trace(simulation: Simulation, episodes: Episodes) -> Program:
+def trace(world: World, episode: Episode, dtype: Any) -> Program:
     """Run one step on symbols.
 
     Args:
-        simulation: what to run.
-        episodes: those that the program will step.
+        world: what to run.
+        episode: those that the program will step.
+        dtype: of its reals.
 
     Raises:
         TypeError: the task's functions do more than arithmetic on fields.
     """
     settings: list[Input] = []
-    simulation = dataclasses.replace(simulation, task=_with_symbols(simulation.task, settings),
-                                     body=_with_symbols(simulation.body, settings))
-    memory, inputs = _remembered(episodes)
-    command = tuple(Symbol.input(f"command_{i}") for i in range(len(simulation.craft.thrusters)))
+    world = dataclasses.replace(world, task=_with_symbols(world.task, settings),
+                                body=_with_symbols(world.body, settings))
+    memory, inputs = _remembered(episode)
+    command = tuple(Symbol.input(f"command_{i}") for i in range(len(world.craft.thrusters)))
     words = (Symbol.input("low", "int"), Symbol.input("high", "int"))
     numbers = (Symbol.input("first", "int"), Symbol.input("stride", "int"))
-    after, outcome = simulation.step(inputs, command, words, numbers)
-    ended: Any = outcome.terminated | outcome.truncated
-    shape = Shape(len(outcome.observation), len(outcome.terms))
-    first = (*outcome.observation, *outcome.terms.values(), outcome.reward)
+    seen = step_and_restart(world, inputs, command, words, numbers, dtype)
+    after, outcome, ended = seen.after, seen.outcome, seen.outcome.ended
+    shape = Shape(len(seen.observation), len(outcome.terms))
+    first = (*seen.observation, *outcome.terms.values(), outcome.reward)
     stores = [
         *_rows("memory", after.memory()),
         *_rows("reals", first),
@@ -142,7 +143,7 @@ def trace(simulation: Simulation, episodes: Episodes) -> Program:
         ended=ended,
         always=tuple(store for store, same in zip(stores, stays, strict=True) if not same),
         at_end=(
-            *_rows("final", outcome.final_observation),
+            *_rows("final", seen.final_observation),
             *(new for new, same in zip(begun, stays, strict=True) if same),
         ),
         shape=shape,
@@ -153,7 +154,7 @@ def _rows(array: Any, values: Any) -> Iterator[Store]:
     return (Store(array, row, Symbol.constant(value)) for row, value in enumerate(values))
 
 
-def _remembered(episodes: Episodes) -> tuple[tuple[Input, ...], Episodes]:
+def _remembered(episodes: Episode) -> tuple[tuple[Input, ...], Episode]:
     """The episodes' arrays, and the episodes with symbols in their place."""
     arrays, switches = episodes.memory(), len(episodes.previous)
     types: list[Type] = ["real"] * (len(arrays) - 1 - switches)
@@ -166,23 +167,18 @@ def _remembered(episodes: Episodes) -> tuple[tuple[Input, ...], Episodes]:
     new = lambda x: x if isinstance(x, float) else next(symbols)  # noqa: E731
     state, goal = (unflatten(tree, [new(x) for x in leaves(tree)])
                    for tree in (episodes.state, episodes.goal))
-    return memory, Episodes(state, goal, next(symbols), tuple(symbols))
+    return memory, Episode(state, goal, next(symbols), tuple(symbols))
 
 
-def _with_symbols(setting: Any, found: list[Input]) -> Any:
-    """A task, a body or a setting with symbols for the numbers in memory, which are added to those found."""
-    if is_moving(setting) or len(getattr(setting, "shape", ())) == 1:
-        symbol = Symbol.input(f"setting_{len(found)}")
-        found.append(Input(symbol, "real", setting))
-        return symbol
-    if isinstance(setting, tuple):
-        return tuple(_with_symbols(x, found) for x in setting)
-    if not dataclasses.is_dataclass(setting):
-        return setting
-    changed = copy.copy(setting)  # not replaced: the settings were checked, and symbols cannot be
-    for field in dataclasses.fields(setting):
-        object.__setattr__(changed, field.name, _with_symbols(getattr(setting, field.name), found))
-    return changed
+def _with_symbols(settings: Any, found: list[Input]) -> Any:
+    """A task or a body with symbols for the numbers in memory, which are added to those found."""
+    def symbol(_: str, value: Any) -> Any:
+        if isinstance(value, int | float):
+            return value
+        found.append(Input(Symbol.input(f"setting_{len(found)}"), "real", value))
+        return found[-1].symbol
+
+    return map_settings(symbol, settings)
 
 
 def _given(stores: Sequence[Store], condition: Symbol, value: bool) -> list[Store]:

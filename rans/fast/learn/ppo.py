@@ -210,7 +210,7 @@ class PPO(stable_baselines3.PPO):
 
     @property
     def _world(self) -> Processes:
-        return self.env.engine.world  # type: ignore[union-attr]
+        return self.env.engine.processes  # type: ignore[union-attr]
 
     @property
     def _normalises_over_processes(self) -> bool:

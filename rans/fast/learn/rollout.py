@@ -75,7 +75,7 @@ class Rollout:
         """Let the policy's random actions fly every environment for T steps."""
         observation = engine.observe()
         totals = self.terms.zero_(), self.reached.zero_()
-        for uniform, slot in zip(engine.world.uniform_like(self.action), self.slots, strict=True):
+        for uniform, slot in zip(engine.processes.uniform_like(self.action), self.slots, strict=True):
             acted = self._act(policy, observation, uniform)
             step = engine.step(acted[0])
             self._remember(observation, acted, step, slot, self.cut, *totals)

@@ -24,6 +24,7 @@ from rans.fast.policy import OnOffPolicy, expect_duty, network
 from rans.fast.symmetry import symmetries
 from rans.files import replace_file
 from rans.model.spacecraft import Spacecraft
+from rans.tasks.sight import Layout
 
 WARM_UP_ITERATIONS = 3
 """On a GPU: two that compile, one that records the graphs. They train, but are timed apart."""
@@ -41,21 +42,21 @@ class Trainer:
         config: what to train.
         craft: the spacecraft the config names.
         run: where to keep it; nothing is written there before `train`, and only by the first process.
-        world: the processes that share the training's environments.
+        processes: those that share the training's environments.
 
     Raises:
         ConfigError: the config cannot work.
     """
 
     def __init__(self, config: TrainConfig, craft: Spacecraft, run: RunFolder,
-                 world: Processes = ALONE) -> None:
+                 processes: Processes = ALONE) -> None:
         check_device(config.device)
         torch.set_num_threads(config.threads)
-        self.config, self.run, self.world, self.seconds, self.warm_up = config, run, world, 0.0, 0.0
+        self.config, self.run, self.processes, self.seconds, self.warm_up = config, run, processes, 0.0, 0.0
         device = torch.device(config.device)
         self.curriculum = Curriculum(config.settings, config.curriculum, field_dtype(device), device)
-        self.engine = Engine(craft, self.curriculum.task, world.share("n_envs", config.ppo.n_envs),
-                             config.timing, seed=config.seed, device=device, world=world)
+        self.engine = Engine(craft, self.curriculum.task, processes.share("n_envs", config.ppo.n_envs),
+                             config.timing, seed=config.seed, device=device, processes=processes)
         self.model = make_ppo(self.engine, config.ppo, config.seed)
         self.selection = Selection(self.model.policy, craft, config.settings, config.timing, config.device)
         self._solved_in_a_row = 0
@@ -112,7 +113,7 @@ class Trainer:
             self._iterate()
             self.seconds += time.monotonic() - begun
             late = time.monotonic() - saved > _CHECKPOINT_SECONDS
-            stopped, late = self.world.any(stop(), late)
+            stopped, late = self.processes.any(stop(), late)
             if stopped or self._ended or self._is_report_due():
                 report(self._report())
             if late:
@@ -144,7 +145,7 @@ class Trainer:
                              reset_num_timesteps=self.model.num_timesteps == 0)
         except NonFiniteState as error:
             file, state = self.run.path / "nonfinite.pt", self._checkpoint()
-            if self.world.is_first:
+            if self.processes.is_first:
                 replace_file(file, lambda draft: torch.save(state, draft))
             raise NonFiniteState(f"{error} State and weights are in {file}.") from error
 
@@ -153,7 +154,7 @@ class Trainer:
         solved, errors = self.selection.judge()
         needed = self.config.solved_share
         if self._is_report_due():
-            found, = self.world.any(needed is not None and solved >= needed)
+            found, = self.processes.any(needed is not None and solved >= needed)
             self._solved_in_a_row = self._solved_in_a_row + 1 if found else 0
         rate = self._rate_since(self._reported)
         self._reported = (self.model.num_timesteps, self.seconds)
@@ -166,21 +167,21 @@ class Trainer:
             self.model.logger.record(f"evaluation/{key.removeprefix('error/')}", row[key])
         self.model.logger.record("perf/steps_per_s", rate)
         self.model.logger.dump(self.model.num_timesteps)
-        if self.world.is_first:
+        if self.processes.is_first:
             self.run.append_metrics(row)
         return row
 
     def _open_log(self) -> None:
         if self._logger is None:
             events = str(self.run.path / "tensorboard")
-            outputs = [TensorBoardOutputFormat(events)] if self.world.is_first else []
+            outputs = [TensorBoardOutputFormat(events)] if self.processes.is_first else []
             self._logger = Logger(str(self.run.path), outputs)  # type: ignore[arg-type]
             self.model.set_logger(self._logger)
 
     def save(self) -> None:
         """Write checkpoint and agent; all processes must come."""
         state = self._checkpoint()
-        if self.world.is_first:
+        if self.processes.is_first:
             self.run.save_checkpoint(state)
             replace_file(self.run.policy_file, self.model.save)
 
@@ -214,7 +215,7 @@ class Trainer:
         elif self.run.policy_file.exists():
             raise ConfigError(f"{self.run.path} holds an agent without a checkpoint to go on from, as a "
                               f"sweep leaves it; train it anew with --config {self.run.config_file}.")
-        if self.world.is_first:
+        if self.processes.is_first:
             self.run.forget_after(self.model.num_timesteps)
 
     def _restore(self, saved: dict[str, Any]) -> None:
@@ -241,17 +242,17 @@ def make_ppo(engine: Engine, settings: PPOSettings, seed: int) -> PPO:
              if f.name not in ("n_envs", "batch_size", "initial_duty", *_ARCHITECTURE)}
     model = PPO(
         OnOffPolicy, SB3VecEnv(engine), seed=seed, device=engine.device, **given,
-        batch_size=engine.world.share("batch_size", settings.batch_size),
-        policy_kwargs=architecture(engine.craft, settings),
+        batch_size=engine.processes.share("batch_size", settings.batch_size),
+        policy_kwargs=architecture(engine.craft, settings, engine.layout),
     )
     expect_duty(model.policy, settings.initial_duty)
     return model
 
 
-def architecture(craft: Spacecraft, settings: PPOSettings) -> dict[str, Any]:
+def architecture(craft: Spacecraft, settings: PPOSettings, layout: Layout) -> dict[str, Any]:
     """The ``policy_kwargs`` of an `OnOffPolicy` with these settings."""
     return network(settings.layers, settings.activation, settings.zoom,
-                   symmetries(craft) if settings.symmetric else None, bf16=settings.matmul == "bf16")
+                   symmetries(craft) if settings.symmetric else None, layout, bf16=settings.matmul == "bf16")
 
 
 def check_device(device: str) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 from rans.model.dynamics import State
 from rans.model.fields import leaves, map_leaves
 from rans.optimal.trajectory.smoothing import rounded
-from rans.tasks.base import Task, state_dimension
+from rans.tasks.base import Task, residual
 
 Ending = Literal["exact", "set", "free"]
 """At the goal; within the task's tolerances of it; or anywhere."""
@@ -67,8 +67,7 @@ class Arrival:
 
         rates = _rate_gaps(task, state, aim) if ending != "free" else []
         if ending == "exact":
-            target = task.residual_target(state_dimension(goal))
-            gaps = [r - t for r, t in zip(task.residual(state, aim), target, strict=True)] + rates
+            gaps = [*residual(task, state, aim), *rates]
             self.conditions = function(gaps)
             self.high = np.where(_independent(self.conditions, leaves(goal)), 0.0, _BRANCH)
         else:

@@ -16,7 +16,8 @@ from rans.model.spacecraft import Spacecraft
 from rans.optimal.trajectory.arrival import Ending
 from rans.optimal.trajectory.smoothing import rounded
 from rans.scenario import scenario
-from rans.tasks.base import Task, state_dimension
+from rans.tasks.base import Task, residual
+from rans.tasks.rewards import Transition
 
 
 @dataclass(frozen=True)
@@ -160,9 +161,8 @@ class QuadraticTracking(_GivenTime):
     def cost(self, path: Path) -> Any:
         """The integral of |residual - target|^2 + weight |commands|^2 over time, s."""
         (state, goal), arguments = _symbols(path)
-        target = path.task.residual_target(state_dimension(state))
-        gaps = [(r - t) ** 2 for r, t in zip(path.task.residual(state, goal), target, strict=True)]
-        stage = ca.Function("gap", arguments, [sum(gaps)])
+        gap = sum(x**2 for x in residual(path.task, state, goal))
+        stage = ca.Function("gap", arguments, [gap])
         far = ca.sum2(stage.map(self.intervals)(path.states, _each_step(path)))
         return path.period * (far + self.command_weight * ca.sumsqr(path.commands))
 
@@ -189,7 +189,7 @@ class MaximumReward(_GivenTime):
         """Minus the return: the sum of all terms of `Task.reward` over all steps."""
         (state, goal), arguments = _symbols(path)
         now, before = ([ca.SX.sym("u") for _ in path.craft.thrusters] for _ in range(2))  # type: ignore[call-arg]
-        terms = path.task.reward(state, goal, tuple(now), tuple(before))
+        terms = path.task.reward(Transition(state, goal, tuple(now), tuple(before)))
         stage = ca.Function("reward", [*arguments, ca.vertcat(*now), ca.vertcat(*before)],
                             [sum(terms.values())])
         previous = ca.horzcat(ca.MX(len(now), 1), path.commands[:, :-1])

@@ -82,7 +82,7 @@ def test_who_never_arrives_is_infinitely_late() -> None:
 
 def test_both_engines_fly_the_same_starts() -> None:
     """A controller without feedback on rounding: its flights agree to 1e-9 m in both engines."""
-    policy = user_policy("python:tests.evaluation.policies:idle", CRAFT)
+    policy = user_policy("python:tests.evaluation.policies:idle", CRAFT, GoToPose())
     timing = Timing(episode_steps=5)
     fast, drake = (Protocol(CRAFT, PROTOCOL.task, timing, 5, 3, engine).fly(policy).flight
                    for engine in ("fast", "drake"))

@@ -17,6 +17,7 @@ import rans
 from rans.errors import ConfigError
 from rans.evaluation.fly.user_policies import is_user_policy, user_policy
 from rans.model.spacecraft_file import load_spacecraft
+from rans.tasks import GoToPose
 
 CRAFT = load_spacecraft("floating-platform")
 OBSERVATIONS = np.random.default_rng(0).normal(size=(7, 10)).astype(np.float32)
@@ -44,7 +45,7 @@ def saved(path: Path, algorithm: type, action_space: object, width: int = 10) ->
 @pytest.mark.parametrize("space", [MultiDiscrete([2] * 8), MultiBinary(8)])
 def test_sb3_file_does_what_its_model_does(tmp_path: Path, algorithm: type, space: object) -> None:
     file, model = saved(tmp_path / "policy.zip", algorithm, space)
-    policy = user_policy(f"sb3:{file}", CRAFT)
+    policy = user_policy(f"sb3:{file}", CRAFT, GoToPose())
     expected, _ = model.predict(OBSERVATIONS, deterministic=True)  # type: ignore[attr-defined]
     assert 0 < expected.sum() < expected.size  # not trivial
     np.testing.assert_array_equal(policy.act(None, None, OBSERVATIONS), expected)
@@ -52,7 +53,7 @@ def test_sb3_file_does_what_its_model_does(tmp_path: Path, algorithm: type, spac
 
 def test_other_processes_load_it_anew(tmp_path: Path) -> None:
     file, model = saved(tmp_path / "policy.zip", PPO, MultiBinary(8))
-    policy = pickle.loads(pickle.dumps(user_policy(f"sb3:{file}", CRAFT)))
+    policy = pickle.loads(pickle.dumps(user_policy(f"sb3:{file}", CRAFT, GoToPose())))
     expected, _ = model.predict(OBSERVATIONS, deterministic=True)  # type: ignore[attr-defined]
     np.testing.assert_array_equal(policy.act(None, None, OBSERVATIONS), expected)
 
@@ -61,7 +62,7 @@ def test_agent_of_rans_train_is_such_a_file(tmp_path: Path) -> None:
     engine = rans.Engine(CRAFT, rans.GoToPose(), num_envs=2)
     model = rans.PPO("MlpPolicy", rans.SB3VecEnv(engine), n_steps=2, batch_size=2, seed=5)
     model.save(tmp_path / "policy.zip")
-    policy = user_policy(f"sb3:{tmp_path / 'policy.zip'}", CRAFT)
+    policy = user_policy(f"sb3:{tmp_path / 'policy.zip'}", CRAFT, GoToPose())
     expected, _ = model.predict(OBSERVATIONS, deterministic=True)
     np.testing.assert_array_equal(policy.act(None, None, OBSERVATIONS), expected)
 
@@ -75,11 +76,11 @@ def test_agent_of_rans_train_is_such_a_file(tmp_path: Path) -> None:
 def test_sb3_file_for_something_else(tmp_path: Path, space: object, width: int, sentence: str) -> None:
     file, _ = saved(tmp_path / "policy.zip", PPO, space, width)
     with pytest.raises(ConfigError, match=sentence):
-        user_policy(f"sb3:{file}", CRAFT)
+        user_policy(f"sb3:{file}", CRAFT, GoToPose())
 
 
 def test_python_function() -> None:
-    policy = user_policy("python:tests.evaluation.policies:full", CRAFT)
+    policy = user_policy("python:tests.evaluation.policies:full", CRAFT, GoToPose())
     assert policy.name == "python:tests.evaluation.policies:full"
     np.testing.assert_array_equal(policy.act(None, None, OBSERVATIONS), np.ones((7, 8)))
 
@@ -90,7 +91,7 @@ def test_python_function() -> None:
     ("broken", "broken failed: KeyError: 'no such layer'"),
 ])
 def test_answers_are_checked(name: str, sentence: str) -> None:
-    policy = user_policy(f"python:tests.evaluation.policies:{name}", CRAFT)
+    policy = user_policy(f"python:tests.evaluation.policies:{name}", CRAFT, GoToPose())
     with pytest.raises(ConfigError, match=sentence):
         policy.act(None, None, OBSERVATIONS)
 
@@ -107,13 +108,13 @@ def test_answers_are_checked(name: str, sentence: str) -> None:
 def test_what_cannot_be_loaded(spec: str, sentence: str) -> None:
     assert is_user_policy(spec)
     with pytest.raises(ConfigError, match=sentence):
-        user_policy(spec, CRAFT)
+        user_policy(spec, CRAFT, GoToPose())
 
 
 def test_onnx_needs_its_package(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setitem(sys.modules, "onnxruntime", None)
     with pytest.raises(ConfigError, match=r"needs the package onnxruntime: pip install 'rans\[onnx\]'"):
-        user_policy(f"onnx:{tmp_path / 'policy.onnx'}", CRAFT)
+        user_policy(f"onnx:{tmp_path / 'policy.onnx'}", CRAFT, GoToPose())
 
 
 class Session:
@@ -137,12 +138,12 @@ def test_onnx_file(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setitem(sys.modules, "onnxruntime", runtime)
     for name in ("policy", "damaged", "two"):
         (tmp_path / name).write_bytes(b"")
-    policy = user_policy(f"onnx:{tmp_path / 'policy'}", CRAFT)
+    policy = user_policy(f"onnx:{tmp_path / 'policy'}", CRAFT, GoToPose())
     np.testing.assert_array_equal(policy.act(None, None, OBSERVATIONS), OBSERVATIONS[:, :8] > 0)
     with pytest.raises(ConfigError, match="damaged is no ONNX network: bad magic"):
-        user_policy(f"onnx:{tmp_path / 'damaged'}", CRAFT)
+        user_policy(f"onnx:{tmp_path / 'damaged'}", CRAFT, GoToPose())
     with pytest.raises(ConfigError, match="must have one input, the observation, got a, b"):
-        user_policy(f"onnx:{tmp_path / 'two'}", CRAFT)
+        user_policy(f"onnx:{tmp_path / 'two'}", CRAFT, GoToPose())
 
 
 def test_others_are_no_user_policies() -> None:

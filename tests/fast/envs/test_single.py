@@ -259,10 +259,10 @@ def test_lists_of_frames_come_from_gymnasium() -> None:
 
 
 def test_states_stay_plain_numbers() -> None:
-    env = make("rans/GoToPose3D-v0")
+    env: Any = make("rans/GoToPose3D-v0").unwrapped
     env.reset(seed=1)
     env.step(env.action_space.sample())
-    assert {type(x) for x in leaves(env._state)} == {float}
+    assert {type(x) for x in leaves(env.state)} == {float}
 
 
 def test_the_single_environment_needs_no_torch() -> None:

@@ -26,7 +26,7 @@ class HostKernel(Kernel):
     """
 
     def __init__(self, engine: Engine, folder: Path) -> None:
-        super().__init__(engine._simulation, engine._episodes, engine._seed, engine.world)
+        super().__init__(engine._world, engine._episode, engine._seed, engine.processes, engine.dtype)
         self._folder = folder
         self._libraries: dict[torch.dtype, CDLL] = {}
 

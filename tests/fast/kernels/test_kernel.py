@@ -123,7 +123,8 @@ def test_an_odd_number_of_spacecraft_flies_one_by_one(on_host: Any, monkeypatch:
 
 @pytest.mark.usefixtures("together")
 def test_each_process_flies_its_own_episodes(on_host: Any) -> None:
-    whole, part = Engine(PLATFORM, NEAR, 16, SHORT), on_host(PLATFORM, NEAR, 8, SHORT, world=Processes(1, 2))
+    whole = Engine(PLATFORM, NEAR, 16, SHORT)
+    part = on_host(PLATFORM, NEAR, 8, SHORT, processes=Processes(1, 2))
     ends = 0
     for action in actions(PLATFORM, 16, 25):
         expected, found = whole.step(action), part.step(action[1::2])

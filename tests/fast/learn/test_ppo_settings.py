@@ -60,7 +60,7 @@ def test_episodes_end_at_different_times_after_every_fresh_start() -> None:
     engine, model = env.engine, PPO("MlpPolicy", env, n_steps=16, device="cpu")
     for _ in range(2):
         model.learn(1, log_interval=1000)
-        steps = engine.save_state()["buffers"][-1] & engine._simulation.step_mask
+        steps = engine.save_state()["buffers"][-1] & engine._world.step_mask
         assert len(set(steps.tolist())) > 4
 
 

@@ -54,7 +54,7 @@ def test_guess_is_a_motion_from_start_to_goal(dimension: int, number: int) -> No
     rotation = _rotations(attitude)
     turned = (rotation[:-2].inv() * rotation[2:]).as_rotvec()[:, -len(w):].T
     np.testing.assert_allclose(turned / (2 * step), w[:, 1:-1], atol=1e-5)
-    goal = _rotations(np.array([_entries(start.goal.attitude)]).T)
+    goal = _rotations(np.array([leaves(start.goal.attitude)]).T)
     assert (rotation[-1:].inv() * goal).magnitude()[0] < 1e-7  # arccos halves the digits
     angle = np.linalg.norm(w, axis=0).sum() * step
     assert (angle > math.pi) == (number in (1, 3))

@@ -12,7 +12,7 @@ from rans.model.dynamics import PlanarState, SpatialState
 from rans.model.fields import Heading, Quat, Vec2, Vec3, leaves, map_leaves
 from rans.optimal.trajectory.smoothing import ROUNDINGS, rounded
 from rans.tasks import TASKS
-from rans.tasks.rewards import nearness
+from rans.tasks.rewards import Transition, nearness
 
 X, Y = ca.SX.sym("x"), ca.SX.sym("y")  # type: ignore[call-arg]
 NORM = ca.Function("norm", [X, Y], [ca.sqrt(X * X + Y * Y), ca.fabs(X - 2 * Y) * 3.0])
@@ -48,7 +48,7 @@ def test_rewards_have_gradients_at_the_goal(name: str, dimension: int) -> None:
     state = map_leaves(lambda _: ca.SX.sym("s"), rest)  # type: ignore[call-arg]
     commands = ca.SX.sym("u", 4)  # type: ignore[call-arg]
     u = [commands[i] for i in range(4)]
-    terms = task.reward(state, rest, (u[0], u[1]), (u[2], u[3]))
+    terms = task.reward(Transition(state, rest, (u[0], u[1]), (u[2], u[3])))
     raw = ca.Function("reward", [ca.vertcat(*leaves(state)), commands], [sum(terms.values())])
     smooth = rounded(raw, ROUNDINGS[0])
     here, command = list(leaves(rest)), [0.5, 0.5, 0.5, 0.5]

@@ -1,0 +1,178 @@
+"""One episode and its one step: what the engine, the kernels, environments, flights and Drake all drive.
+
+Everything is a pure function over fields (`rans.model.fields`) without branches, so that the same source
+steps one spacecraft of numbers, a batch of NumPy or torch, and the symbols that a GPU kernel is made from.
+Drivers differ in who moves the spacecraft (our equations, or Drake) and who begins the next episode.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+from rans.model.dynamics import NODES, MassProperties, advance, wrench
+from rans.model.fields import Field, finite, leaves, map_leaves, where
+from rans.model.random import Random
+from rans.model.spacecraft import Spacecraft
+from rans.model.timing import Timing
+from rans.model.trace import Symbol, depends
+from rans.tasks.base import Task, observation, symbolic
+from rans.tasks.rewards import Transition
+
+Command = tuple[Field, ...]
+"""One field per thruster."""
+
+
+@dataclass(frozen=True)
+class Episode:
+    """What is known of N running episodes, or of one."""
+
+    state: Any
+    """`State` of fields."""
+    goal: Any
+    """`State` of fields, or of floats where the task's goal never varies."""
+    clock: Field
+    """int32: control periods since the episode's start in the low bits, and above them how many episodes of
+    this environment came before. Their count wraps around."""
+    previous: Command = ()
+    """The last command; empty where the task's reward does not look at it."""
+
+    def memory(self) -> list[Field]:
+        """Every field that varies, in a fixed order: state and goal, clock, last command."""
+        goal = (x for x in leaves(self.goal) if not isinstance(x, float))
+        return [*leaves(self.state), *goal, self.clock, *self.previous]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What one control period gave, before any reset."""
+
+    episode: Episode
+    """As it arrived."""
+    terms: dict[str, Field]
+    """Reward by name."""
+    terminated: Field
+    """The task failed, or a number of the state is no longer finite."""
+    truncated: Field
+    """Time is up, and the task did not fail in the same step."""
+    reached: Field
+    """Every error is within the task's tolerance."""
+
+    @property
+    def reward(self) -> Field:
+        """Sum of the terms."""
+        return sum(self.terms.values())
+
+    @property
+    def ended(self) -> Field:
+        """Whether this was the episode's last step."""
+        return self.terminated | self.truncated
+
+
+@dataclass(frozen=True)
+class World:
+    """Everything about episodes that does not change while they run."""
+
+    craft: Spacecraft
+    task: Task
+    timing: Timing = field(default_factory=Timing)
+    body: MassProperties | None = None
+    """Numbers, or fields (N,); None: the craft's."""
+    nodes: int = NODES
+    """Of the quadrature in the plane (`rans.model.dynamics.advance`)."""
+
+    def move(self, episode: Episode, command: Command) -> Any:
+        """The state after the command was held for one control period, by our equations."""
+        return advance(
+            episode.state, wrench(self.craft, command), self.body or MassProperties.of(self.craft),
+            self.timing.control_period, self.timing.substeps, self.nodes,
+        ).normalised()
+
+    def observe(self, episode: Episode) -> tuple[Field, ...]:
+        """What a policy sees now."""
+        return observation(self.task, episode.state, episode.goal)
+
+    @property
+    def step_mask(self) -> int:
+        """Ones in the bits of a clock that hold its control periods."""
+        return 2**self.timing.episode_steps.bit_length() - 1
+
+    def next_episode(self, clock: Field) -> Field:
+        """The clock at the start of the next episode."""
+        return (clock | self.step_mask) + 1
+
+    def number(self, clock: Field, numbers: tuple[Field, Any]) -> Field:
+        """Number of the episode, for an environment whose numbers these are (`restart`)."""
+        first, stride = numbers
+        return first + (clock >> self.step_mask.bit_length()) * stride
+
+    def begin(self, seed: tuple[Field, Field], number: Field, dtype: Any) -> tuple[Any, Any]:
+        """Start and goal of the episodes with these numbers, as fields of this floating dtype."""
+        return self.task.sample(Random(self.craft.dimension, *seed, number, dtype))
+
+    @cached_property
+    def watches_switching(self) -> bool:
+        """Whether the reward looks at the previous command, found by running it on symbols."""
+        thrusters = range(len(self.craft.thrusters))
+        command, previous = (tuple(Symbol.input(f"{name} {i}") for i in thrusters)
+                             for name in ("command", "previous"))
+        try:
+            task, state, goal = symbolic(self.task, self.craft.dimension)
+            terms = task.reward(Transition(state, goal, command, previous))
+        except TypeError:  # a task of the user's that symbols cannot follow may look at anything
+            return True
+        return depends(terms.values(), previous)
+
+
+Mover = Callable[[Episode, Command], Any]
+"""The state after a command was held for one control period: `World.move`, or Drake."""
+
+
+def step(world: World, episode: Episode, command: Command, move: Mover | None = None) -> Outcome:
+    """Hold the command for one control period.
+
+    Args:
+        world: what does not change.
+        episode: as it runs.
+        command: one field per thruster, 0 (shut) to 1 (open).
+        move: who computes the motion; None: our equations.
+    """
+    task, goal = world.task, episode.goal
+    state = (move or world.move)(episode, command)
+    clock = episode.clock + 1
+    terminated = task.failed(state, goal) | ~finite(*leaves(state))
+    return Outcome(
+        episode=Episode(state, goal, clock, command if episode.previous else ()),
+        terms=task.reward(Transition(state, goal, command, episode.previous or command)),
+        terminated=terminated,
+        truncated=((clock & world.step_mask) >= world.timing.episode_steps) & ~terminated,
+        reached=task.reached(state, goal),
+    )
+
+
+def restart(world: World, outcome: Outcome, seed: tuple[Field, Field], numbers: tuple[Field, Any],
+            dtype: Any) -> Episode:
+    """The next episode where one ended, elsewhere the same.
+
+    Args:
+        world: what does not change.
+        outcome: of the last step.
+        seed: its two words (`rans.model.random.seed_words`).
+        numbers: the number of each environment's first episode, and how far from one of its episodes to
+            the next. With the seed an episode's number decides start and goal.
+        dtype: floating dtype of the fields, of their library.
+    """
+    ended, arrived = outcome.ended, outcome.episode
+    clock = world.next_episode(arrived.clock)
+    start, goal = world.begin(seed, world.number(clock, numbers), dtype)
+    choose = lambda new, old: old if new is old else where(ended, new, old)  # noqa: E731
+    return replace(
+        arrived,
+        state=map_leaves(choose, start, arrived.state),
+        goal=map_leaves(lambda new, old: old if isinstance(old, float) else choose(new, old),
+                        goal, arrived.goal),
+        clock=where(ended, clock, arrived.clock),
+        previous=tuple(where(ended, valve * 0, valve) for valve in arrived.previous),
+    )

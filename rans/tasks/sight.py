@@ -1,0 +1,330 @@
+"""What a policy sees, as typed entries: their types decide width, table, frames, mirror images and targets.
+
+The paper's observation (section 3.2) is one layout of it: attitude, velocity, spin, task flag, then four
+columns of task data in the plane and nine in space. A task with more to say has more columns.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import ClassVar, Literal, NamedTuple
+
+from rans.errors import ConfigError
+from rans.model.fields import Attitude, Field, Vector, where
+
+Dimension = Literal[2, 3]
+Columns = Sequence[Field]
+Turned = Callable[[Columns], Columns]
+"""Two or three columns of a vector, to the same vector in other coordinates."""
+
+INFINITE = float("inf")
+DATA_COLUMNS = {2: 4, 3: 9}
+"""At least so many hold task data, so that the paper's tasks share a width (Table 1)."""
+
+
+class Column(NamedTuple):
+    """One row of the table of an observation."""
+
+    name: str
+    unit: str
+    frame: str
+
+
+@dataclass(frozen=True)
+class Entry(ABC):
+    """One thing that a policy sees; each kind knows how its columns look from elsewhere."""
+
+    name: str
+    """Its columns' names begin with it."""
+    unit: str
+    value: Field
+
+    frame: ClassVar[str] = "-"
+    bound: ClassVar[float] = INFINITE
+    """No column's absolute value is larger."""
+
+    @abstractmethod
+    def columns(self) -> Columns:
+        """Its fields, in order."""
+
+    @abstractmethod
+    def labels(self) -> Sequence[str]:
+        """What each column is called."""
+
+    def target(self) -> Sequence[float]:
+        """Its columns where a task has reached its goal."""
+        return (0.0,) * len(self.columns())
+
+    def block(self) -> Block:
+        """The entry without its values."""
+        return Block(type(self), len(self.columns()))
+
+    @staticmethod
+    def in_body(columns: Columns, turned: Turned) -> Columns:
+        """The columns in B, where ``turned`` takes vectors from W to B."""
+        return columns
+
+    @staticmethod
+    def mirrored(columns: Columns, view: Turned, hand: Field) -> Columns:
+        """The columns of B from an equivalent side, where ``hand`` is -1 for a mirror image."""
+        return columns
+
+
+@dataclass(frozen=True)
+class VectorInW(Entry):
+    """A vector expressed in W, which thrusters see in B."""
+
+    value: Vector
+    frame = "W"
+
+    def columns(self) -> Columns:
+        """See `Entry`."""
+        return self.value.columns()
+
+    def labels(self) -> Sequence[str]:
+        """See `Entry`."""
+        return [self.name + axis for axis in "xyz"[:len(self.columns())]]
+
+    @staticmethod
+    def in_body(columns: Columns, turned: Turned) -> Columns:
+        """See `Entry`."""
+        return turned(columns)
+
+    @staticmethod
+    def mirrored(columns: Columns, view: Turned, hand: Field) -> Columns:
+        """See `Entry`."""
+        return view(columns)
+
+
+@dataclass(frozen=True)
+class Spin(Entry):
+    """An angular velocity in B: a mirror turns its sense about."""
+
+    value: tuple[Field, ...]
+    frame = "B"
+
+    def columns(self) -> Columns:
+        """See `Entry`."""
+        return self.value
+
+    def labels(self) -> Sequence[str]:
+        """See `Entry`."""
+        return [f"{self.name}_{axis}" for axis in ("z" if len(self.value) == 1 else "xyz")]
+
+    @staticmethod
+    def mirrored(columns: Columns, view: Turned, hand: Field) -> Columns:
+        """See `Entry`."""
+        return [x * hand for x in (columns if len(columns) == 1 else view(columns))]
+
+
+@dataclass(frozen=True)
+class Turn(Entry):
+    """A rotation from B, R_B^T R of something, such as the rotation still to go to the goal's attitude."""
+
+    value: Attitude
+    bound = 1.0
+
+    def columns(self) -> Columns:
+        """See `Entry`."""
+        return self.value.columns()
+
+    def labels(self) -> Sequence[str]:
+        """See `Entry`."""
+        if len(self.columns()) == 2:
+            return [f"cos {self.name}heading", f"sin {self.name}heading"]
+        return [f"{self.name}R[{i},{j}]" for i in (0, 1) for j in (0, 1, 2)]
+
+    def target(self) -> Sequence[float]:
+        """See `Entry`: no rotation."""
+        return (1.0, 0.0) if len(self.columns()) == 2 else (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
+
+    @staticmethod
+    def mirrored(columns: Columns, view: Turned, hand: Field) -> Columns:
+        """The first two rows of G R G^T, where G is the view and the columns are the first two rows of R."""
+        if len(columns) == 2:
+            return [columns[0], columns[1] * hand]
+        rows = (columns[:3], columns[3:], cross(columns[:3], columns[3:]))
+        turned = [view(column) for column in zip(*rows, strict=True)]
+        return [x for row in list(zip(*turned, strict=True))[:2] for x in view(row)]
+
+
+@dataclass(frozen=True)
+class OwnAttitude(Turn):
+    """R_WB: what takes vectors to B, where nothing but they depends on it (decision 004)."""
+
+    frame = "W"
+
+    def labels(self) -> Sequence[str]:
+        """See `Entry`."""
+        if len(self.columns()) == 2:
+            return ["cos heading", "sin heading"]
+        return [f"R_WB[{i},{j}]" for i in (0, 1) for j in (0, 1, 2)]
+
+    @staticmethod
+    def in_body(columns: Columns, turned: Turned) -> Columns:
+        """Nothing is left of it."""
+        return ()
+
+
+@dataclass(frozen=True)
+class Scalar(Entry):
+    """A number that looks the same from everywhere."""
+
+    def columns(self) -> Columns:
+        """See `Entry`."""
+        return (self.value,)
+
+    def labels(self) -> Sequence[str]:
+        """See `Entry`."""
+        return (self.name,)
+
+
+@dataclass(frozen=True)
+class Drawn(Entry):
+    """Columns whose kind the task flag tells: those of the task that an episode drew."""
+
+    value: tuple[Field, ...]
+    choices: tuple[Choice, ...] = ()
+
+    def columns(self) -> Columns:
+        """See `Entry`."""
+        return self.value
+
+    def labels(self) -> Sequence[str]:
+        """See `Entry`."""
+        return [f"{self.name} {i}" for i in range(len(self.value))]
+
+    def target(self) -> Sequence[float]:
+        """There is none that all tasks share.
+
+        Raises:
+            ConfigError: always.
+        """
+        raise ConfigError("a multi-task's data have no target that its tasks share: name one of them.")
+
+    def block(self) -> Block:
+        """See `Entry`."""
+        return Block(Drawn, len(self.value), self.choices)
+
+
+class Block(NamedTuple):
+    """Neighbouring columns of one entry, without their values."""
+
+    kind: type[Entry]
+    width: int
+    choices: tuple[Choice, ...] = ()
+    """Of `Drawn`."""
+
+
+Choice = tuple[float, tuple[Block, ...]]
+"""A task flag, and what the columns are under it."""
+
+
+class Layout(NamedTuple):
+    """Which columns of an observation are what; pickled with every policy.
+
+    The first three blocks are attitude, velocity and spin, the fourth is the task flag; `in_body` drops the
+    first.
+    """
+
+    blocks: tuple[Block, ...]
+
+    @property
+    def width(self) -> int:
+        """Number of columns."""
+        return sum(block.width for block in self.blocks)
+
+    @property
+    def body(self) -> Layout:
+        """The layout of what `in_body` gives."""
+        return Layout(tuple(block for block in self.blocks if block.kind is not OwnAttitude))
+
+    def split(self, columns: Columns) -> Iterator[tuple[Block, Columns]]:
+        """The columns of each block."""
+        start = 0
+        for block in self.blocks:
+            yield block, columns[start:start + block.width]
+            start += block.width
+
+    def in_body(self, columns: Columns) -> list[Field]:
+        """Columns of an observation with vectors in B, without the attitude: `body`."""
+        turned = to_body(columns[:self.blocks[0].width])
+        return [x for block, mine in self.split(columns) for x in block.kind.in_body(mine, turned)]
+
+    def ahead(self, columns: Columns) -> Columns | None:
+        """The first vector among the task's data, of `body`'s columns: the way to go, if there is one."""
+        data = list(self.split(columns))[3:]
+        return next((mine for block, mine in data if block.kind is VectorInW), None)
+
+    def mirrored(self, columns: Columns, view: Turned, hand: Field) -> list[Field]:
+        """Columns of `body` as they are seen from an equivalent side of the spacecraft."""
+        (_, flag), = list(self.split(columns))[2:3]
+        return [x for block, mine in self.split(columns) for x in _mirrored(block, mine, view, hand, flag[0])]
+
+
+def _mirrored(block: Block, columns: Columns, view: Turned, hand: Field, flag: Field) -> Columns:
+    result = block.kind.mirrored(columns, view, hand)
+    for choice, blocks in block.choices:
+        layout = Layout(blocks)
+        seen = [x for b, mine in layout.split(columns) for x in b.kind.mirrored(mine, view, hand)]
+        result = [where(flag == choice, a, b) for a, b in zip(seen, result, strict=True)]
+    return result
+
+
+def to_body(attitude: Columns) -> Turned:
+    """What takes vectors from W to B, from the columns of R_WB."""
+    if len(attitude) == 2:
+        c, s = attitude
+        return lambda u: [c * u[0] + s * u[1], c * u[1] - s * u[0]]
+    a, b = attitude[:3], attitude[3:]
+    rows = list(zip(a, b, cross(a, b), strict=True))
+    return lambda u: [p * u[0] + q * u[1] + r * u[2] for p, q, r in rows]
+
+
+def cross(a: Columns, b: Columns) -> Columns:
+    """Vector product: of a rotation matrix' first two rows, the third."""
+    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+
+
+@dataclass(frozen=True)
+class Sight:
+    """All that a policy sees of one moment."""
+
+    attitude: OwnAttitude
+    velocity: VectorInW
+    spin: Spin
+    flag: Scalar
+    data: tuple[Entry, ...]
+    """What the task shows."""
+
+    def entries(self) -> tuple[Entry, ...]:
+        """All of it, filled up with zeros to the paper's width."""
+        own = (self.attitude, self.velocity, self.spin, self.flag)
+        dimension = len(self.velocity.columns())
+        missing = DATA_COLUMNS[dimension] - sum(len(entry.columns()) for entry in self.data)
+        zero = self.flag.value * 0.0
+        return (*own, *self.data, *(Scalar("unused", "-", zero) for _ in range(missing)))
+
+    def columns(self) -> tuple[Field, ...]:
+        """The observation."""
+        return tuple(x for entry in self.entries() for x in entry.columns())
+
+    def table(self) -> tuple[Column, ...]:
+        """What each column holds."""
+        return tuple(Column(label, entry.unit, _frame(entry)) for entry in self.entries()
+                     for label in entry.labels())
+
+    def bounds(self) -> tuple[float, ...]:
+        """Of each column's absolute value."""
+        return tuple(entry.bound for entry in self.entries() for _ in entry.columns())
+
+    def layout(self) -> Layout:
+        """Which columns are what."""
+        return Layout(tuple(entry.block() for entry in self.entries()))
+
+
+def _frame(entry: Entry) -> str:
+    """A heading's difference has no frame, a matrix of R_B^T R has rows in B."""
+    return "B" if type(entry) is Turn and len(entry.columns()) > 2 else entry.frame
