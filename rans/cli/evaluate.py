@@ -84,15 +84,15 @@ class Evaluate:
         from rich.progress import Progress
 
         from rans.evaluation.fly.judge import Engine, flown
-        from rans.evaluation.fly.protocols import Conditions
+        from rans.evaluation.fly.protocols import Setup
 
         engines: tuple[Engine, ...] = ("fast", "drake") if self.engine == "both" else (self.engine,)
-        conditions, flights = Conditions(run.craft, run.task.for_evaluation(), run.timing), {}
+        setup, flights = Setup(run.craft, run.task.for_evaluation(), run.timing), {}
         console = Console(stderr=True)
         with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
             for engine in engines:
                 step = partial(progress.advance, progress.add_task(f"{engine} engine", total=self.episodes))
-                flights[engine], stopped = flown(run.controller, conditions, self.seed, self.episodes,
+                flights[engine], stopped = flown(run.controller, setup, self.seed, self.episodes,
                                                  engine, progress=step)
                 if stopped:
                     console.print(f"rans: warning: {run.controller.name}'s solver stopped {stopped} times; "

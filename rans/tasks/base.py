@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, Protocol
 
@@ -22,6 +23,18 @@ class Task(Protocol):
     The same object serves the plane and space, and torch, NumPy and CasADi. A task never truncates:
     time belongs to the engine.
     """
+
+    symmetric: ClassVar[bool] = True
+    """Whether agents had better learn for one side of the spacecraft what serves all that look the same
+    (decision 009)."""
+
+    def parts(self) -> Mapping[str, Task]:
+        """What an agent is judged on, by name: the tasks drawn from, or itself, which needs no name: ""."""
+        ...
+
+    def drawn(self, goal: Any) -> Task:
+        """The task that one goal, of numbers, belongs to: itself, or one of those drawn from."""
+        ...
 
     def flag_of(self, goal: Any) -> Field:
         """The paper's task flag tf, by which a policy knows its task."""
@@ -93,10 +106,20 @@ class SingleTask(Prices, Task):
         ConfigError: see `check_settings`.
     """
 
-    flag: ClassVar[int]
+    flag: ClassVar[float] = -1.0
+    """The paper's tf, which policies see. The paper's numbers are 0 to 4; other tasks need none of
+    their own."""
 
     def __post_init__(self) -> None:
         check_settings(self)
+
+    def parts(self) -> dict[str, Task]:
+        """Itself."""
+        return {"": self}
+
+    def drawn(self, goal: Any) -> Task:
+        """Itself."""
+        return self
 
     def flag_of(self, goal: Any) -> Field:
         """The same for every goal."""

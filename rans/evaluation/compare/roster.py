@@ -17,7 +17,6 @@ from rans.optimal.control.lqr import LQR
 from rans.optimal.control.regulator import Weights
 from rans.pretrained import pretrained_folder
 from rans.scenario import EVALUATION_SEED
-from rans.tasks.multi_task import MultiTask
 
 SWEEP = (0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0)
 """Factors on the LQR's default weights: from twice as stiff to four
@@ -38,8 +37,8 @@ def protocol_of(spec: str, episodes: int, seed: int = EVALUATION_SEED,
     if episodes < 1:
         raise ConfigError(f"--episodes must be at least 1, got {episodes}.")
     _, craft, task, timing = contestant(spec)
-    if isinstance(task, MultiTask):
-        raise ConfigError(f"{spec} knows several tasks: pick one, as in {spec}#{next(iter(task.parts()))}.")
+    if first := next(iter(task.parts())):
+        raise ConfigError(f"{spec} knows several tasks: pick one, as in {spec}#{first}.")
     return Protocol(craft, task.for_evaluation(), timing, seed, episodes, engine)
 
 
@@ -49,7 +48,7 @@ def enlist(spec: str, protocol: Protocol) -> Contestant:
     Raises:
         ConfigError: there is none, or it is for another task, spacecraft or control rate.
     """
-    run = contestant(spec, lent=protocol.conditions)
+    run = contestant(spec, lent=protocol.setup)
     _check_same(spec, run, protocol)
     simple = spec.partition(":")[0] in ("lqr", "mpc")
     return Contestant(run.controller.name, run.controller, _MODEL if simple else _OBSERVATION, _tuning(spec))
@@ -94,7 +93,7 @@ def simple_controller(name: str, protocol: Protocol) -> Contestant:
     Raises:
         ConfigError: it cannot fly this spacecraft.
     """
-    return Contestant(name.upper(), controller(name, protocol.conditions), _MODEL, _UNTUNED)
+    return Contestant(name.upper(), controller(name, protocol.setup), _MODEL, _UNTUNED)
 
 
 def swept_lqr(protocol: Protocol) -> list[Contestant]:
@@ -102,6 +101,6 @@ def swept_lqr(protocol: Protocol) -> list[Contestant]:
     found = []
     for factor in SWEEP:
         weights = Weights(**{name: factor * value for name, value in asdict(Weights()).items()})
-        lqr = LQR(*protocol.conditions, weights)
+        lqr = LQR(*protocol.setup, weights)
         found.append(Contestant(f"LQR x {factor:g}", lqr, _MODEL, f"one of {len(SWEEP)} weights"))
     return found
