@@ -30,6 +30,7 @@ class Registry(Mapping[str, T]):
         built_in: where the objects that come with RANS are: "module:Name", or "package:file.toml" for the
             text of a file. No package replaces them.
         checked: called with what was loaded; gives the object to hand out.
+        or_else: what else a user may name, for messages.
 
     Raises:
         ConfigError: by ``registry[name]``: there is no such object, or it does not work; the sentence names
@@ -37,13 +38,14 @@ class Registry(Mapping[str, T]):
     """
 
     def __init__(self, what: str, group: str, built_in: Mapping[str, str],
-                 checked: Callable[[Any], T]) -> None:
-        self._what, self._group, self._built_in, self._checked = what, group, built_in, checked
+                 checked: Callable[[Any], T], or_else: str = "") -> None:
+        self._what, self._group, self.built_in, self._checked = what, group, built_in, checked
+        self._or_else = or_else
         self._loaded: dict[str, T] = {}
         self._own: dict[str, T] = {}
 
     def __iter__(self) -> Iterator[str]:
-        return iter(dict.fromkeys((*self._built_in, *self._offered, *self._own)))
+        return iter(dict.fromkeys((*self.built_in, *self._offered, *self._own)))
 
     def __len__(self) -> int:
         return len(list(iter(self)))
@@ -68,7 +70,7 @@ class Registry(Mapping[str, T]):
         Raises:
             ConfigError: the name is taken by somebody else, or the object does not work.
         """
-        if name in self._built_in or name in self._offered or ":" in name:
+        if name in self.built_in or name in self._offered or ":" in name:
             raise ConfigError(f"the {self._what} {name!r} exists already, or is no name; choose another one.")
 
         def keep(found: T) -> T:
@@ -79,7 +81,7 @@ class Registry(Mapping[str, T]):
 
     def package(self, name: str) -> str:
         """The installed package that offers this name; nothing for what comes with RANS or was registered."""
-        return "" if name in self._built_in else " and ".join(map(_package, self._offered.get(name, ())))
+        return "" if name in self.built_in else " and ".join(map(_package, self._offered.get(name, ())))
 
     @cached_property
     def _offered(self) -> dict[str, list[EntryPoint]]:
@@ -92,7 +94,7 @@ class Registry(Mapping[str, T]):
         package = self.package(name)
         if name not in self and ":" not in name:
             raise ConfigError(f"there is no {self._what} named {name!r}{meant(name, self)}; known are "
-                              f"{', '.join(self)}; your own is MODULE:NAME.")
+                              f"{', '.join(self)}; your own is MODULE:NAME{self._or_else}.")
         try:
             return self._checked(resolve(self._reference(name)))
         except ConfigError as error:
@@ -100,8 +102,8 @@ class Registry(Mapping[str, T]):
             raise ConfigError(f"the {self._what} {name!r}{of} cannot be used: {error}") from error
 
     def _reference(self, name: str) -> str:
-        if name in self._built_in:
-            return self._built_in[name]
+        if name in self.built_in:
+            return self.built_in[name]
         if name not in self._offered:
             return from_here(name)
         first, *others = self._offered[name]

@@ -59,8 +59,8 @@ class List:
         if self.name in agents:
             return _agent_details(self.name)
         if self.name is None:
-            return (_all_spacecraft(), _all_tasks(), *([_all_agents()] if agents else []))
-        if self.name not in crafts and not self.name.endswith(".toml"):
+            return (_all_spacecraft(), _all_tasks(), _all_controllers(), *([_all_agents()] if agents else []))
+        if self.name not in crafts and ":" not in self.name and not self.name.endswith(".toml"):
             near = meant(self.name, [*crafts, *TASKS, *agents])
             raise ConfigError(
                 f"there is no spacecraft, task or agent named {self.name!r}{near}; known spacecraft are "
@@ -136,12 +136,14 @@ def _put(cells: dict[tuple[int, int], str], place: Sequence[float], text: str) -
 
 
 def _all_spacecraft() -> Table:
-    from rans.model.spacecraft_file import load_spacecraft, spacecraft_names
+    from rans.model.spacecraft_file import SPACECRAFT
 
-    crafts = [load_spacecraft(name) for name in spacecraft_names()]
+    def row(name: str) -> tuple[str, ...]:
+        c = SPACECRAFT[name].craft
+        return _space(c), f"{c.mass:g} kg", f"{len(c.thrusters)} x {_forces(c)}", c.thrust_sharing
+
     return _table("Spacecraft", ("name", "moves in", "mass", "thrusters", "thrust sharing"), [
-        (c.name, _space(c), f"{c.mass:g} kg", f"{len(c.thrusters)} x {_forces(c)}", c.thrust_sharing)
-        for c in crafts])
+        (_named(SPACECRAFT, name), *_or_why_not(row, name)) for name in SPACECRAFT])
 
 
 def _all_tasks() -> Table:
@@ -155,9 +157,15 @@ def _all_tasks() -> Table:
         for name in TASKS])
 
 
+def _all_controllers() -> str:
+    from rans.evaluation.fly.controllers import CONTROLLERS
+
+    return f"Controllers (NAME:TASK-2d): {', '.join(_named(CONTROLLERS, name) for name in CONTROLLERS)}"
+
+
 def _named(registry: Registry[Any], name: str) -> str:
     """The name, and the package it comes from if that is not RANS."""
-    return f"{name}\n  of {package}" if (package := registry.package(name)) else name
+    return f"{name} (of {package})" if (package := registry.package(name)) else name
 
 
 def _or_why_not(row: Callable[[str], tuple[str, ...]], name: str) -> tuple[str, ...]:

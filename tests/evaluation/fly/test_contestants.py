@@ -75,7 +75,7 @@ def test_results_stay_inside_their_folder() -> None:
     ("mpc:go-to-pose-3d@floating-platform", "asks for 3d, but floating-platform moves in 2"),
     ("lqr:go-to-pose-2d@nowhere", "no spacecraft named 'nowhere'"),
     ("lqr:go-to-pose-2d#go-to-pose", "picks the task 'go-to-pose', but there is only one task"),
-    ("pretraned:x", "there is no contestant 'pretraned:x'; known are a run folder, pretrained:NAME"),
+    ("pretraned:x", r"no contestant .pretraned:x. \(did you mean pretrained\?\); known are a run folder,"),
     ("lqr:", "there is no contestant 'lqr:'"),
     ("nowhere", "nowhere is not a run folder"),
     ("go-to-pose-2d", "no run folder 'go-to-pose-2d'; the agent .* is pretrained:go-to-pose-2d"),
