@@ -86,7 +86,7 @@ class Registry(Mapping[str, T]):
     @cached_property
     def _offered(self) -> dict[str, list[EntryPoint]]:
         found: dict[str, list[EntryPoint]] = {}
-        for entry in sorted(entry_points(group=self._group), key=lambda entry: entry.name):
+        for entry in sorted(entry_points(group=self._group)):
             found.setdefault(entry.name, []).append(entry)
         return found
 

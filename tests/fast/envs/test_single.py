@@ -203,6 +203,8 @@ def test_actions_may_be_lists_and_truth_values() -> None:
     ({"spacecraft": "free-flyer"}, "dimension 2, got 'free-flyer' of dimension 3"),
     ({"spacecraft": "no-such-craft"}, "no spacecraft named 'no-such-craft'"),
     ({"task": "go-to-pose"}, "for GoToPose settings, got 'go-to-pose'"),
+    ({"task": {"thrust_weight": 0.1}},
+     r"takes an object, no dict: GoToPose\(thrust_weight=0\.1\) of rans\.tasks\.go_to_pose\."),
 ])
 def test_wrong_arguments(kwargs: dict[str, Any], message: str) -> None:
     with pytest.raises(ConfigError, match=message):
