@@ -1,6 +1,6 @@
 """RANS trains agents that fly thruster-driven spacecraft, and proves what they are worth.
 
-Importing it registers the Gymnasium environments of `rans.tasks.GYMNASIUM_IDS`, each also as moved by
+Importing it registers the Gymnasium environments of `rans.tasks.gymnasium_ids`, each also as moved by
 Drake: "rans/GoToPose2D-Drake-v0". What needs torch or Drake is loaded when first used.
 """
 
@@ -16,7 +16,7 @@ from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.spacecraft_file import load_spacecraft, spacecraft_names
 from rans.model.timing import Timing
 from rans.scenario import Scenario
-from rans.tasks import GYMNASIUM_IDS, GoToPose
+from rans.tasks import TASKS, GoToPose, gymnasium_ids
 
 if TYPE_CHECKING:
     from rans.fast import PPO, Engine, SB3VecEnv, SpacecraftEnv, SpacecraftVectorEnv
@@ -48,8 +48,8 @@ def __dir__() -> list[str]:
 
 def _register() -> None:
     """Gymnasium has no plug-in mechanism (since 1.0): its registry must be told on import."""
-    for task_name, ids in GYMNASIUM_IDS.items():
-        for dimension, gymnasium_id in zip((2, 3), ids, strict=True):
+    for task_name in TASKS:
+        for dimension, gymnasium_id in zip((2, 3), gymnasium_ids(task_name), strict=True):
             kwargs = {"task_name": task_name, "dimension": dimension}
             gymnasium.register(
                 gymnasium_id,

@@ -14,7 +14,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from rans.model.fields import Vec2, Vec3
 from rans.model.spacecraft import Spacecraft
-from rans.tasks import Task, drawn
+from rans.tasks import Task
 
 _BODY, _EDGE, _NOZZLE, _FLAME = "#DCE6F0", "#1F2933", "#52606D", "#E69F00"
 _GRID, _SHADOW, _TRAIL, _GOAL = "#E4E7EB", "#B8C0CA", "#0072B2", "#009E73"
@@ -70,7 +70,7 @@ class Scene:
             (height, width, 3) uint8: red, green, blue.
         """
         (here, turn), (place, wanted_turn) = _pose(state), _pose(goal)
-        wanted = drawn(self.task, goal).tolerances()
+        wanted = self.task.drawn(goal).tolerances()
         way = [np.resize([*point, 0.0], 3) for point in trail] + [here]
         target = place if "position" in wanted else way[0]
         arrows = ((state.v, _TRAIL), (goal.v, _GOAL)) if "velocity" in wanted else ()

@@ -36,7 +36,7 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
     time ran out within the task's tolerances.
 
     Args:
-        task_name: key of `rans.tasks.TASKS`.
+        task_name: of `rans.tasks.TASKS`, or MODULE:NAME.
         dimension: 2 (plane) or 3 (space).
         spacecraft: name, TOML file or object; None: the usual one of this dimension.
         task: settings; None: the defaults.

@@ -11,7 +11,7 @@ from gymnasium import spaces
 from rans.errors import ConfigError
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
-from rans.tasks import Task, task_class
+from rans.tasks import TASKS, Task
 from rans.tasks.base import example
 from rans.tasks.sight import Dimension
 
@@ -49,7 +49,7 @@ def choose(task_name: str, dimension: Dimension, spacecraft: str | Path | Spacec
     """Spacecraft and task of an environment.
 
     Args:
-        task_name: key of `rans.tasks.TASKS`.
+        task_name: of `rans.tasks.TASKS`, or MODULE:NAME.
         dimension: 2 (plane) or 3 (space).
         spacecraft: name, TOML file or object; None: the usual one of this dimension.
         task: settings; None: the defaults.
@@ -64,9 +64,13 @@ def choose(task_name: str, dimension: Dimension, spacecraft: str | Path | Spacec
             f"this environment is for spacecraft of dimension {dimension}, got {craft.name!r} of "
             f"dimension {craft.dimension}; environments named 2D fly in the plane, those named 3D in "
             "space.")
-    wanted = task_class(task_name)
+    wanted = TASKS[task_name]
     if task is None:
         return craft, wanted()
+    if isinstance(task, dict):
+        given = ", ".join(f"{key}={value!r}" for key, value in task.items())
+        raise ConfigError(f"task takes an object, no dict: "
+                          f"{wanted.__name__}({given}) of {wanted.__module__}.")
     if not isinstance(task, wanted):
         raise ConfigError(
             f"this environment is for {wanted.__name__} settings, got {task!r}; choose the environment "

@@ -20,7 +20,6 @@ from rans.tasks import (
     SingleTask,
     TrackVelocity,
     TrackVelocityHeading,
-    drawn,
 )
 from rans.tasks.multi_task import PlanarGoal
 
@@ -143,11 +142,11 @@ def test_a_multi_task_shows_the_goal_it_drew() -> None:
     task = MultiTask(tasks=("go-to-pose", "track-velocity"))
     for part in task.parts().values():
         goal = PlanarGoal(Vec2(0.0, 0.0), Heading(0.5), Vec2(0.0, 0.7), 0.0, float(part.flag))
-        assert drawn(task, goal) == part
+        assert task.drawn(goal) == part
         np.testing.assert_array_equal(
             Scene(PLATFORM, task).render(planar(FAR), goal, shut(PLATFORM)),
             Scene(PLATFORM, part).render(planar(FAR), goal, shut(PLATFORM)))
-    assert drawn(TASK, planar()) is TASK
+    assert TASK.drawn(planar()) is TASK
 
 
 def test_the_trail_is_drawn_and_fits_the_frame() -> None:

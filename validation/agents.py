@@ -19,7 +19,7 @@ from rans.errors import ConfigError
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.follow import follow
 from rans.evaluation.fly.paths import LookAhead, find_path
-from rans.evaluation.fly.protocols import Conditions
+from rans.evaluation.fly.protocols import Setup
 from rans.evaluation.measure.metrics import samples
 from rans.files import environment, write_json, write_text
 from rans.flight import Controller, fly
@@ -128,13 +128,13 @@ class Agents:
             yield Line(row.title, what, goal.unit, goal.original, targets, goal.at_least, values, row.command)
 
     def _measured(self, row: Row, run: Path) -> Values:
-        controller, conditions = conditions_of(row, run)
+        controller, setup = conditions_of(row, run)
         if row.path:
             planner = LookAhead(find_path(row.path), _SPEED, _LOOK_AHEAD)
-            craft, task, timing = conditions
+            craft, task, timing = setup
             following = follow(craft, task, controller, planner, timing, EVALUATION_SEED, _FLIGHTS)
             return {quantity.name: quantity.values for quantity in following.quantities()}
-        craft, task, timing = conditions
+        craft, task, timing = setup
         starts = scenarios(task, craft, EVALUATION_SEED, self.episodes)
         return {s.name: np.asarray(s.values) for s in samples(fly(craft, task, controller, starts, timing))}
 
@@ -143,13 +143,13 @@ class Agents:
         return time_optimal(craft, task, timing, EVALUATION_SEED, self.starts)
 
 
-def conditions_of(row: Row, run: Path) -> tuple[Controller, Conditions]:
+def conditions_of(row: Row, run: Path) -> tuple[Controller, Setup]:
     """The agent of a run, and what it is judged on."""
     controller, craft, settings, timing = contestant(str(run), row.protocol)
     task: Any = settings
     if row.distance:
         task = replace(task, evaluation_distance=row.distance)
-    return controller, Conditions(craft, task.for_evaluation(), timing)
+    return controller, Setup(craft, task.for_evaluation(), timing)
 
 
 def means(values: Values, goal: Goal, count: int | None = None) -> tuple[float, ...]:

@@ -75,10 +75,10 @@ class Benchmark:
 
     def _measure(self, console: Console, device: str) -> list[Measurement]:
         from rans.model.spacecraft_file import load_spacecraft
-        from rans.tasks import task_class
+        from rans.tasks import TASKS
         from validation.speed.suite import effort, measurements
 
-        crafts, task, found = [load_spacecraft(name) for name in self.spacecraft], task_class(self.task)(), []
+        crafts, task, found = [load_spacecraft(name) for name in self.spacecraft], TASKS[self.task](), []
         with console.status("measuring ...") as status:
             for m in measurements(crafts, self.task, task, self._sizes(device), effort(device, self.quick)):
                 found.append(m)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
+from rans.evaluation.fly.controllers import BESIDE, CONTROLLERS
 from rans.scenario import EVALUATION_SEED
 
 if TYPE_CHECKING:
@@ -26,10 +27,9 @@ class Compare:
     """
 
     contestants: Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="RUN...")]
-    """Run folders, pretrained:NAME, lqr:TASK-2d, mpc:TASK-2d, sb3:FILE.zip, onnx:FILE or
+    """Run folders, pretrained:NAME, CONTROLLER:TASK-2d (see `rans list`), sb3:FILE.zip, onnx:FILE or
     python:MODULE:FUNCTION. The first gives task, spacecraft and rate; others are compared with it."""
-    beside: Annotated[tuple[Literal["lqr", "mpc", "optimal"], ...], tyro.conf.arg(name="with")] = (
-        "lqr", "mpc", "optimal")
+    beside: Annotated[tuple[str, ...], tyro.conf.arg(name="with", metavar="[NAME|optimal ...]")] = BESIDE
     """Who joins them: simple controllers, and the best that is possible."""
     episodes: int = 128
     """Number of starts."""
@@ -55,6 +55,8 @@ class Compare:
 
         if not self.contestants:
             raise ConfigError("name at least one contestant, for example a run folder.")
+        for name in set(self.beside) - {"optimal"}:
+            CONTROLLERS[name]  # a wrong name is told before anybody flies
         if self.certified < 0:
             raise ConfigError(f"--certified must be >= 0, got {self.certified}.")
         comparison = Comparison(protocol_of(self.contestants[0], self.episodes, self.seed, self.engine))

@@ -28,7 +28,7 @@ class Evaluate:
     """
 
     contestant: Annotated[str, Positional, arg(metavar="RUN")]
-    """A run folder, or pretrained:NAME, lqr:TASK-2d, mpc:TASK-3d (with @SPACECRAFT if you like)."""
+    """A run folder, pretrained:NAME, or CONTROLLER:TASK-2d or -3d (with @SPACECRAFT if you like)."""
     protocol: Literal["own", "paper", "original"] = "own"
     """Conditions: those of the training, with the task's evaluation starts; or of the paper: the floating
     platform, 250 steps, starts 3 to 4 m away, with 1 N a thruster (paper) or in all (original)."""
@@ -84,15 +84,15 @@ class Evaluate:
         from rich.progress import Progress
 
         from rans.evaluation.fly.judge import Engine, flown
-        from rans.evaluation.fly.protocols import Conditions
+        from rans.evaluation.fly.protocols import Setup
 
         engines: tuple[Engine, ...] = ("fast", "drake") if self.engine == "both" else (self.engine,)
-        conditions, flights = Conditions(run.craft, run.task.for_evaluation(), run.timing), {}
+        setup, flights = Setup(run.craft, run.task.for_evaluation(), run.timing), {}
         console = Console(stderr=True)
         with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
             for engine in engines:
                 step = partial(progress.advance, progress.add_task(f"{engine} engine", total=self.episodes))
-                flights[engine], stopped = flown(run.controller, conditions, self.seed, self.episodes,
+                flights[engine], stopped = flown(run.controller, setup, self.seed, self.episodes,
                                                  engine, progress=step)
                 if stopped:
                     console.print(f"rans: warning: {run.controller.name}'s solver stopped {stopped} times; "

@@ -20,7 +20,7 @@ class Follow:
 
     contestant: Annotated[str, Positional, arg(metavar="RUN")]
     """Run folder of the agent, as `rans train track-velocity` made it, or pretrained:NAME,
-    lqr:track-velocity-2d, mpc:track-velocity-3d (with @SPACECRAFT if you like)."""
+    CONTROLLER:track-velocity-2d or -3d (with @SPACECRAFT if you like)."""
     path: str = "circle"
     """circle, spiral, square, lemniscate, helix (in space), or a CSV file of points x,y[,z] in m."""
     speed: float = 0.25

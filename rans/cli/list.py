@@ -7,7 +7,7 @@ import dataclasses
 import inspect
 import itertools
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from rans.model.spacecraft import Spacecraft
+    from rans.registry import Registry
 
 _ARROWS = "→↗↑↖←↙↓↘"
 _TOWARDS, _AWAY = "⊙", "⊗"
@@ -47,20 +48,22 @@ class List:
     def _parts(self) -> Iterable[str | Table]:
         from rans.model.spacecraft_file import load_spacecraft, spacecraft_names
         from rans.pretrained import pretrained_names
+        from rans.registry import meant
         from rans.tasks import TASKS
 
         crafts, agents = spacecraft_names(), pretrained_names()
         if self.name in TASKS or self.name in agents or self.name is None:
             self._refuse_picture()
-        if self.name in TASKS:
+        if self.name is not None and self.name in TASKS:
             return _task_details(self.name)
         if self.name in agents:
             return _agent_details(self.name)
         if self.name is None:
-            return (_all_spacecraft(), _all_tasks(), *([_all_agents()] if agents else []))
-        if self.name not in crafts and not self.name.endswith(".toml"):
+            return (_all_spacecraft(), _all_tasks(), _all_controllers(), *([_all_agents()] if agents else []))
+        if self.name not in crafts and ":" not in self.name and not self.name.endswith(".toml"):
+            near = meant(self.name, [*crafts, *TASKS, *agents])
             raise ConfigError(
-                f"there is no spacecraft, task or agent named {self.name!r}; known spacecraft are "
+                f"there is no spacecraft, task or agent named {self.name!r}{near}; known spacecraft are "
                 f"{', '.join(crafts)}; known tasks are {', '.join(TASKS)}; known agents are "
                 f"{', '.join(agents) or 'none'}; your own spacecraft's file must end in .toml.")
         craft = load_spacecraft(self.name)
@@ -133,20 +136,44 @@ def _put(cells: dict[tuple[int, int], str], place: Sequence[float], text: str) -
 
 
 def _all_spacecraft() -> Table:
-    from rans.model.spacecraft_file import load_spacecraft, spacecraft_names
+    from rans.model.spacecraft_file import SPACECRAFT
 
-    crafts = [load_spacecraft(name) for name in spacecraft_names()]
+    def row(name: str) -> tuple[str, ...]:
+        c = SPACECRAFT[name].craft
+        return _space(c), f"{c.mass:g} kg", f"{len(c.thrusters)} x {_forces(c)}", c.thrust_sharing
+
     return _table("Spacecraft", ("name", "moves in", "mass", "thrusters", "thrust sharing"), [
-        (c.name, _space(c), f"{c.mass:g} kg", f"{len(c.thrusters)} x {_forces(c)}", c.thrust_sharing)
-        for c in crafts])
+        (_named(SPACECRAFT, name), *_or_why_not(row, name)) for name in SPACECRAFT])
 
 
 def _all_tasks() -> Table:
-    from rans.tasks import GYMNASIUM_IDS, TASKS
+    from rans.tasks import TASKS, gymnasium_ids
+
+    def row(name: str) -> tuple[str, ...]:
+        return _flag(TASKS[name]), _summary(TASKS[name])
 
     return _table("Tasks", ("name, Gymnasium ids", "flag", "what"), [
-        ("\n  ".join((name, *GYMNASIUM_IDS[name])), _flag(task), _summary(task))
-        for name, task in TASKS.items()])
+        ("\n  ".join((_named(TASKS, name), *gymnasium_ids(name))), *_or_why_not(row, name))
+        for name in TASKS])
+
+
+def _all_controllers() -> str:
+    from rans.evaluation.fly.controllers import CONTROLLERS
+
+    return f"Controllers (NAME:TASK-2d): {', '.join(_named(CONTROLLERS, name) for name in CONTROLLERS)}"
+
+
+def _named(registry: Registry[Any], name: str) -> str:
+    """The name, and the package it comes from if that is not RANS."""
+    return f"{name} (of {package})" if (package := registry.package(name)) else name
+
+
+def _or_why_not(row: Callable[[str], tuple[str, ...]], name: str) -> tuple[str, ...]:
+    """The cells of one name; of what does not work, the reason in the second of them."""
+    try:
+        return row(name)
+    except ConfigError as error:
+        return "", str(error)
 
 
 def _all_agents() -> Table:
@@ -202,11 +229,11 @@ def _spacecraft_details(craft: Spacecraft) -> Iterable[str | Table]:
 
 
 def _task_details(name: str) -> Iterable[str | Table]:
-    from rans.tasks import GYMNASIUM_IDS, TASKS, observation_columns
+    from rans.tasks import TASKS, gymnasium_ids, observation_columns
 
     task = TASKS[name]()
     yield f"{name}: {_summary(TASKS[name])}"
-    yield f"Gymnasium: {', '.join(GYMNASIUM_IDS[name])}; task flag: {_flag(task)}"
+    yield f"Gymnasium: {', '.join(gymnasium_ids(name))}; task flag: {_flag(task)}"
     meanings = _field_meanings(TASKS[name])
     yield _table("Settings", ("name", "default", "meaning"), [
         (f.name, _setting(getattr(task, f.name)), meanings.get(f.name, ""))

@@ -70,10 +70,10 @@ class Optimal:
         from rans.files import ready_folder
         from rans.model.spacecraft_file import load_spacecraft
         from rans.scenario import scenarios
-        from rans.tasks import task_class
+        from rans.tasks import TASKS
 
         self._check()
-        task, craft = task_class(self.task)().for_evaluation(), load_spacecraft(self.spacecraft)
+        task, craft = TASKS[self.task]().for_evaluation(), load_spacecraft(self.spacecraft)
         objective, starts = self._objective(), scenarios(task, craft, self.seed, self.episodes)
         folder = ready_folder(
             self.output or Path("runs") / f"optimal-{self.task}-{craft.name}-{self.objective}")

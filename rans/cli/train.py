@@ -103,16 +103,18 @@ class Train:
         from rans.fast.learn.presets import preset
         from rans.fast.learn.recipes import RECIPES, recipe
         from rans.model.spacecraft_file import load_spacecraft
-        from rans.tasks import TASKS, task_class
+        from rans.registry import meant
+        from rans.tasks import TASKS
 
         task, spacecraft = str(self.task), self.spacecraft or "floating-platform"
         device = self.device or ("cuda" if torch.cuda.is_available() else "cpu")
         if task in RECIPES:
             return recipe(task, device)
-        if task not in TASKS:
-            raise ConfigError(f"there is no task and no recipe named {task!r}; tasks are {', '.join(TASKS)}; "
+        if task not in TASKS and ":" not in task:
+            raise ConfigError(f"there is no task and no recipe named {task!r}"
+                              f"{meant(task, [*TASKS, *RECIPES])}; tasks are {', '.join(TASKS)}; "
                               f"recipes are {', '.join(RECIPES)}.")
-        settings, craft = task_class(task)(), load_spacecraft(spacecraft)
+        settings, craft = TASKS[task](), load_spacecraft(spacecraft)
         return TrainConfig(task, settings, spacecraft, preset(task, craft.dimension, device), device=device)
 
     def run(self) -> int:

@@ -26,7 +26,7 @@ class View:
     """
 
     contestants: Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="RUN...")]
-    """Who flies: run folders, or any other contestants, such as lqr:go-to-pose-3d."""
+    """Who flies: run folders, or any other contestants, such as CONTROLLER:go-to-pose-3d."""
     episodes: int = 1
     """Flights of each; all contestants of the same task start from the same places."""
     seed: int = EVALUATION_SEED

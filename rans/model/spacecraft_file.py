@@ -3,38 +3,67 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
 import tomllib
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from rans.errors import ConfigError
+from rans.files import first_line
 from rans.model.spacecraft import Spacecraft, Thruster
+from rans.registry import Registry
 
-_FOLDER = resources.files("rans") / "data" / "spacecraft"
 _KEYS = {f.name for f in dataclasses.fields(Spacecraft)} - {"thrusters"} | {"thruster"}
 _REQUIRED = ("name", "dimension", "mass", "inertia", "thruster")
 _THRUSTER_KEYS = {"position", "direction", "force"}
 
 
+class Described(NamedTuple):
+    """A spacecraft and the TOML text that it was made from."""
+
+    text: str
+    craft: Spacecraft
+
+
+def _described(found: Any) -> Described:
+    """A TOML text, a `Spacecraft` or a function that makes one, in one form."""
+    if not isinstance(found, str):
+        try:
+            found = found() if callable(found) else found
+        except Exception as error:  # somebody else's code raises anything
+            raise ConfigError(f"{type(error).__name__}: {first_line(error)}.") from error
+        if not isinstance(found, Spacecraft):
+            raise ConfigError("it must be a rans.Spacecraft, a function that makes one, or a TOML file of "
+                              f"the package, got {type(found).__name__}.")
+        found = to_toml(found)
+    return Described(found, _build(_read_toml(found)))
+
+
+SPACECRAFT = Registry("spacecraft", "rans.spacecraft", {
+    name: f"rans:data/spacecraft/{name}.toml" for name in sorted(
+        file.name.removesuffix(".toml") for file in (resources.files("rans") / "data/spacecraft").iterdir())
+}, _described, ", or a file whose name ends in .toml")
+"""Every spacecraft that has a name."""
+
+
 def spacecraft_names() -> list[str]:
-    """Names of the spacecraft that come with the package, sorted."""
-    return sorted(f.name.removesuffix(".toml") for f in _FOLDER.iterdir() if f.name.endswith(".toml"))
+    """Names of the spacecraft that come with the package, and of those that others installed."""
+    return SPACECRAFT.names()
 
 
 def load_spacecraft(name_or_file: str | Path) -> Spacecraft:
     """The spacecraft of this name, or of this TOML file.
 
     Args:
-        name_or_file: one of `spacecraft_names`, or a path that ends in ``.toml``.
+        name_or_file: one of `spacecraft_names`, MODULE:NAME, or a path that ends in ``.toml``.
 
     Raises:
-        ConfigError: no such name or file, or the file does not describe a spacecraft.
+        ConfigError: no such name or file, or it does not describe a spacecraft.
     """
     given = str(name_or_file)
-    source = f"{given}.toml" if given in spacecraft_names() else given
-    return parse_spacecraft(spacecraft_text(name_or_file), source)
+    return parse_spacecraft(_file_text(given), given) if given.endswith(".toml") else SPACECRAFT[given].craft
 
 
 def spacecraft_text(name_or_file: str | Path) -> str:
@@ -44,14 +73,10 @@ def spacecraft_text(name_or_file: str | Path) -> str:
         ConfigError: there is no such name, or no such readable file.
     """
     given = str(name_or_file)
-    if given in spacecraft_names():
-        return (_FOLDER / f"{given}.toml").read_text("utf-8")
-    if not given.endswith(".toml"):
-        known = ", ".join(spacecraft_names())
-        raise ConfigError(
-            f"there is no spacecraft named {given!r}; known are {known}; your own file's name must "
-            "end in .toml."
-        )
+    return _file_text(given) if given.endswith(".toml") else SPACECRAFT[given].text
+
+
+def _file_text(given: str) -> str:
     try:
         return Path(given).read_text("utf-8")
     except (OSError, UnicodeDecodeError, ValueError) as error:
@@ -74,6 +99,18 @@ def parse_spacecraft(text: str, source: str) -> Spacecraft:
         return _build(_read_toml(text))
     except ConfigError as error:
         raise ConfigError(f"{source}: {error}") from error
+
+
+def to_toml(craft: Spacecraft) -> str:
+    """The TOML text that `parse_spacecraft` reads this spacecraft from, up to rounding of directions."""
+    table = dataclasses.asdict(craft)
+    thrusters = "".join(f"\n[[thruster]]\n{_lines(table)}" for table in table.pop("thrusters"))
+    return _lines(table) + thrusters
+
+
+def _lines(table: dict[str, Any]) -> str:
+    """Texts, numbers and lists of them are written in TOML as they are in JSON."""
+    return "".join(f"{key} = {json.dumps(value, ensure_ascii=False)}\n" for key, value in table.items())
 
 
 def _read_toml(text: str) -> dict[str, Any]:

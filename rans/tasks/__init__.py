@@ -1,10 +1,13 @@
-"""The tasks: what a spacecraft is asked to do. One line here enrols a task everywhere."""
+"""The tasks: what a spacecraft is asked to do. A line here, or an entry point, enrols a task everywhere."""
 
 from __future__ import annotations
 
+import dataclasses
+import re
 from typing import Any
 
 from rans.errors import ConfigError
+from rans.registry import Registry
 from rans.tasks.base import SingleTask, Task, observation, observation_columns, observation_width
 from rans.tasks.go_to_pose import GoToPose
 from rans.tasks.go_to_position import GoToPosition
@@ -14,54 +17,51 @@ from rans.tasks.track_twist import TrackTwist
 from rans.tasks.track_velocity import TrackVelocity
 from rans.tasks.track_velocity_heading import TrackVelocityHeading
 
-TASKS: dict[str, type] = {
-    "go-to-position": GoToPosition,
-    "go-to-pose": GoToPose,
-    "track-velocity": TrackVelocity,
-    "track-twist": TrackTwist,
-    "track-velocity-heading": TrackVelocityHeading,
-    "multi-task": MultiTask,
+
+def _checked(found: Any) -> type[Any]:
+    """The class itself, if it is a task: a dataclass with defaults, and all that tasks have."""
+    if not (isinstance(found, type) and issubclass(found, Task) and dataclasses.is_dataclass(found)):
+        raise ConfigError(f"a task must be a dataclass derived from rans.tasks.SingleTask, got {found!r}.")
+    if missing := sorted(found.__abstractmethods__):
+        raise ConfigError(f"{found.__name__} has no {', '.join(missing)}, which every task must have.")
+    bare = [field.name for field in dataclasses.fields(found)
+            if field.default is field.default_factory is dataclasses.MISSING]
+    if bare:
+        raise ConfigError(f"the settings {', '.join(bare)} of {found.__name__} have no defaults.")
+    return found
+
+
+TASKS = Registry("task", "rans.tasks", {
+    "go-to-position": "rans.tasks:GoToPosition",
+    "go-to-pose": "rans.tasks:GoToPose",
+    "track-velocity": "rans.tasks:TrackVelocity",
+    "track-twist": "rans.tasks:TrackTwist",
+    "track-velocity-heading": "rans.tasks:TrackVelocityHeading",
+    "multi-task": "rans.tasks:MultiTask",
+}, _checked)
+"""The class of every task by the name the command line uses."""
+
+_PUBLISHED = {
+    "go-to-position": ("GoToXY", "GoToXYZ"),
+    "track-velocity": ("TrackXYVelocity", "TrackXYZVelocity"),
+    "track-twist": ("TrackXYOVelocity", "TrackXYZOVelocity"),
+    "track-velocity-heading": ("TrackXYVelocityHeading", "TrackXYZVelocityAttitude"),
 }
-"""Every task by the name the command line uses."""
-
-GYMNASIUM_IDS: dict[str, tuple[str, str]] = {
-    "go-to-position": ("rans/GoToXY-v0", "rans/GoToXYZ-v0"),
-    "go-to-pose": ("rans/GoToPose2D-v0", "rans/GoToPose3D-v0"),
-    "track-velocity": ("rans/TrackXYVelocity-v0", "rans/TrackXYZVelocity-v0"),
-    "track-twist": ("rans/TrackXYOVelocity-v0", "rans/TrackXYZOVelocity-v0"),
-    "track-velocity-heading": ("rans/TrackXYVelocityHeading-v0", "rans/TrackXYZVelocityAttitude-v0"),
-    "multi-task": ("rans/MultiTask2D-v0", "rans/MultiTask3D-v0"),
-}
-"""Gymnasium ids of every task: (plane, space)."""
+"""Names in the plane and in space that papers use, where they say more than 2D and 3D."""
 
 
-def task_class(name: str) -> type:
-    """The task of this name.
+def gymnasium_ids(name: str) -> tuple[str, str]:
+    """Gymnasium ids of the task of this name in the plane and in space, without loading it.
 
-    Raises:
-        ConfigError: there is none.
+    "my-task" is "rans/MyTask2D-v0" and "rans/MyTask3D-v0".
     """
-    if name not in TASKS:
-        raise ConfigError(f"there is no task named {name!r}; known are {', '.join(sorted(TASKS))}.")
-    return TASKS[name]
-
-
-def parts(task: Task) -> dict[str, Task]:
-    """What an agent is judged on, by name: the task, or each of those that a multi-task draws from."""
-    if isinstance(task, MultiTask):
-        return dict(task.parts())
-    return {next(name for name, kind in TASKS.items() if isinstance(task, kind)): task}
-
-
-def drawn(task: Task, goal: Any) -> Task:
-    """The task that one goal, of numbers, belongs to: itself, or the part a multi-task drew."""
-    if not isinstance(task, MultiTask):
-        return task
-    return next(part for part in task.parts().values() if part.flag == round(float(goal.flag)))
+    base = "".join(word[:1].upper() + word[1:] for word in re.split(r"\W+", name))
+    plane, space = _PUBLISHED.get(name, (f"{base}2D", f"{base}3D"))
+    return f"rans/{plane}-v0", f"rans/{space}-v0"
 
 
 __all__ = [
-    "GYMNASIUM_IDS", "TASKS", "GoToPose", "GoToPosition", "MultiTask", "SingleTask", "Task", "TrackTwist",
-    "Transition",    "TrackVelocity", "TrackVelocityHeading", "drawn", "observation", "observation_columns",
-    "observation_width", "parts", "task_class",
+    "TASKS", "GoToPose", "GoToPosition", "MultiTask", "SingleTask", "Task", "TrackTwist", "TrackVelocity",
+    "TrackVelocityHeading", "Transition", "gymnasium_ids", "observation", "observation_columns",
+    "observation_width",
 ]

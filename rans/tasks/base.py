@@ -31,6 +31,18 @@ class Task(ABC):
     time belongs to the engine.
     """
 
+    symmetric: ClassVar[bool] = True
+    """Whether agents had better learn for one side of the spacecraft what serves all that look the same
+    (decision 009)."""
+
+    def parts(self) -> Mapping[str, Task]:
+        """What an agent is judged on, by name: the tasks drawn from, or itself, which needs no name: ""."""
+        return {"": self}
+
+    def drawn(self, goal: State) -> Task:
+        """The task that one goal, of numbers, belongs to: itself, or one of those drawn from."""
+        return self
+
     @abstractmethod
     def flag_of(self, goal: State) -> Field:
         """The paper's task flag tf, by which a policy knows the task that a goal is of."""
@@ -80,6 +92,8 @@ class SingleTask(Prices, Task):
     """
 
     flag: ClassVar[float] = -1.0
+    """The paper's tf, which policies see. The paper's numbers are 0 to 4; other tasks need none of
+    their own."""
 
     def __post_init__(self) -> None:
         check_settings(self)

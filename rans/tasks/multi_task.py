@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import Any
+from typing import Any, ClassVar
 
 from rans.errors import ConfigError
 from rans.model.dynamics import PlanarState, SpatialState, State
@@ -61,6 +61,8 @@ class MultiTask(Task):
     track_velocity_heading: TrackVelocityHeading = field(default_factory=TrackVelocityHeading)
     """Settings of this task."""
 
+    symmetric: ClassVar[bool] = False
+
     def __post_init__(self) -> None:
         known = [f.name.replace("_", "-") for f in fields(self)[1:]]
         if not self.tasks or len(set(self.tasks)) < len(self.tasks) or not set(self.tasks) <= set(known):
@@ -69,6 +71,10 @@ class MultiTask(Task):
     def parts(self) -> dict[str, SingleTask]:
         """The tasks to draw from, by name."""
         return {name: getattr(self, name.replace("-", "_")) for name in self.tasks}
+
+    def drawn(self, goal: Any) -> SingleTask:
+        """The task that one goal, of numbers, belongs to."""
+        return next(part for part in self.parts().values() if part.flag == round(float(goal.flag)))
 
     def for_evaluation(self) -> MultiTask:
         """The task with the starts and goals that agents are judged on."""

@@ -57,6 +57,7 @@ class TrackTwist(SingleTask):
     """An episode fails beyond this rate, rad/s."""
 
     flag = 3
+    symmetric = False
 
     def sample(self, random: Random) -> tuple[State, State]:
         """At rest at the origin; the goal moves and turns."""

@@ -44,6 +44,7 @@ class TrackVelocity(SingleTask):
     """An episode fails beyond this rate, rad/s."""
 
     flag = 2
+    symmetric = False
 
     def sample(self, random: Random) -> tuple[State, State]:
         """At rest at the origin; the goal moves."""

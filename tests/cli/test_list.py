@@ -9,7 +9,7 @@ from rans.cli import main
 from rans.cli.list import _solved, layout_text
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.spacecraft_file import load_spacecraft, spacecraft_names
-from rans.tasks import GYMNASIUM_IDS, TASKS, GoToPose, observation_columns
+from rans.tasks import TASKS, GoToPose, gymnasium_ids, observation_columns
 from tests.crafts import nasty_planar, nasty_spatial
 
 UNIT_INERTIA = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -36,7 +36,7 @@ def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
 
 def test_everything_is_listed(capsys: pytest.CaptureFixture[str]) -> None:
     text = listed(capsys)
-    for name in (*spacecraft_names(), *TASKS, *(i for ids in GYMNASIUM_IDS.values() for i in ids)):
+    for name in (*spacecraft_names(), *TASKS, *(i for task in TASKS for i in gymnasium_ids(task))):
         assert name in text
 
 

@@ -16,7 +16,7 @@ from rans.fast.symmetry import Symmetries, symmetries
 from rans.model.dynamics import PlanarState, SpatialState
 from rans.model.fields import Heading, Quat, Vec2, Vec3
 from rans.model.spacecraft import Spacecraft
-from rans.tasks import TASKS, MultiTask, observation, task_class
+from rans.tasks import TASKS, MultiTask, observation
 from tests.crafts import nasty_planar, nasty_spatial, random_states
 from tests.fast.engines import FLYER, PLATFORM, both_crafts
 from tests.fast.training import scatter, tiny_ppo
@@ -53,7 +53,7 @@ def seen_as(view: np.ndarray, state: Any) -> Any:
 
 
 def single_tasks() -> list[Any]:
-    return [task_class(name)() for name in TASKS if not isinstance(task_class(name)(), MultiTask)]
+    return [TASKS[name]() for name in TASKS if not isinstance(TASKS[name](), MultiTask)]
 
 
 @pytest.mark.parametrize("task", single_tasks(), ids=lambda task: type(task).__name__)
@@ -116,7 +116,7 @@ def test_sb3_opens_and_uses_a_symmetric_agent(craft: Spacecraft, tmp_path: Path)
     scatter(model.policy)
     model.save(tmp_path / "policy.zip")
     loaded = PPO.load(tmp_path / "policy.zip", device="cpu")
-    task, states = task_class("go-to-pose")(), (random_states(craft.dimension, 200, seed) for seed in (1, 2))
+    task, states = TASKS["go-to-pose"](), (random_states(craft.dimension, 200, seed) for seed in (1, 2))
     seen = np.stack(observation(task, *states), axis=1).astype(np.float32)
     output = evaluate(model.policy, torch.from_numpy(seen))
     assert np.array_equal(loaded.predict(seen, deterministic=True)[0], output.mode().numpy())

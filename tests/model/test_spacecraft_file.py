@@ -17,7 +17,14 @@ from hypothesis import strategies as st
 
 from rans.errors import ConfigError
 from rans.model.spacecraft import Spacecraft, Thruster
-from rans.model.spacecraft_file import load_spacecraft, parse_spacecraft, spacecraft_names
+from rans.model.spacecraft_file import (
+    load_spacecraft,
+    parse_spacecraft,
+    spacecraft_names,
+    spacecraft_text,
+    to_toml,
+)
+from tests.crafts import nasty_spatial
 from tests.crafts import spacecraft as any_spacecraft
 
 VALID = """\
@@ -258,3 +265,50 @@ def test_fuzz_texts(data: st.DataObject) -> None:
         text = text[:start] + text[start : start + length] * data.draw(st.sampled_from([0, 2]))
         text += VALID[start + length :]
     loads_or_refuses(text)
+
+
+@settings(max_examples=30)
+@given(any_spacecraft(2) | any_spacecraft(3))
+def test_written_as_toml_and_read_again(craft: Spacecraft) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # random thrusters seldom control everything
+        back = parse_spacecraft(to_toml(craft), "written")
+    for field in dataclasses.fields(craft):
+        if field.name != "thrusters":
+            assert getattr(back, field.name) == getattr(craft, field.name)
+    for read, written in zip(back.thrusters, craft.thrusters, strict=True):
+        assert (read.position, read.force) == (written.position, written.force)
+        # a unit vector is normalised once more: an eps each for its length and the quotient
+        np.testing.assert_allclose(read.direction, written.direction, rtol=5e-16, atol=0)
+
+
+@pytest.mark.parametrize("name", ["\"quoted\" 'both'\\ways", "two\nlines\tand # more = more", "é🚀"])
+def test_any_name_can_be_written_as_toml(name: str) -> None:
+    craft = dataclasses.replace(parse_spacecraft(VALID, "probe"), name=name)
+    assert parse_spacecraft(to_toml(craft), "written") == craft
+
+
+MADE = nasty_spatial()
+FLOATS = 7.0
+
+
+def fails() -> Spacecraft:
+    raise RuntimeError("no drawing board")
+
+
+def test_spacecraft_made_in_python_by_their_module() -> None:
+    here = "tests.model.test_spacecraft_file:"
+    for name in ("MADE", "nasty_spatial"):  # an object, and a function that makes one
+        craft = load_spacecraft(here + name)
+        assert (craft.mass, craft.inertia) == (MADE.mass, MADE.inertia)
+        assert parse_spacecraft(spacecraft_text(here + name), "run folder") == craft
+    for name, said in (("FLOATS", "it must be a rans.Spacecraft, a function .*, got float"),
+                       ("fails", "RuntimeError: no drawing board"), ("missing", "AttributeError")):
+        with pytest.raises(ConfigError, match=f"'{here}{name}' cannot be used: {said}"):
+            load_spacecraft(here + name)
+
+
+def test_a_wrong_name_says_what_a_user_may_give() -> None:
+    with pytest.raises(ConfigError, match=r"named 'free-flier' \(did you mean free-flyer\?\); known are "
+                                          r".*; your own is MODULE:NAME, or a file .* ends in \.toml\."):
+        load_spacecraft("free-flier")

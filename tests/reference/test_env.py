@@ -18,10 +18,10 @@ from stable_baselines3.common.env_checker import check_env as check_env_for_sb3
 from rans.errors import ConfigError
 from rans.model.timing import Timing
 from rans.reference.env import DrakeEnv
-from rans.tasks import GYMNASIUM_IDS
+from rans.tasks import TASKS, gymnasium_ids
 from tests.crafts import nasty_planar, nasty_spatial
 
-NASTY = {name: craft for pair in GYMNASIUM_IDS.values()
+NASTY = {name: craft for pair in map(gymnasium_ids, TASKS)
          for name, craft in zip(pair, (nasty_planar(), nasty_spatial()), strict=True)}
 ALL_IDS = pytest.mark.parametrize("name", NASTY)
 

@@ -11,7 +11,7 @@ import pytest
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft, spacecraft_names
 from rans.scenario import scenarios
-from rans.tasks import TASKS, SingleTask, parts, task_class
+from rans.tasks import TASKS, SingleTask
 from tests.crafts import random_states
 
 COUNT = 64
@@ -20,14 +20,14 @@ COUNT = 64
 
 @pytest.fixture(params=sorted(TASKS))
 def task(request: pytest.FixtureRequest) -> Any:
-    return priced(task_class(request.param)())
+    return priced(TASKS[request.param]())
 
 
 def priced(task: Any) -> Any:
     """The task, or every part of it, with whatever is off by default switched on a little."""
     if isinstance(task, SingleTask):
         return replace(task, **{field.name: 0.01 for field in fields(task) if field.default == 0.0})
-    return replace(task, **{name.replace("-", "_"): priced(part) for name, part in parts(task).items()})
+    return replace(task, **{name.replace("-", "_"): priced(part) for name, part in task.parts().items()})
 
 
 @pytest.fixture(params=spacecraft_names())

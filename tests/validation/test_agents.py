@@ -13,7 +13,7 @@ from rans.errors import ConfigError
 from rans.evaluation.fly.contestants import contestant
 from rans.model.timing import Timing
 from rans.scenario import EVALUATION_SEED
-from rans.tasks import GoToPosition, TrackVelocity, task_class
+from rans.tasks import TASKS, GoToPosition, TrackVelocity
 from tests.fast.training import CONFIG, tiny_trainer
 from validation.agent_rows import ROWS
 from validation.agents import Agents, Line, conditions_of, with_table
@@ -56,7 +56,7 @@ def test_the_page_has_the_marks() -> None:
 def test_every_row_names_a_task_and_its_dimension() -> None:
     for row in ROWS:
         task, dimension, _ = re.split(r"-(2d|3d)", row.agent)
-        assert task_class(task)
+        assert TASKS[task]
         assert dimension in ("2d", "3d")
         assert row.title.startswith({"2d": "3DoF", "3d": "6DoF"}[dimension])
 

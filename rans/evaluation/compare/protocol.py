@@ -12,7 +12,7 @@ import numpy as np
 
 from rans.evaluation.compare.bounds import REST_SPEED, REST_SPIN
 from rans.evaluation.fly.judge import Engine, Flown, flown
-from rans.evaluation.fly.protocols import Conditions
+from rans.evaluation.fly.protocols import Setup
 from rans.evaluation.measure.metrics import final_errors, settling_times
 from rans.flight import Controller, Flight, fly
 from rans.model.dynamics import thrust
@@ -55,14 +55,14 @@ class Protocol:
         return map_leaves(lambda x: x[k:k + 1], self.starts)
 
     @property
-    def conditions(self) -> Conditions:
+    def setup(self) -> Setup:
         """What flies, what for and how long."""
-        return Conditions(self.craft, self.task, self.timing)
+        return Setup(self.craft, self.task, self.timing)
 
     def fly(self, controller: Controller, workers: int | None = None,
             progress: Callable[[int], object] = lambda _: None) -> Flown:
         """All starts, see `rans.evaluation.fly.judge.flown`."""
-        return flown(controller, self.conditions, self.seed, self.episodes, self.engine, workers, progress)
+        return flown(controller, self.setup, self.seed, self.episodes, self.engine, workers, progress)
 
     def latencies(self, controller: Controller) -> np.ndarray:
         """Processor time of single actions, one observation at a time, (T,) s.

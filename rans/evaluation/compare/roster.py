@@ -2,26 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from pathlib import Path
 from typing import Literal
 
 from rans.errors import ConfigError
 from rans.evaluation.compare.protocol import Contestant, Protocol
 from rans.evaluation.fly.agent import LoadedRun
-from rans.evaluation.fly.contestants import contestant, controller
+from rans.evaluation.fly.contestants import contestant, is_controller
+from rans.evaluation.fly.controllers import CONTROLLERS, controller
 from rans.evaluation.fly.user_policies import is_user_policy
 from rans.fast.learn.run_folder import RunFolder
 from rans.files import read_json
-from rans.optimal.control.lqr import LQR
-from rans.optimal.control.regulator import Weights
 from rans.pretrained import pretrained_folder
 from rans.scenario import EVALUATION_SEED
-from rans.tasks.multi_task import MultiTask
-
-SWEEP = (0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0)
-"""Factors on the LQR's default weights: from twice as stiff to four
-times as lazy."""
 
 _OBSERVATION = "observation"
 _MODEL = "state, exact model"
@@ -38,8 +31,8 @@ def protocol_of(spec: str, episodes: int, seed: int = EVALUATION_SEED,
     if episodes < 1:
         raise ConfigError(f"--episodes must be at least 1, got {episodes}.")
     _, craft, task, timing = contestant(spec)
-    if isinstance(task, MultiTask):
-        raise ConfigError(f"{spec} knows several tasks: pick one, as in {spec}#{next(iter(task.parts()))}.")
+    if first := next(iter(task.parts())):
+        raise ConfigError(f"{spec} knows several tasks: pick one, as in {spec}#{first}.")
     return Protocol(craft, task.for_evaluation(), timing, seed, episodes, engine)
 
 
@@ -49,9 +42,9 @@ def enlist(spec: str, protocol: Protocol) -> Contestant:
     Raises:
         ConfigError: there is none, or it is for another task, spacecraft or control rate.
     """
-    run = contestant(spec, lent=protocol.conditions)
+    run = contestant(spec, lent=protocol.setup)
     _check_same(spec, run, protocol)
-    simple = spec.partition(":")[0] in ("lqr", "mpc")
+    simple = is_controller(spec)
     return Contestant(run.controller.name, run.controller, _MODEL if simple else _OBSERVATION, _tuning(spec))
 
 
@@ -72,7 +65,7 @@ def _tuning(spec: str) -> str:
     """What was spent on a contestant, as far as its files tell."""
     spec, _, _ = spec.partition("#")
     kind, _, name = spec.partition(":")
-    if kind in ("lqr", "mpc"):
+    if is_controller(spec):
         return _UNTUNED
     if is_user_policy(spec):
         return "not known"
@@ -89,19 +82,17 @@ def _tuning(spec: str) -> str:
 
 
 def simple_controller(name: str, protocol: Protocol) -> Contestant:
-    """The "lqr" or the "mpc" with its default settings.
+    """A controller of `CONTROLLERS` with its default settings.
 
     Raises:
         ConfigError: it cannot fly this spacecraft.
     """
-    return Contestant(name.upper(), controller(name, protocol.conditions), _MODEL, _UNTUNED)
+    made = controller(name, protocol.setup)
+    return Contestant(made.name, made, _MODEL, _UNTUNED)
 
 
-def swept_lqr(protocol: Protocol) -> list[Contestant]:
-    """The LQR with its weights scaled by every factor of `SWEEP`."""
-    found = []
-    for factor in SWEEP:
-        weights = Weights(**{name: factor * value for name, value in asdict(Weights()).items()})
-        lqr = LQR(*protocol.conditions, weights)
-        found.append(Contestant(f"LQR x {factor:g}", lqr, _MODEL, f"one of {len(SWEEP)} weights"))
-    return found
+def swept(name: str, protocol: Protocol) -> list[Contestant]:
+    """The controller with other weights, of those that have a ``sweep``."""
+    sweep = getattr(CONTROLLERS[name], "sweep", None)
+    found = sweep(*protocol.setup) if sweep else {}
+    return [Contestant(title, one, _MODEL, f"one of {len(found)} weights") for title, one in found.items()]

@@ -15,6 +15,7 @@ from rans.evaluation.compare.bounds import Bound, no_certificate
 from rans.evaluation.compare.certified import certify
 from rans.evaluation.compare.protocol import Contestant, Entry, Protocol
 from rans.evaluation.compare.relaxed import Relaxed
+from rans.evaluation.fly.controllers import BESIDE
 from rans.files import first_line
 from rans.optimal.trajectory.arrival import aims
 
@@ -80,7 +81,7 @@ class Comparison:
         return [int(k) for k in starts[low]]
 
 
-def fill(comparison: Comparison, specs: Sequence[str], beside: Sequence[str] = ("lqr", "mpc", "optimal"),
+def fill(comparison: Comparison, specs: Sequence[str], beside: Sequence[str] = BESIDE,
          certified: int = 4, cache: Path | None = None, track: Track = lambda *_: lambda *_: None,
          workers: int | None = None) -> None:
     """Fly everyone and find what is possible; failures are noted and the rest goes on.
@@ -88,7 +89,7 @@ def fill(comparison: Comparison, specs: Sequence[str], beside: Sequence[str] = (
     Args:
         comparison: is filled step by step, so that an interrupt leaves what was finished.
         specs: contestants, see `rans.evaluation.fly.contestants.contestant`; the first gave the protocol.
-        beside: "lqr", "mpc" and "optimal".
+        beside: names of controllers, and "optimal".
         certified: starts whose bounds are certified.
         cache: see `certify`.
         track: shows progress.
@@ -97,15 +98,13 @@ def fill(comparison: Comparison, specs: Sequence[str], beside: Sequence[str] = (
     for spec in dict.fromkeys(specs):
         with _noted(comparison, spec):
             _fly(comparison, roster.enlist(spec, comparison.protocol), spec, track, workers)
-    for name in beside:
-        if name != "optimal" and name.upper() not in comparison.names():  # nobody flies twice
-            with _noted(comparison, name.upper()):
-                simple = roster.simple_controller(name, comparison.protocol)
+    for name in dict.fromkeys(name for name in beside if name != "optimal"):
+        with _noted(comparison, name):
+            simple = roster.simple_controller(name, comparison.protocol)
+            if simple.name not in comparison.names():  # nobody flies twice
                 _fly(comparison, simple, name, track, workers)
-    if "lqr" in beside:
-        with _noted(comparison, "LQR"):
             comparison.curve += [_entry(comparison, one, track, workers)
-                                 for one in roster.swept_lqr(comparison.protocol)]
+                                 for one in roster.swept(name, comparison.protocol)]
     if "optimal" in beside:
         _find_relaxed(comparison, track, workers)
         _find_certified(comparison, certified, cache, track, workers)

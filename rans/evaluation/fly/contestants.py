@@ -1,4 +1,4 @@
-"""Whoever can be judged, by one text: an agent of a run, an agent that comes with RANS, an LQR, an MPC."""
+"""Whoever can be judged, by one text: an agent of a run, one that comes with RANS, a controller."""
 
 from __future__ import annotations
 
@@ -7,17 +7,18 @@ from pathlib import Path
 
 from rans.errors import ConfigError
 from rans.evaluation.fly.agent import LoadedRun, load_agent
-from rans.evaluation.fly.protocols import Conditions, ProtocolName, under_protocol
+from rans.evaluation.fly.controllers import CONTROLLERS, controller
+from rans.evaluation.fly.protocols import ProtocolName, Setup, under_protocol
 from rans.evaluation.fly.user_policies import is_user_policy, user_policy
-from rans.flight import Controller
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.pretrained import pretrained_folder, pretrained_names
-from rans.tasks import task_class
-from rans.tasks.multi_task import MultiTask
+from rans.registry import meant
+from rans.tasks import TASKS
 
-FORMS = "a run folder, pretrained:NAME, lqr:TASK-2d or mpc:TASK-2d (or -3d, with @SPACECRAFT if you like)"
-"""What `contestant` understands, for messages and help."""
+FORMS = (f"a run folder, pretrained:NAME, {', '.join(f'{name}:TASK-2d' for name in CONTROLLERS)} or "
+         "MODULE:NAME:TASK-2d (or -3d, with @SPACECRAFT if you like)")
+"""What `contestant` understands, for messages."""
 
 EVALUATIONS = Path("runs") / "evaluations"
 """Where results of contestants without a run folder of their own go."""
@@ -25,21 +26,21 @@ EVALUATIONS = Path("runs") / "evaluations"
 _SPACECRAFT = {"2d": "floating-platform", "3d": "free-flyer"}
 
 
-def contestant(spec: str, protocol: ProtocolName = "own", lent: Conditions | None = None) -> LoadedRun:
-    """A controller ready to fly, and under which conditions.
+def contestant(spec: str, protocol: ProtocolName = "own", lent: Setup | None = None) -> LoadedRun:
+    """A controller ready to fly, and in which setup.
 
     Args:
-        spec: a run folder; ``pretrained:NAME`` (see `rans.pretrained`); ``lqr:TASK-2d``, ``mpc:TASK-3d``
-            and the like, which fly the floating platform or the free flyer, or another spacecraft as in
-            ``lqr:go-to-pose-2d@floating-platform-shared``. ``#TASK`` at the end picks one of the tasks of
-            a multi-task agent. Policies made elsewhere (see `rans.evaluation.fly.user_policies`) know no task
-            of their own.
+        spec: a run folder; ``pretrained:NAME`` (see `rans.pretrained`); ``CONTROLLER:TASK-2d`` or ``-3d``
+            with a name of `CONTROLLERS` or MODULE:NAME, which fly the floating platform or the free flyer,
+            or another spacecraft as in ``CONTROLLER:go-to-pose-2d@floating-platform-shared``. ``#TASK`` at
+            the end picks one of the tasks of a multi-task agent. Policies made elsewhere (see
+            `rans.evaluation.fly.user_policies`) know no task of their own.
         protocol: see `rans.evaluation.fly.protocols.under_protocol`.
-        lent: somebody's conditions, under which policies made elsewhere fly.
+        lent: somebody's setup, in which policies made elsewhere fly.
 
     Raises:
         ConfigError: there is no such contestant, the protocol is not for its spacecraft, or a policy made
-            elsewhere was lent no conditions.
+            elsewhere was lent none.
     """
     if is_user_policy(spec):
         if lent is None:
@@ -47,11 +48,11 @@ def contestant(spec: str, protocol: ProtocolName = "own", lent: Conditions | Non
                               f"RUN {spec}.")
         return LoadedRun(user_policy(spec, lent.craft, lent.task), *lent)
     kind, name, part = _parse(spec)
-    if kind in ("lqr", "mpc"):
-        conditions = under_protocol(protocol, _picked(_named_conditions(name, spec), part, spec))
-        return LoadedRun(controller(kind, conditions), *conditions)
+    if kind not in ("", "pretrained"):
+        setup = under_protocol(protocol, _picked(_named_setup(name, spec), part, spec))
+        return LoadedRun(controller(kind, setup), *setup)
     run = load_agent(pretrained_folder(name) if kind == "pretrained" else Path(name))
-    own = _picked(Conditions(run.craft, run.task, run.timing), part, spec)
+    own = _picked(Setup(run.craft, run.task, run.timing), part, spec)
     return LoadedRun(run.controller, *under_protocol(protocol, own))
 
 
@@ -61,14 +62,18 @@ def judged_separately(spec: str) -> list[str]:
     Raises:
         ConfigError: there is no such contestant.
     """
-    task = contestant(spec).task
-    return [f"{spec}#{name}" for name in task.parts()] if isinstance(task, MultiTask) else [spec]
+    return [f"{spec}#{name}" if name else spec for name in contestant(spec).task.parts()]
 
 
 def output_folder(spec: str) -> Path:
     """Where the results of a contestant go: into its run folder, or a folder of `EVALUATIONS`."""
     kind, name, _ = _parse(spec)
     return EVALUATIONS / re.sub(r"[^\w.-]+", "-", f"{kind}-{name}") if kind else Path(name)
+
+
+def is_controller(spec: str) -> bool:
+    """Whether a text names one of `CONTROLLERS`, which need no training."""
+    return not is_user_policy(spec) and _parse(spec)[0] not in ("", "pretrained")
 
 
 def picked_task(spec: str) -> str:
@@ -80,18 +85,22 @@ def _parse(spec: str) -> tuple[str, str, str]:
     """Kind, name and picked task; a run folder has no kind."""
     spec, _, part = spec.partition("#")
     kind, _, name = spec.partition(":")
-    if kind in ("pretrained", "lqr", "mpc") and name:
+    kinds = "pretrained", *CONTROLLERS
+    if kind in kinds and name:
         return kind, name, part
     if ":" in spec and not Path(spec).exists():
-        raise ConfigError(f"there is no contestant {spec!r}; known are {FORMS}.")
+        module, (own, _, name) = kind, name.partition(":")
+        if own and name:
+            return f"{module}:{own}", name, part
+        raise ConfigError(f"there is no contestant {spec!r}{meant(kind, kinds)}; known are {FORMS}.")
     if spec in pretrained_names() and not Path(spec).exists():
         raise ConfigError(f"there is no run folder {spec!r}; the agent of this name that comes with RANS is "
                           f"pretrained:{spec}.")
     return "", spec, part
 
 
-def _named_conditions(name: str, spec: str) -> Conditions:
-    """The conditions behind "TASK-2d@SPACECRAFT"."""
+def _named_setup(name: str, spec: str) -> Setup:
+    """The setup behind "TASK-2d@SPACECRAFT"."""
     name, _, spacecraft = name.partition("@")
     task, _, dimension = name.rpartition("-")
     if dimension not in _SPACECRAFT:
@@ -101,30 +110,15 @@ def _named_conditions(name: str, spec: str) -> Conditions:
     if craft.dimension != int(dimension[0]):
         raise ConfigError(f"{spec!r} asks for {dimension}, but {craft.name} moves in {craft.dimension} "
                           "dimensions.")
-    return Conditions(craft, task_class(task)(), Timing())
+    return Setup(craft, TASKS[task](), Timing())
 
 
-def _picked(conditions: Conditions, part: str, spec: str) -> Conditions:
-    """The conditions with one of the tasks of a multi-task."""
+def _picked(setup: Setup, part: str, spec: str) -> Setup:
+    """The setup with one of the tasks of a multi-task."""
     if not part:
-        return conditions
-    parts = conditions.task.parts() if isinstance(conditions.task, MultiTask) else {}
+        return setup
+    parts = setup.task.parts()
     if part not in parts:
-        raise ConfigError(f"{spec!r} picks the task {part!r}, but there is "
-                          f"{'only ' + ', '.join(parts) if parts else 'only one task'}.")
-    return conditions._replace(task=parts[part])
-
-
-def controller(kind: str, conditions: Conditions) -> Controller:
-    """The "lqr" or the "mpc" with its default settings.
-
-    Raises:
-        ConfigError: it cannot fly this spacecraft.
-    """
-    if kind == "mpc":
-        from rans.optimal.control.mpc import MPC
-
-        return MPC(*conditions)
-    from rans.optimal.control.lqr import LQR
-
-    return LQR(*conditions)
+        raise ConfigError(f"{spec!r} picks the task {part!r}, but there is only "
+                          f"{', '.join(parts) or 'one task'}.")
+    return setup._replace(task=parts[part])

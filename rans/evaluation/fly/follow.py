@@ -17,7 +17,7 @@ from rans.model.random import Random, seed_words
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.scenario import Scenario
-from rans.tasks import Task, TrackVelocity, observation
+from rans.tasks import Task, observation
 
 START_SPREAD = 0.2
 """Farthest that a flight starts from the path's first point, m."""
@@ -184,11 +184,12 @@ def follow(craft: Spacecraft, task: Task, tracker: Controller, planner: LookAhea
         ConfigError: the tracker does not track velocities or not such fast ones, or the path leaves
             the plane of a planar spacecraft.
     """
-    if not isinstance(task, TrackVelocity):
+    speeds: Any = getattr(task, "target_speed", None)
+    if speeds is None or task.tolerances().keys() != {"velocity"}:
         raise ConfigError("only an agent trained for track-velocity can follow a path, but "
                           f"{tracker.name} was trained for another task.")
-    if planner.speed > task.target_speed[1]:
-        raise ConfigError(f"the speed must be at most the {task.target_speed[1]:g} m/s that "
+    if planner.speed > speeds[1]:
+        raise ConfigError(f"the speed must be at most the {speeds[1]:g} m/s that "
                           f"{tracker.name} was trained for, got {planner.speed:g}.")
     if planner.path.dimension > craft.dimension:
         raise ConfigError(f"the path {planner.path.name} is spatial, but {craft.name} moves in a plane; "

@@ -11,7 +11,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from rans.errors import RansError
-from rans.evaluation.fly.protocols import Conditions
+from rans.evaluation.fly.protocols import Setup
 from rans.flight import Controller, Flight, fly
 from rans.model.fields import map_leaves
 from rans.processes import submitted
@@ -33,14 +33,14 @@ class Flown(NamedTuple):
     """Times that the controller's solver found nothing; 0 of a controller without one."""
 
 
-def flown(controller: Controller, conditions: Conditions, seed: int, episodes: int,
+def flown(controller: Controller, setup: Setup, seed: int, episodes: int,
           engine: Engine = "fast", workers: int | None = None,
           progress: Callable[[int], object] = lambda _: None) -> Flown:
     """Fly from the task's starts.
 
     Args:
         controller: can be pickled; one that is slow has a true attribute ``slow``.
-        conditions: what flies, what for and how long; with the starts to fly from.
+        setup: what flies, what for and how long; with the starts to fly from.
         seed: of starts and goals; they are those of `rans.flight.scenarios`.
         episodes: how many, from episode 0 of the seed on.
         engine: what computes the motion.
@@ -55,10 +55,10 @@ def flown(controller: Controller, conditions: Conditions, seed: int, episodes: i
     share = _SLOW_SHARE if slow else _SHARE if engine == "drake" else episodes
     jobs = [(seed, first, min(share, episodes - first)) for first in range(0, episodes, share)]
     if len(jobs) == 1:
-        only = _flown(controller, conditions, engine, *jobs[0])
+        only = _flown(controller, setup, engine, *jobs[0])
         progress(episodes)
         return only
-    given = pickle.dumps((controller, conditions, engine))  # torch would share tensors by open files
+    given = pickle.dumps((controller, setup, engine))  # torch would share tensors by open files
     with submitted(_work, jobs, min(len(jobs), workers) if workers else None, _load, (given,)) as futures:
         try:
             for done in as_completed(futures):
@@ -70,7 +70,7 @@ def flown(controller: Controller, conditions: Conditions, seed: int, episodes: i
 
 
 _given: list[Any] = []
-"""Controller, conditions and engine, in each worker process."""
+"""Controller, setup and engine, in each worker process."""
 
 
 def _load(given: bytes) -> None:
@@ -81,13 +81,13 @@ def _load(given: bytes) -> None:
 
 
 def _work(seed: int, first: int, count: int) -> Flown:
-    controller, conditions, engine = _given
-    return _flown(controller, conditions, engine, seed, first, count)
+    controller, setup, engine = _given
+    return _flown(controller, setup, engine, seed, first, count)
 
 
-def _flown(controller: Controller, conditions: Conditions, engine: Engine, seed: int, first: int,
+def _flown(controller: Controller, setup: Setup, engine: Engine, seed: int, first: int,
            count: int) -> Flown:
-    craft, task, timing = conditions
+    craft, task, timing = setup
     starts = scenarios(task, craft, seed, count, first)
     if engine == "fast":
         flight = fly(craft, task, controller, starts, timing)

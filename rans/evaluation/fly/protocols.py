@@ -21,7 +21,7 @@ _START = (3.0, 4.0)
 """Distance of the starts, m (paper, section 4.1)."""
 
 
-class Conditions(NamedTuple):
+class Setup(NamedTuple):
     """What flies, what for and how long."""
 
     craft: Spacecraft
@@ -30,8 +30,8 @@ class Conditions(NamedTuple):
     timing: Timing
 
 
-def under_protocol(protocol: ProtocolName, own: Conditions) -> Conditions:
-    """The conditions of a protocol for somebody whose own ones are given.
+def under_protocol(protocol: ProtocolName, own: Setup) -> Setup:
+    """The setup of a protocol for somebody whose own one is given.
 
     "own" changes nothing. "paper" is the floating platform of 5.32 kg with 1 N a thruster, 250 steps of
     0.2 s and, where a task starts away from its goal, starts 3 to 4 m away (paper, section 4.1).
@@ -47,11 +47,11 @@ def under_protocol(protocol: ProtocolName, own: Conditions) -> Conditions:
     if (own.craft.dimension, len(own.craft.thrusters)) != (craft.dimension, len(craft.thrusters)):
         raise ConfigError(f"--protocol {protocol} is for planar spacecraft with {len(craft.thrusters)} "
                           f"thrusters, but {own.craft.name} is another kind; use --protocol own.")
-    return Conditions(craft, _started_away(own.task), replace(Timing(), episode_steps=_STEPS))
+    return Setup(craft, _started_away(own.task), replace(Timing(), episode_steps=_STEPS))
 
 
 def fitting_protocols(craft: Spacecraft) -> tuple[ProtocolName, ...]:
-    """The protocols that fly this spacecraft: its own conditions, and those made for it."""
+    """The protocols that fly this spacecraft: its own setup, and those made for it."""
     return ("own", *(name for name, known in _SPACECRAFT.items() if known == craft.name))
 
 

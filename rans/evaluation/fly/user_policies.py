@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -13,6 +11,7 @@ import numpy as np
 from rans.errors import ConfigError
 from rans.files import first_line
 from rans.model.spacecraft import Spacecraft
+from rans.registry import from_here, resolve
 from rans.tasks import Task, observation_width
 
 FORMS = "sb3:FILE.zip, onnx:FILE or python:MODULE:FUNCTION"
@@ -50,19 +49,33 @@ class UserPolicy:
         Raises:
             ConfigError: the function fails, or answers something else than zeros and ones.
         """
-        try:
-            commands = np.asarray(self._policy(observation), dtype=np.float64)
-        except Exception as error:  # somebody else's code raises anything
-            raise ConfigError(f"{self.name} failed: {type(error).__name__}: {first_line(error)}.") from error
-        wanted = (len(observation), len(self._craft.thrusters))
-        if commands.shape != wanted:
-            raise ConfigError(f"{self.name} must answer {wanted[0]} observations with commands of shape "
-                              f"{wanted}, got {commands.shape}.")
-        wrong = commands[(commands != 0.0) & (commands != 1.0)]
-        if wrong.size:
-            raise ConfigError(f"{self.name} must answer zeros (shut) and ones (open), got {wrong[0]:g}; "
-                              "probabilities have to be rounded by the policy.")
-        return commands
+        return answered(self.name, lambda: self._policy(observation),
+                        (len(observation), len(self._craft.thrusters)))
+
+
+def answered(who: str, ask: Callable[[], Any], wanted: tuple[int, int]) -> np.ndarray:
+    """The commands that somebody answers with, (N, thrusters).
+
+    Args:
+        who: is asked, for messages.
+        ask: somebody else's code.
+        wanted: N and the number of thrusters.
+
+    Raises:
+        ConfigError: it fails, or answers something else than zeros and ones.
+    """
+    try:
+        commands = np.asarray(ask(), dtype=np.float64)
+    except Exception as error:  # somebody else's code raises anything
+        raise ConfigError(f"{who} failed: {type(error).__name__}: {first_line(error)}.") from error
+    if commands.shape != wanted:
+        raise ConfigError(f"{who} must answer {wanted[0]} observations with commands of shape "
+                          f"{wanted}, got {commands.shape}.")
+    wrong = commands[(commands != 0.0) & (commands != 1.0)]
+    if wrong.size:
+        raise ConfigError(f"{who} must answer zeros (shut) and ones (open), got {wrong[0]:g}; "
+                          "probabilities have to be rounded by the policy.")
+    return commands
 
 
 def is_user_policy(spec: str) -> bool:
@@ -144,14 +157,10 @@ def _python(name: str, _craft: Spacecraft, _task: Task) -> Policy:
     module, _, function = name.rpartition(":")
     if not module or not function:
         raise ConfigError(f"python:{name} must name a module and a function, as python:my_policy:act.")
-    folder = str(Path.cwd())
-    if folder not in sys.path:  # as `python -m` does; an installed command does not
-        sys.path.insert(0, folder)
     try:
-        policy = getattr(importlib.import_module(module), function)
-    except Exception as error:  # a module's top level raises anything
-        raise ConfigError(f"python:{name} cannot be imported: {type(error).__name__}: "
-                          f"{first_line(error)}.") from error
+        policy = resolve(from_here(name))
+    except ConfigError as error:
+        raise ConfigError(f"python:{name} cannot be imported: {error}") from error
     if not callable(policy):
         raise ConfigError(f"python:{name} is a {type(policy).__name__}, no function.")
     return policy

@@ -38,7 +38,7 @@ class SpacecraftVectorEnv(VectorEnv[Tensor, Tensor, Tensor]):
 
     Args:
         num_envs: N, number of spacecraft stepped together.
-        task_name: key of `rans.tasks.TASKS`.
+        task_name: of `rans.tasks.TASKS`, or MODULE:NAME.
         dimension: 2 (plane) or 3 (space).
         spacecraft: name, TOML file or object; None: the usual one of this dimension.
         task: settings; None: the defaults.

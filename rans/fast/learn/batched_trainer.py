@@ -25,7 +25,7 @@ from rans.fast.learn.trainer import SOLVED_IN_A_ROW, WARM_UP_ITERATIONS, check_d
 from rans.files import replace_file
 from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import SELECTION_SEED
-from rans.tasks import Task, parts
+from rans.tasks import Task
 
 
 @dataclass
@@ -184,7 +184,7 @@ class _Selection:
     """
 
     def __init__(self, ppo: BatchedPPO, tasks: Sequence[Task]) -> None:
-        self._network, self._members, judged = ppo.network, len(tasks), [parts(task) for task in tasks]
+        self._network, self._members, judged = ppo.network, len(tasks), [task.parts() for task in tasks]
         engine = ppo.engine
         self._engines = {
             name: MembersEngine(engine.craft, [each[name].for_evaluation() for each in judged], EPISODES,

@@ -12,7 +12,7 @@ import cattrs
 from rans.errors import ConfigError, RansError
 from rans.fast.learn.curriculum import Numbers, Ramp, check_ramps
 from rans.model.timing import Timing
-from rans.tasks import Task, task_class
+from rans.tasks import TASKS, Task
 
 Precision = Literal["float32", "tf32", "bf16"]
 """Of a GPU's matrix products: 24, 11 or, in hidden layers, 8 significant bits (docs/speed.md)."""
@@ -150,7 +150,7 @@ def from_table(table: dict[str, Any]) -> TrainConfig:
     """
     if not isinstance(table, dict) or not isinstance(table.get("task"), str):
         raise ConfigError("a training config must name its task: {\"task\": \"go-to-pose\", ...}.")
-    settings = _structure(table.get("settings", {}), task_class(table["task"]), "settings")
+    settings = _structure(table.get("settings", {}), TASKS[table["task"]], "settings")
     return _structure(table | {"settings": settings}, TrainConfig, "config")
 
 

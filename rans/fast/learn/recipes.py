@@ -7,7 +7,7 @@ from typing import Any
 
 from rans.fast.learn.config import PPOSettings, TrainConfig
 from rans.fast.learn.curriculum import Ramp
-from rans.tasks import task_class
+from rans.tasks import TASKS
 
 
 @dataclass(frozen=True)
@@ -101,6 +101,6 @@ def recipe(name: str, device: str) -> TrainConfig:
     times = _LONGER if large else 1
     ramps = tuple(replace(ramp, duration=ramp.duration * times, begin=ramp.begin * times)
                   for ramp in given.curriculum)
-    return TrainConfig(given.task, task_class(given.task)(**given.settings), given.spacecraft,
+    return TrainConfig(given.task, TASKS[given.task](**given.settings), given.spacecraft,
                        replace(given.ppo, **_LARGE) if large else given.ppo, curriculum=ramps, device=device,
                        total_timesteps=given.total_timesteps * times, report_interval=64, solved_share=None)

@@ -14,7 +14,7 @@ from rans.fast.policy import evaluate
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.scenario import SELECTION_SEED
-from rans.tasks import Task, parts
+from rans.tasks import Task
 
 EPISODES = 1024
 
@@ -35,7 +35,7 @@ class Selection:
         self._policy = policy
         self._engines = {
             name: Engine(craft, part.for_evaluation(), EPISODES, timing, seed=SELECTION_SEED, device=device)
-            for name, part in parts(task).items()}
+            for name, part in task.parts().items()}
         self._act = fused(likeliest_action, torch.device(device))
         self._flight = graphed(self._fly, torch.device(device))
 

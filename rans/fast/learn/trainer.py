@@ -275,5 +275,6 @@ def run_path(config: TrainConfig, folder: Path = Path("runs")) -> Path:
 
 def unused_path(stem: str, folder: Path = Path("runs")) -> Path:
     """The folder of this name, or the first with a number behind it that does not exist."""
+    stem = stem.replace(":", "-")
     candidates = (folder / (stem if n == 1 else f"{stem}-{n}") for n in range(1, 1_000_000))
     return next(path for path in candidates if not path.exists())

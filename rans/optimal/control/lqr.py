@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,9 @@ from rans.optimal.trajectory.guess import rotation_vector
 from rans.tasks.base import Task
 
 _WEIGHTS, _DEADBAND = Weights(), Deadband()
+
+SWEEP = (0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0)
+"""Factors on the default weights: from twice as stiff to four times as lazy."""
 
 
 class LQR:
@@ -45,6 +49,13 @@ class LQR:
         self._identity = Heading(0.0) if craft.dimension == 2 else Quat(1.0, 0.0, 0.0, 0.0)
         self._regulator = Regulator.of(craft, task, timing, weights)
         self._rounding = SigmaDelta(craft, self._regulator.carried(craft))
+
+    @classmethod
+    def sweep(cls, craft: Spacecraft, task: Task, timing: Timing) -> dict[str, LQR]:
+        """One for every factor of `SWEEP` on its weights, by name."""
+        weights = asdict(_WEIGHTS)
+        return {f"{cls.name} x {factor:g}": cls(craft, task, timing, Weights(
+            **{name: factor * value for name, value in weights.items()})) for factor in SWEEP}
 
     def reset(self, count: int) -> None:
         """See `rans.flight.Controller`."""

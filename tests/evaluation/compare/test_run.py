@@ -15,7 +15,7 @@ from rans.evaluation.compare import run
 from rans.evaluation.compare.bounds import Bound
 from rans.evaluation.compare.certified import certify
 from rans.evaluation.compare.protocol import Protocol, arrived
-from rans.evaluation.compare.roster import SWEEP, protocol_of
+from rans.evaluation.compare.roster import protocol_of
 from rans.evaluation.compare.run import Comparison, fill
 from rans.flight import fly
 from rans.model.fields import map_leaves
@@ -51,7 +51,7 @@ def comparison(cache: Path) -> Comparison:
 def test_everyone_flies_every_start(comparison: Comparison) -> None:
     assert [entry.name for entry in comparison.entries] == ["LQR", IDLE]  # nobody flies twice
     assert [entry.flight.commands.shape for entry in comparison.entries] == [(30, 3, 8)] * 2
-    assert len(comparison.curve) == len(SWEEP)
+    assert len(comparison.curve) == 7  # weights of docs/comparison.md
     first = [e.flight.states.p.x[0] for e in comparison.entries]
     np.testing.assert_array_equal(*first)
 

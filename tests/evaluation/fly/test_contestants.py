@@ -10,7 +10,7 @@ import rans.pretrained
 from rans.errors import ConfigError
 from rans.evaluation.fly.contestants import contestant, judged_separately, output_folder
 from rans.evaluation.fly.judge import flown
-from rans.evaluation.fly.protocols import Conditions, fitting_protocols
+from rans.evaluation.fly.protocols import Setup, fitting_protocols
 from rans.flight import fly
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
@@ -75,7 +75,7 @@ def test_results_stay_inside_their_folder() -> None:
     ("mpc:go-to-pose-3d@floating-platform", "asks for 3d, but floating-platform moves in 2"),
     ("lqr:go-to-pose-2d@nowhere", "no spacecraft named 'nowhere'"),
     ("lqr:go-to-pose-2d#go-to-pose", "picks the task 'go-to-pose', but there is only one task"),
-    ("pretraned:x", "there is no contestant 'pretraned:x'; known are a run folder, pretrained:NAME"),
+    ("pretraned:x", r"no contestant .pretraned:x. \(did you mean pretrained\?\); known are a run folder,"),
     ("lqr:", "there is no contestant 'lqr:'"),
     ("nowhere", "nowhere is not a run folder"),
     ("go-to-pose-2d", "no run folder 'go-to-pose-2d'; the agent .* is pretrained:go-to-pose-2d"),
@@ -120,9 +120,9 @@ def test_a_multi_task_agent_is_judged_on_each_of_its_tasks(multi: Path) -> None:
 def test_slow_controllers_fly_in_processes() -> None:
     """Ten episodes of an MPC are two shares; together they are what one process flies."""
     controller, craft, task, _ = contestant("mpc:go-to-pose-2d")
-    conditions, counted = Conditions(craft, task.for_evaluation(), Timing(episode_steps=6)), []
-    together, stopped = flown(controller, conditions, 1, 10, workers=2, progress=counted.append)
-    alone = fly(craft, task, controller, scenarios(conditions.task, craft, 1, 10), conditions.timing)
+    setup, counted = Setup(craft, task.for_evaluation(), Timing(episode_steps=6)), []
+    together, stopped = flown(controller, setup, 1, 10, workers=2, progress=counted.append)
+    alone = fly(craft, task, controller, scenarios(setup.task, craft, 1, 10), setup.timing)
     assert (sorted(counted), stopped, together.engine) == ([2, 8], 0, "fast")
     assert together.commands.any()
     np.testing.assert_array_equal(together.commands, alone.commands)
@@ -135,7 +135,7 @@ def test_drake_flies_contestants_by_name() -> None:
     controller, craft, task, timing = contestant(spec)
     task = task.for_evaluation()
     ours = fly(craft, task, controller, scenarios(task, craft, 1, 3), timing)
-    judged, _ = flown(controller, Conditions(craft, task, timing), 1, 3, "drake")
+    judged, _ = flown(controller, Setup(craft, task, timing), 1, 3, "drake")
     assert judged.engine == "drake"
     np.testing.assert_array_equal(judged.commands, ours.commands)
     np.testing.assert_allclose(judged.states.p.x, ours.states.p.x, atol=1e-6)

@@ -14,7 +14,7 @@ import pytest
 from rans.cli import main
 from rans.evaluation.fly.agent import load_agent
 from rans.evaluation.fly.judge import flown
-from rans.evaluation.fly.protocols import Conditions
+from rans.evaluation.fly.protocols import Setup
 from rans.evaluation.measure.engines import compare_engines, wilson
 from rans.model.fields import leaves, map_leaves
 from rans.reference.flight import fly_in_drake
@@ -92,7 +92,7 @@ def test_processes_fly_what_one_would(run: Path) -> None:
     counted: list[int] = []
     agent, craft, task, timing = load_agent(run)
     task = task.for_evaluation()
-    together, _ = flown(agent, Conditions(craft, task, timing), 5, 70, "drake", 2, counted.append)
+    together, _ = flown(agent, Setup(craft, task, timing), 5, 70, "drake", 2, counted.append)
     alone = fly_in_drake(craft, task, agent, scenarios(task, craft, 5, 70), timing)
     assert sorted(counted) == [6, 64]
     assert np.array_equal(together.commands, alone.commands)

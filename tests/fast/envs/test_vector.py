@@ -15,12 +15,12 @@ from rans.errors import ConfigError
 from rans.fast.envs.single import SpacecraftEnv
 from rans.fast.envs.vector import SpacecraftVectorEnv
 from rans.scenario import scenario
-from rans.tasks import GYMNASIUM_IDS
+from rans.tasks import gymnasium_ids
 from tests.fast.engines import NEAR, SHORT, actions
 
 PLANE = "rans/GoToPose2D-v0"
 # The settings of `NEAR` are go-to-pose's; the other tasks reach the same code through the conformance suite.
-BOTH_IDS = pytest.mark.parametrize("name", GYMNASIUM_IDS["go-to-pose"])
+BOTH_IDS = pytest.mark.parametrize("name", gymnasium_ids("go-to-pose"))
 def make(name: str = PLANE, count: int = 6, **kwargs: Any) -> SpacecraftVectorEnv:
     env = gymnasium.make_vec(name, num_envs=count, **{"task": NEAR, "timing": SHORT, **kwargs})
     assert isinstance(env, SpacecraftVectorEnv)

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import itertools
 import json
 import math
 from dataclasses import fields, replace
@@ -11,9 +12,9 @@ from hypothesis import strategies as st
 
 from rans.errors import ConfigError
 from rans.fast.learn.config import PPOSettings, TrainConfig, from_table, to_table
-from rans.fast.learn.presets import PRESETS
+from rans.fast.learn.presets import preset
 from rans.model.timing import Timing
-from rans.tasks import GoToPose
+from rans.tasks import TASKS, GoToPose
 from tests.fast.training import CONFIG
 
 positive = st.floats(1e-6, 1e3)
@@ -36,12 +37,11 @@ def test_through_json_and_back(config: TrainConfig) -> None:
 
 
 def test_every_preset_is_consistent() -> None:
-    for (task, dimension, device), preset in PRESETS.items():
-        assert dimension in (2, 3), task
-        assert device in ("cpu", "cuda")
-        samples = preset.n_envs * preset.n_steps
-        assert samples % preset.batch_size == preset.batch_size % preset.n_steps == 0
-        assert preset.n_steps <= Timing().episode_steps
+    for task, dimension, device in itertools.product(TASKS, (2, 3), ("cpu", "cuda")):
+        found = preset(task, dimension, device)
+        samples = found.n_envs * found.n_steps
+        assert samples % found.batch_size == found.batch_size % found.n_steps == 0
+        assert found.n_steps <= Timing().episode_steps
 
 
 def changed(place: str, value: Any) -> dict[str, Any]:

@@ -18,7 +18,7 @@ from rans.optimal.control.lqr import LQR
 from rans.optimal.control.regulator import Deadband
 from rans.reference.flight import fly_in_drake
 from rans.scenario import EVALUATION_SEED, Scenario, scenarios
-from rans.tasks import GoToPose, TrackTwist, task_class
+from rans.tasks import TASKS, GoToPose, TrackTwist
 from tests.crafts import nasty_spatial
 
 TASK = GoToPose().for_evaluation()
@@ -32,7 +32,7 @@ this kind; 0.75 m/s take 1.5 s at full thrust and half a turn 2 s."""
 @pytest.mark.parametrize("craft", ["floating-platform", "floating-platform-shared", "free-flyer"])
 @pytest.mark.parametrize("name", NAMES)
 def test_settles_from_every_start(name: str, craft: str) -> None:
-    spacecraft, timing, task = load_spacecraft(craft), Timing(), task_class(name)().for_evaluation()
+    spacecraft, timing, task = load_spacecraft(craft), Timing(), TASKS[name]().for_evaluation()
     starts = scenarios(task, spacecraft, EVALUATION_SEED, 50)
     settled = settling_times(fly(spacecraft, task, LQR(spacecraft, task, timing), starts, timing))
     assert np.isfinite(settled).all()
@@ -95,7 +95,7 @@ def test_shared_thrust_spends_no_more_than_the_supply_gives() -> None:
 
 def test_free_attitude_is_not_turned() -> None:
     """Going to a position asks for no attitude: from rest no torque is wanted."""
-    craft, task = load_spacecraft("free-flyer"), task_class("go-to-position")()
+    craft, task = load_spacecraft("free-flyer"), TASKS["go-to-position"]()
     starts = scenarios(task, craft, 26, 5)
     wrench = LQR(craft, task, Timing()).wrench(starts.start, starts.goal)
     np.testing.assert_array_equal(wrench[:, 3:], 0.0)

@@ -24,7 +24,7 @@ from rans.optimal.control.mpc import MPC, Settings
 from rans.optimal.control.regulator import Deadband, Regulator, Weights
 from rans.reference.flight import fly_in_drake
 from rans.scenario import scenarios
-from rans.tasks import GoToPose, task_class
+from rans.tasks import TASKS, GoToPose
 from tests.optimal.control.test_lqr import NAMES, SLOWEST
 
 PLATFORM, FLYER = load_spacecraft("floating-platform"), load_spacecraft("free-flyer")
@@ -35,7 +35,7 @@ TASK, TIMING = GoToPose().for_evaluation(), Timing()
 @pytest.mark.parametrize(("craft", "count"), [(PLATFORM, 8), (FLYER, 4)], ids=["plane", "space"])
 @pytest.mark.parametrize("name", NAMES)
 def test_settles_from_every_start(name: str, craft: Spacecraft, count: int) -> None:
-    task, timing = task_class(name)().for_evaluation(), Timing(episode_steps=50)
+    task, timing = TASKS[name]().for_evaluation(), Timing(episode_steps=50)
     controller = MPC(craft, task, timing)
     settled = settling_times(fly(craft, task, controller, scenarios(task, craft, 31, count), timing))
     assert np.isfinite(settled).all()

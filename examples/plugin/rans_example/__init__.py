@@ -1,0 +1,1 @@
+"""A task, a spacecraft and a controller that RANS finds by their entry points."""

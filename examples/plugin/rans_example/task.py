@@ -1,0 +1,57 @@
+"""Stay at a distance from a point, anywhere around it."""
+
+from dataclasses import dataclass
+
+from rans.model.dynamics import State
+from rans.model.fields import Field, absolute, at_least
+from rans.model.random import Random
+from rans.tasks import SingleTask
+from rans.tasks.rewards import Transition, nearness, speed
+from rans.tasks.sight import Entry, VectorInW
+
+
+@dataclass(frozen=True)
+class KeepDistance(SingleTask):
+    """Stay at a distance from the origin of W, with any attitude.
+
+    Observed task data: the way to the nearest point at that distance, in W (2 or 3 columns, m).
+    """
+
+    distance: float = 1.0
+    """To keep, m."""
+    spawn_distance: tuple[float, float] = (1.5, 3.0)
+    """Range of the start's distance from the origin, m."""
+    position_scale: float = 0.5
+    """Error at which the reward has fallen to 1/e, m."""
+    position_tolerance: float = 0.1
+    """Error that counts as reached, m."""
+    fail_distance: float = 8.0
+    """An episode fails beyond this distance, m."""
+
+    def sample(self, random: Random) -> tuple[State, State]:
+        """Start at rest around the origin."""
+        return random.around(*self.spawn_distance), random.at_rest(random.origin(), random.no_rotation())
+
+    def sight(self, state: State, goal: State) -> tuple[Entry, ...]:
+        """The way to the nearest point at the distance."""
+        way = goal.p - state.p
+        return (VectorInW("d", "m", way.scale(1.0 - self.distance / at_least(way.norm(), 0.01))),)
+
+    def errors(self, state: State, goal: State) -> dict[str, Field]:
+        """How far the distance is off, and angular speed."""
+        off = absolute((goal.p - state.p).norm() - self.distance)
+        return {"position": off, "spin": speed(state.spin())}
+
+    def tolerances(self) -> dict[str, float]:
+        """See the settings."""
+        return {"position": self.position_tolerance}
+
+    def reward(self, transition: Transition) -> dict[str, Field]:
+        """exp(-error / scale), and as much for stillness."""
+        off, spin = self.errors(transition.state, transition.goal).values()
+        return {"position": nearness(off, self.position_scale), "stillness": nearness(spin, 0.25),
+                **self.prices(transition)}
+
+    def failed(self, state: State, goal: State) -> Field:
+        """Too far away."""
+        return (goal.p - state.p).norm() > self.fail_distance

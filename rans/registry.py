@@ -1,0 +1,147 @@
+"""What can be had by name: built in, from packages that are installed, or from any module as MODULE:NAME."""
+
+from __future__ import annotations
+
+import difflib
+import importlib
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import cached_property, reduce
+from importlib import resources
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+from typing import Any, TypeVar
+
+from rans.errors import ConfigError
+from rans.files import first_line
+
+T = TypeVar("T")
+
+
+class Registry(Mapping[str, T]):
+    """Objects by name, each loaded when it is first asked for: names alone import nothing.
+
+    Names are those built in, the entry points that installed packages declare, and what `register` added.
+    Besides, ``MODULE:NAME`` finds an object of any module, also in the current folder.
+
+    Args:
+        what: the objects are, in messages.
+        group: of the entry points.
+        built_in: where the objects that come with RANS are: "module:Name", or "package:file.toml" for the
+            text of a file. No package replaces them.
+        checked: called with what was loaded; gives the object to hand out.
+        or_else: what else a user may name, for messages.
+
+    Raises:
+        ConfigError: by ``registry[name]``: there is no such object, or it does not work; the sentence names
+            the package it is of.
+    """
+
+    def __init__(self, what: str, group: str, built_in: Mapping[str, str],
+                 checked: Callable[[Any], T], or_else: str = "") -> None:
+        self._what, self._group, self.built_in, self._checked = what, group, built_in, checked
+        self._or_else = or_else
+        self._loaded: dict[str, T] = {}
+        self._own: dict[str, T] = {}
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(dict.fromkeys((*self.built_in, *self._offered, *self._own)))
+
+    def __len__(self) -> int:
+        return len(list(iter(self)))
+
+    def __contains__(self, name: object) -> bool:
+        return name in list(iter(self))
+
+    def __getitem__(self, name: str) -> T:
+        if name in self._own:
+            return self._own[name]
+        if name not in self._loaded:
+            self._loaded[name] = self._load(name)
+        return self._loaded[name]
+
+    def names(self) -> list[str]:
+        """Everything that has a name, in the order built in, installed, registered."""
+        return list(self)
+
+    def register(self, name: str) -> Callable[[T], T]:
+        """A decorator that gives an object a name for this process; another process does not know it.
+
+        Raises:
+            ConfigError: the name is taken by somebody else, or the object does not work.
+        """
+        if name in self.built_in or name in self._offered or ":" in name:
+            raise ConfigError(f"the {self._what} {name!r} exists already, or is no name; choose another one.")
+
+        def keep(found: T) -> T:
+            self._own[name] = self._checked(found)
+            return found
+
+        return keep
+
+    def package(self, name: str) -> str:
+        """The installed package that offers this name; nothing for what comes with RANS or was registered."""
+        return "" if name in self.built_in else " and ".join(map(_package, self._offered.get(name, ())))
+
+    @cached_property
+    def _offered(self) -> dict[str, list[EntryPoint]]:
+        found: dict[str, list[EntryPoint]] = {}
+        for entry in sorted(entry_points(group=self._group)):
+            found.setdefault(entry.name, []).append(entry)
+        return found
+
+    def _load(self, name: str) -> T:
+        package = self.package(name)
+        if name not in self and ":" not in name:
+            raise ConfigError(f"there is no {self._what} named {name!r}{meant(name, self)}; known are "
+                              f"{', '.join(self)}; your own is MODULE:NAME{self._or_else}.")
+        try:
+            return self._checked(resolve(self._reference(name)))
+        except ConfigError as error:
+            of = f" of the package {package}" if package else ""
+            raise ConfigError(f"the {self._what} {name!r}{of} cannot be used: {error}") from error
+
+    def _reference(self, name: str) -> str:
+        if name in self.built_in:
+            return self.built_in[name]
+        if name not in self._offered:
+            return from_here(name)
+        first, *others = self._offered[name]
+        if others:
+            raise ConfigError("there are two of this name; uninstall one of the packages.")
+        return first.value
+
+
+def from_here(reference: str) -> str:
+    """The reference as it is, once modules of the current folder can be imported.
+
+    That is so for ``python -m``, but not for an installed command.
+    """
+    if (folder := str(Path.cwd())) not in sys.path:
+        sys.path.insert(0, folder)
+    return reference
+
+
+def resolve(reference: str) -> Any:
+    """The object behind "module:Name", or the text of "package:file.toml".
+
+    Raises:
+        ConfigError: there is no such object, or its module fails.
+    """
+    module, _, name = reference.partition(":")
+    try:
+        if name.endswith(".toml"):
+            return (resources.files(module) / name).read_text("utf-8")
+        return reduce(getattr, name.split("."), importlib.import_module(module))
+    except Exception as error:  # a module's top level raises anything
+        raise ConfigError(f"{type(error).__name__}: {first_line(error)}.") from error
+
+
+def meant(name: str, known: Iterable[str]) -> str:
+    """" (did you mean ...?)" where a known name is near, for the middle of a sentence."""
+    near = difflib.get_close_matches(name, list(known), 1)
+    return f" (did you mean {near[0]}?)" if near else ""
+
+
+def _package(entry: EntryPoint) -> str:
+    return entry.dist.name if entry.dist else "unknown"

@@ -1,0 +1,71 @@
+"""A package of somebody else, as examples/plugin is one, through the commands that a user gives."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+FLIER = "steer:keep-distance-2d@puck"
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the package installed below site/, without a network."""
+    folder = tmp_path_factory.mktemp("user")
+    source = shutil.copytree(ROOT / "examples" / "plugin", folder / "source")  # setuptools writes beside it
+    subprocess.run([sys.executable, "-m", "pip", "install", "--quiet", "--no-index", "--no-build-isolation",
+                    "--no-deps", "--target", str(folder / "site"), str(source)], check=True)
+    return folder
+
+
+def rans(place: Path, *arguments: str) -> str:
+    """What a command prints; it must succeed."""
+    path = os.pathsep.join((str(place / "site"), str(ROOT)))
+    done = subprocess.run([sys.executable, "-m", "rans", *arguments], cwd=place, capture_output=True,
+                          text=True, env=os.environ | {"PYTHONPATH": path, "COLUMNS": "160"}, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@pytest.mark.slow  # eight commands that start Python, torch or Drake anew: 45 s on an idle core
+def test_a_package_gives_every_command_its_task_spacecraft_and_controller(place: Path) -> None:
+    listed = rans(place, "list")
+    for name in ("keep-distance", "puck", "steer"):
+        assert f"{name} (of rans-example)" in listed
+    assert "rans/KeepDistance3D-v0" in rans(place, "list", "keep-distance")
+
+    rans(place, "train", "keep-distance", "--spacecraft", "puck", "--device", "cpu",
+         "--total-timesteps", "9000", "--run", "keep")
+    config = json.loads((place / "keep" / "config.json").read_text())
+    assert (config["task"], config["spacecraft"]) == ("keep-distance", "puck")
+    assert config["settings"]["distance"] == 1.0
+    assert 'name = "puck"' in (place / "keep" / "spacecraft.toml").read_text()
+
+    rans(place, "evaluate", "keep", "--episodes", "8", "--engine", "both")  # Drake judges it too
+    assert (place / "keep" / "evaluation.json").exists()
+
+    rans(place, "compare", "keep", FLIER, "--with", "steer", "--certified", "0", "--episodes", "8")
+    summary = json.loads((place / "keep" / "compare.json").read_text())["summary"]
+    settled = {row["contestant"]: row for row in summary}
+    assert list(settled) == ["keep", "steer"]  # nobody flies twice
+
+    assert "55 of 55 checks passed" in rans(place, "validate", "--spacecraft", "puck", "--quick")
+    rans(place, "export", "keep", "--output", "gift", "--episodes", "8")
+    rans(place, "view", "gift", FLIER, "--save", "page.html")
+    assert (place / "page.html").stat().st_size > 100_000  # the whole viewer and two flights
+
+
+def test_its_readme_names_what_it_has() -> None:
+    text = (ROOT / "examples" / "plugin" / "README.md").read_text("utf-8")
+    declared = (ROOT / "examples" / "plugin" / "pyproject.toml").read_text("utf-8")
+    for group, name in (("tasks", "keep-distance"), ("spacecraft", "puck"), ("controllers", "steer")):
+        assert f'entry-points."rans.{group}"]\n{name} = ' in declared
+        assert f"`rans.{group}`" in text
+        assert f"`{name}`" in text

@@ -1,0 +1,191 @@
+"""Names from anywhere: what is found, what is not, and what a broken package may not break."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rans.errors import ConfigError
+from rans.registry import Registry
+from rans.tasks import TASKS, GoToPose
+
+MODULE = """
+import sys
+sys.modules["loaded_witness"] = sys
+number = 7
+text = "seven"
+"""
+
+
+def number(found: Any) -> int:
+    if not isinstance(found, int):
+        raise ConfigError(f"it is no number, got {found!r}.")
+    return found
+
+
+Install = Callable[..., None]
+
+
+@pytest.fixture
+def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Install]:
+    """Puts a package on the path: its module, and metadata with entry points as pip writes them."""
+    before = set(sys.modules)
+    monkeypatch.syspath_prepend(str(tmp_path))
+
+    def package(name: str, module: str = MODULE, **entries: str) -> None:
+        (tmp_path / f"{name}.py").write_text(module)
+        info = tmp_path / f"{name}-1.0.dist-info"
+        info.mkdir()
+        (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
+        lines = "".join(f"{key} = {value}\n" for key, value in entries.items())
+        (info / "entry_points.txt").write_text(f"[numbers]\n{lines}")
+
+    yield package
+    for added in set(sys.modules) - before:
+        del sys.modules[added]
+
+
+def registry() -> Registry[int]:
+    return Registry("number", "numbers", {"byte": "tests.test_registry:BYTE"}, number)
+
+
+BYTE = 8
+
+
+def test_names_import_nothing_until_they_are_used(install: Install) -> None:
+    install("offer", seven="offer:number", broken="nowhere:x")
+    found = registry()
+    assert found.names() == ["byte", "broken", "seven"]
+    assert "seven" in found
+    assert "eight" not in found
+    assert (found.package("seven"), found.package("byte")) == ("offer", "")
+    assert "loaded_witness" not in sys.modules
+    assert (found["seven"], found["byte"]) == (7, 8)
+    assert "loaded_witness" in sys.modules
+
+
+@pytest.mark.parametrize(("entry", "said"), [
+    ("nowhere_at_all:x",
+     "the number 'bad' of the package offer cannot be used: ModuleNotFoundError: No module named"),
+    ("offer:missing", "of the package offer cannot be used: AttributeError: module 'offer' has no"),
+    ("offer:text", "of the package offer cannot be used: it is no number, got 'seven'"),
+])
+def test_a_broken_package_is_one_sentence_and_breaks_nothing_else(install: Install, entry: str,
+                                                                  said: str) -> None:
+    install("offer", seven="offer:number", bad=entry)
+    found = registry()
+    assert (found["byte"], found["seven"], len(found)) == (8, 7, 3)
+    with pytest.raises(ConfigError, match=said):
+        found["bad"]
+
+
+def test_two_packages_with_one_name_are_named_and_none_replaces_what_is_built_in(install: Install) -> None:
+    install("one", same="one:number", byte="one:number")
+    install("two", same="two:number")
+    found = registry()
+    with pytest.raises(ConfigError, match="'same' of the package one and two cannot be used"):
+        found["same"]
+    assert (found["byte"], found.package("byte")) == (8, "")
+
+
+def test_a_wrong_name_is_told_what_may_have_been_meant() -> None:
+    with pytest.raises(ConfigError, match=r"no number named 'bite' \(did you mean byte\?\); known are byte; "
+                                          r"your own is MODULE:NAME\.$"):
+        registry()["bite"]
+    with pytest.raises(ConfigError, match="no number named 'xyz'; known are byte"):
+        registry()["xyz"]
+
+
+def test_objects_of_the_current_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "beside_me.py").write_text("class Inner:\n    four = 4\n")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    found = registry()
+    assert found["beside_me:Inner.four"] == 4
+    assert "beside_me:Inner.four" not in found.names()
+    with pytest.raises(ConfigError, match="the number 'beside_me:five' cannot be used: AttributeError"):
+        found["beside_me:five"]
+
+
+def test_registered_in_python() -> None:
+    found = registry()
+    assert found.register("two")(2) == 2
+    assert (found["two"], found.names()) == (2, ["byte", "two"])
+    found.register("two")(3)  # a notebook's cell may run twice
+    assert found["two"] == 3
+    with pytest.raises(ConfigError, match="it is no number"):
+        found.register("three")("3")  # type: ignore[type-var]
+    for taken in ("byte", "a:b"):
+        with pytest.raises(ConfigError, match="choose another one"):
+            found.register(taken)
+
+
+@dataclass(frozen=True)
+class Far(GoToPose):
+    """A task of a module that is nowhere enrolled."""
+
+    spawn_distance: tuple[float, float] = (5.0, 6.0)
+
+
+@dataclass
+class Unfinished:
+    """It has next to nothing of a task."""
+
+    length: float
+
+    def parts(self) -> None:
+        """Only this."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Demanding(GoToPose):
+    """A setting of it has no default."""
+
+    limit: float
+
+
+@pytest.mark.parametrize(("name", "said"), [
+    ("math:sin", "a task must be a dataclass"),
+    ("tests.test_registry:Unfinished", "Unfinished has no drawn, errors, failed"),
+    ("tests.test_registry:Demanding", "the settings limit of Demanding have no defaults"),
+])
+def test_what_is_no_task(name: str, said: str) -> None:
+    with pytest.raises(ConfigError, match=said):
+        TASKS[name]
+
+
+def test_a_task_by_its_module() -> None:
+    assert TASKS["tests.test_registry:Far"] is Far
+
+
+WITHOUT = """
+import sys
+from pathlib import Path
+sys.path.insert(0, {!r})
+import rans
+from rans.tasks import TASKS
+from rans.model.spacecraft_file import SPACECRAFT
+from rans.evaluation.fly.controllers import CONTROLLERS
+assert "rocket-task" in TASKS and "rocket" in SPACECRAFT and "autopilot" in CONTROLLERS
+import gymnasium
+assert "rans/RocketTask3D-v0" in gymnasium.registry
+assert not {{"torch", "pydrake", "casadi", "rocketry"}} & sys.modules.keys()
+"""
+
+
+def test_start_up_knows_the_names_of_packages_without_importing_them(tmp_path: Path) -> None:
+    info = tmp_path / "rocketry-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: rocketry\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text(
+        "[rans.tasks]\nrocket-task = rocketry:Task\n[rans.spacecraft]\nrocket = rocketry:rocket\n"
+        "[rans.controllers]\nautopilot = rocketry:Pilot\n")
+    (tmp_path / "rocketry.py").write_text("raise RuntimeError('imported')\n")
+    subprocess.run([sys.executable, "-c", WITHOUT.format(str(tmp_path))], check=True,
+                   cwd=Path(__file__).parents[1])
