@@ -28,7 +28,7 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
     ``timing.episode_steps``.
 
     Observation: (10,) in the plane or (22,) in space, float32, `rans.tasks.observation_columns`.
-    Action: (thrusters,), 0 (shut) or 1 (open).
+    Action: (thrusters,), what the craft's actuators take: usually 0 (shut) or 1 (open).
     ``info``: "reward_terms" and "errors" by name; at the end of an episode also "is_success", whether
     time ran out within the task's tolerances.
 
@@ -88,13 +88,13 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
         """Hold the thrusters for one control period.
 
         Raises:
-            ConfigError: the action is not one 0 or 1 per thruster.
+            ConfigError: the craft's actuators cannot follow the action.
             gymnasium.error.ResetNeeded: there was no `reset` yet.
         """
         self._require_reset()
         previous, self._command = self._command, self._checked(action)
         self._trail.append(self._state.p.columns())
-        self._state = map_leaves(float, self._moved(self._state, self._command).normalised())
+        self._state = map_leaves(float, self._moved(self._state, self._command))
         self._steps += 1
         self._show()
         terms = self.task.reward(self._state, self._goal, self._command, previous)
@@ -110,7 +110,7 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
 
     @abstractmethod
     def _moved(self, state: Any, command: tuple[float, ...]) -> Any:
-        """The state after the command was held for one control period, of numbers or arrays of one."""
+        """The state after the command was held for a control period, normalised: numbers or arrays of one."""
 
     def render(self) -> np.ndarray | None:  # type: ignore[override]
         """A frame (480, 640, 3) uint8 in the mode "rgb_array"; see `rans.drawing.Scene`."""
@@ -153,11 +153,8 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
             raise ResetNeeded("call reset() before step() and render().")
 
     def _checked(self, action: Any) -> tuple[float, ...]:
-        values, count = np.asarray(action), len(self.craft.thrusters)
-        if values.shape != (count,) or not np.isin(values, (0, 1)).all():
-            raise ConfigError(
-                f"an action must be {count} numbers, 0 (shut) or 1 (open), one per thruster of "
-                f"{self.craft.name!r}, got {action!r}.")
+        values = np.asarray(action)
+        self.craft.actuators.check(values, len(self.craft.thrusters))
         return tuple(values.astype(float).tolist())
 
     def _observe(self) -> np.ndarray:

@@ -7,7 +7,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from rans.model.dynamics import MassProperties, advance, wrench
+from rans.model.body import Body
+from rans.model.dynamics import held
 from rans.model.fields import leaves, map_leaves, unflatten
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
@@ -36,7 +37,7 @@ class Controller(Protocol):
             observation: (N, width) float32, as `rans.tasks.observation` orders it.
 
         Returns:
-            (N, thrusters), each entry 0 (shut) or 1 (open).
+            (N, thrusters), each entry what the craft's actuators take: usually 0 (shut) or 1 (open).
         """
         ...
 
@@ -87,14 +88,13 @@ def fly(craft: Spacecraft, task: Task, controller: Controller, starts: Scenario,
     """
     state: Any = starts.start
     goal = starts.goal
-    body, count = MassProperties.of(craft), len(leaves(starts.start)[0])
+    body, count = Body.of(craft), len(leaves(starts.start)[0])
     controller.reset(count)
     states, commands = [state], []
     for _ in range(timing.episode_steps):
         seen = np.stack(observation(task, state, goal), axis=1).astype(np.float32)
         command = np.asarray(controller.act(state, goal, seen), dtype=np.float64)
-        state = advance(state, wrench(craft, tuple(command.T)), body, timing.control_period,
-                        timing.substeps).normalised()
+        state = held(state, craft, body, tuple(command.T), timing)
         states.append(state)
         commands.append(command)
     track = unflatten(state, [np.stack(x) for x in zip(*(leaves(s) for s in states), strict=True)])

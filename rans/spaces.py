@@ -26,9 +26,9 @@ def observation_space(craft: Spacecraft, dtype: type[np.floating[Any]] = np.floa
     return spaces.Box(-bound, bound, (observation_width(craft.dimension),), dtype)
 
 
-def action_space(craft: Spacecraft) -> spaces.MultiDiscrete:
-    """One on/off choice per thruster."""
-    return spaces.MultiDiscrete([2] * len(craft.thrusters))
+def action_space(craft: Spacecraft) -> spaces.Space[np.ndarray]:
+    """What the craft's actuators take."""
+    return craft.actuators.action_space(len(craft.thrusters))
 
 
 def checked_render_mode(render_mode: str | None) -> str | None:

@@ -12,12 +12,12 @@ import torch
 from torch import Tensor
 
 from rans.errors import ConfigError
-from rans.fast.body import in_memory
 from rans.fast.distributed import ALONE, Processes
 from rans.fast.episode import Episodes, Simulation
 from rans.fast.kernels.launch import Kernel
 from rans.fast.step import Step, results, step_tensors
-from rans.model.dynamics import NODES, MassProperties
+from rans.model.body import Body, in_memory
+from rans.model.dynamics import NODES
 from rans.model.fields import leaves, map_leaves
 from rans.model.random import seed_words
 from rans.model.spacecraft import Spacecraft
@@ -63,7 +63,7 @@ class Engine:
                  seed: int = 0, device: str | torch.device = "cpu",
                  dtype: torch.dtype = torch.float32, compiled: bool | None = None,
                  generated: bool = True, world: Processes = ALONE,
-                 body: MassProperties | None = None) -> None:
+                 body: Body | None = None) -> None:
         if not isinstance(craft, Spacecraft):
             raise ConfigError(f"craft must be a Spacecraft, got {craft!r}; rans.load_spacecraft reads one.")
         if isinstance(num_envs, bool) or not isinstance(num_envs, int) or num_envs < 1:
@@ -78,7 +78,7 @@ class Engine:
         self.observation_width = observation_width(craft.dimension)
         fields = field_dtype(self.device, dtype, self.compiled)
         self._on_numpy = not isinstance(fields, torch.dtype)
-        nominal = MassProperties.of(craft)
+        nominal = Body.of(craft)
         self._simulation = Simulation(
             craft, task, self.timing, fields,
             body=in_memory(body or nominal, nominal, num_envs, self._field),
@@ -112,7 +112,7 @@ class Engine:
         return self._episodes.state
 
     @property
-    def body(self) -> MassProperties:
+    def body(self) -> Body:
         """Mass properties; fields (N,) among them may be written in place, which compiles nothing."""
         return self._simulation.body
 

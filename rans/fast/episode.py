@@ -9,7 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from rans.model.dynamics import NODES, MassProperties, advance, wrench
+from rans.model.body import Body
+from rans.model.dynamics import NODES, held
 from rans.model.fields import Field, leaves, map_leaves, where
 from rans.model.random import Random
 from rans.model.spacecraft import Spacecraft
@@ -66,7 +67,7 @@ class Simulation:
     timing: Timing
     dtype: Any
     """Floating dtype of the fields, of their library."""
-    body: MassProperties
+    body: Body
     """Numbers, or fields (N,)."""
     nodes: int = NODES
     """Of the quadrature in the plane (`rans.model.dynamics.advance`)."""
@@ -91,10 +92,7 @@ class Simulation:
 
     def move(self, state: Any, command: tuple[Field, ...]) -> Any:
         """The state after the command was held for one control period."""
-        return advance(
-            state, wrench(self.craft, command), self.body,
-            self.timing.control_period, self.timing.substeps, self.nodes,
-        ).normalised()
+        return held(state, self.craft, self.body, command, self.timing, nodes=self.nodes)
 
     def step(self, episodes: Episodes, command: tuple[Field, ...], seed: tuple[Field, Field],
              numbers: tuple[Field, Any]) -> tuple[Episodes, Outcome]:

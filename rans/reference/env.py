@@ -29,4 +29,4 @@ class DrakeEnv(Environment):
     def _moved(self, state: Any, command: tuple[float, ...]) -> Any:
         rows = self._plant.advance(rows_from_states(state)[None], np.array([command]),
                                    self.timing.control_period)
-        return states_from_rows(rows[0], state)
+        return states_from_rows(rows[0], state).normalised()

@@ -14,7 +14,7 @@ from torch._dynamo.utils import counters
 
 from rans.errors import ConfigError
 from rans.fast.engine import Engine
-from rans.model.dynamics import MassProperties
+from rans.model.body import Body
 from rans.model.spacecraft import Spacecraft
 from rans.tasks import GoToPose
 from tests.fast.engines import FLYER, NEAR, PLATFORM, SHORT, actions, both_crafts
@@ -23,10 +23,10 @@ from tests.fast.kernels.host import HostKernel, needs_compiler
 SCALES = torch.tensor([0.5, 1.0, 1.3, 4.0], dtype=torch.float64)
 
 
-def scaled(craft: Spacecraft, scale: Any) -> MassProperties:
+def scaled(craft: Spacecraft, scale: Any) -> Body:
     """Heavier and slower to turn by one factor, as if denser."""
-    nominal = MassProperties.of(craft)
-    return MassProperties(nominal.mass * scale, tuple(entry * scale for entry in nominal.inertia))
+    nominal = Body.of(craft)
+    return Body(nominal.mass * scale, tuple(entry * scale for entry in nominal.inertia))
 
 
 def flown(engine: Engine, steps: int = 25) -> torch.Tensor:
@@ -46,7 +46,7 @@ def test_each_flies_as_in_an_engine_of_its_like(craft: Spacecraft) -> None:
 
 
 def test_the_same_impulse_moves_a_heavier_one_less() -> None:
-    engine = Engine(PLATFORM, GoToPose(), 4, body=MassProperties(SCALES * 10.0, (0.5,)), dtype=torch.float64)
+    engine = Engine(PLATFORM, GoToPose(), 4, body=Body(SCALES * 10.0, (0.5,)), dtype=torch.float64)
     one_thruster = torch.zeros(4, 8)
     one_thruster[:, 0] = 1
     engine.step(one_thruster)
@@ -103,14 +103,14 @@ def test_the_kernel_reads_them_from_memory(craft: Spacecraft, tmp_path: Path) ->
 
 
 @pytest.mark.parametrize(("body", "message"), [
-    (MassProperties(torch.ones(3), (1.0,)),
+    (Body(torch.ones(3), (1.0,)),
      r"mass must be one number or one for each of 4 spacecraft, got an array of shape \(3,\)\."),
-    (MassProperties(torch.tensor([1.0, -2.0, 1.0, 1.0]), (1.0,)),
+    (Body(torch.tensor([1.0, -2.0, 1.0, 1.0]), (1.0,)),
      r"mass must be finite and > 0, got -2\.0\."),
-    (MassProperties(5.0, (float("nan"),)), r"I_zz must be finite and > 0, got nan\."),
-    (MassProperties(5.0, MassProperties.of(FLYER).inertia), "6 moments of inertia.* in the plane it has 1"),
+    (Body(5.0, (float("nan"),)), r"I_zz must be finite and > 0, got nan\."),
+    (Body(5.0, Body.of(FLYER).inertia), "6 moments of inertia.* in the plane it has 1"),
 ])
-def test_wrong_ones_are_one_sentence(body: MassProperties, message: str) -> None:
+def test_wrong_ones_are_one_sentence(body: Body, message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         Engine(PLATFORM, NEAR, 4, body=body)
 
@@ -121,14 +121,14 @@ def test_wrong_ones_are_one_sentence(body: MassProperties, message: str) -> None
 ])
 def test_an_inertia_that_no_rigid_body_has_is_refused(inertia: Any, found: str) -> None:
     with pytest.raises(ConfigError, match=f"none above the sum of the other two, got {found} kg"):
-        Engine(FLYER, NEAR, 4, body=MassProperties(5.0, inertia))
+        Engine(FLYER, NEAR, 4, body=Body(5.0, inertia))
 
 
 def test_a_flat_body_in_float32_is_rigid() -> None:
     """The third moment of a disc is the sum of the others, up to float32's rounding."""
     side = torch.tensor([0.1, 0.3, 0.7, 1.1])
-    Engine(FLYER, NEAR, 4, body=MassProperties(5.0, (side, 0.0, 0.0, 1.7 * side, 0.0, 2.7 * side)))
+    Engine(FLYER, NEAR, 4, body=Body(5.0, (side, 0.0, 0.0, 1.7 * side, 0.0, 2.7 * side)))
 
 
 def test_one_number_for_all_is_no_field() -> None:
-    assert Engine(PLATFORM, NEAR, 4).body == MassProperties.of(PLATFORM)
+    assert Engine(PLATFORM, NEAR, 4).body == Body.of(PLATFORM)

@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from rans.environment import Environment
-from rans.model.dynamics import MassProperties, advance, wrench
+from rans.model.body import Body
+from rans.model.dynamics import held
 
 
 class SpacecraftEnv(Environment):
@@ -16,5 +17,4 @@ class SpacecraftEnv(Environment):
     """
 
     def _moved(self, state: Any, command: tuple[float, ...]) -> Any:
-        return advance(state, wrench(self.craft, command), MassProperties.of(self.craft),
-                       self.timing.control_period, self.timing.substeps)
+        return held(state, self.craft, Body.of(self.craft), command, self.timing)

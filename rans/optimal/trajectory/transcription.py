@@ -16,7 +16,8 @@ import casadi as ca
 import numpy as np
 
 from rans.errors import ConfigError
-from rans.model.dynamics import MassProperties, State, Wrench, advance
+from rans.model.body import Body
+from rans.model.dynamics import State, Wrench, advance
 from rans.model.fields import Vec2, Vec3, leaves, map_leaves, unflatten
 from rans.model.spacecraft import Spacecraft, controls_every_direction
 from rans.optimal.trajectory.allocation import Allocation
@@ -264,6 +265,6 @@ def _step(craft: Spacecraft, like: State, substeps: int) -> ca.Function:
     parts, period = symbols(craft.degrees_of_freedom), symbols(1)[0]
     planar = craft.dimension == 2
     applied = Wrench(Vec2(*parts[:2]), parts[2]) if planar else Wrench(Vec3(*parts[:3]), Vec3(*parts[3:]))
-    after = advance(state, applied, MassProperties.of(craft), period, substeps, _NODES)
+    after = advance(state, applied, Body.of(craft), period, substeps, _NODES)
     columns = [ca.vertcat(*x) for x in (leaves(state), parts, leaves(after))]
     return ca.Function("step", [columns[0], columns[1], period], [columns[2]])
