@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from rans.flight import Controller, Flight
+from rans.model.drift import FREE, Drift
 from rans.model.dynamics import State
 from rans.model.fields import leaves, unflatten
 from rans.model.spacecraft import Spacecraft
@@ -41,7 +42,8 @@ def fly_in_drake(craft: Spacecraft, task: Task, controller: Controller, starts: 
     return Flight(craft, task, timing, states, goal, commands, controller.name, "drake")
 
 
-def replay(craft: Spacecraft, start: State, commands: np.ndarray, timing: Timing) -> Any:
+def replay(craft: Spacecraft, start: State, commands: np.ndarray, timing: Timing,
+           drift: Drift = FREE) -> Any:
     """Where commands given beforehand take one spacecraft, in Drake.
 
     Args:
@@ -49,12 +51,13 @@ def replay(craft: Spacecraft, start: State, commands: np.ndarray, timing: Timing
         start: a state of floats.
         commands: (T, thrusters), 0 to 1, each held for one control period.
         timing: gives the control period.
+        drift: how a free point moves.
 
     Returns:
         The `State` with fields (T + 1,), the start first; headings are not wrapped.
     """
     starts = np.array([leaves(start)], dtype=np.float64)
-    rows = Plant(craft).rollout(starts, np.asarray(commands)[:, None], timing.control_period)
+    rows = Plant(craft, drift=drift).rollout(starts, np.asarray(commands)[:, None], timing.control_period)
     return states_from_rows(rows[:, 0], start)
 
 

@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-import rans.flight
 import rans.model.dynamics
 import rans.model.spin
 import validation.dynamics
@@ -85,7 +84,7 @@ def degrees_for_radians(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def sharing_ignored(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(rans.model.dynamics, "thrust", lambda _, command: tuple(command))
+    monkeypatch.setattr(rans.model.dynamics, "thrust", lambda _, command, *body: tuple(command))
 
 
 def mass_properties(**changes: Callable[[Any], Any]) -> Patch:
@@ -215,11 +214,11 @@ def stale_command(monkeypatch: pytest.MonkeyPatch) -> None:
 def half_the_spin_up(monkeypatch: pytest.MonkeyPatch) -> None:
     true = rans.model.dynamics.wrench
 
-    def halved(craft: Spacecraft, command: Any) -> Wrench:
-        whole: Any = true(craft, command)
+    def halved(craft: Spacecraft, command: Any, *body: Any) -> Wrench:
+        whole: Any = true(craft, command, *body)
         return replace(whole, torque=whole.torque * 0.5)
 
-    for module in (rans.model.dynamics, rans.flight, validation.dynamics):
+    for module in (rans.model.dynamics, validation.dynamics):
         monkeypatch.setattr(module, "wrench", halved)
 
 
