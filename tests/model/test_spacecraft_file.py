@@ -57,7 +57,7 @@ def edited(old: str, new: str) -> str:
 
 
 def test_shipped_spacecraft_are_found() -> None:
-    assert spacecraft_names() == ["floating-platform", "floating-platform-air-tank",
+    assert spacecraft_names() == ["atmos", "floating-platform", "floating-platform-air-tank",
                                   "floating-platform-shared", "free-flyer", "free-flyer-shared"]
 
 
