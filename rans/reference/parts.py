@@ -118,7 +118,7 @@ class Orbit(LeafSystem):
         self.total = self.DeclareVectorOutputPort("total", count, self._pull)
 
     def _pull(self, context: Context, output: BasicVector) -> None:
-        n, state, total = self._n, self.state.Eval(context), np.array(self.others.Eval(context))
+        n, state, total = self._n, np.array(self.state.Eval(context)), np.array(self.others.Eval(context))
         place, speed = state[self._places], state[self._positions + self._speeds]
         pull = np.zeros_like(place)
         pull[:, 0] = 3.0 * n * n * place[:, 0] + 2.0 * n * speed[:, 1]

@@ -57,6 +57,27 @@ def test_the_same_impulse_moves_a_heavier_one_less() -> None:
     np.testing.assert_allclose(momentum, 0.2, rtol=1e-4)
 
 
+def test_thrusters_fail_one_by_one() -> None:
+    """Thruster 0 is well, dead, weak and stuck open: told to open, it gives 1, 0, 0.6 and 1 N."""
+    health = {"gain": (torch.tensor([1.0, 0.0, 0.6, 0.0]), *[1.0] * 7),
+              "leak": (torch.tensor([0.0, 0.0, 0.0, 1.0]), *[0.0] * 7)}
+    for opened, forces in ((1.0, [1.0, 0.0, 0.6, 1.0]), (0.0, [0.0, 0.0, 0.0, 1.0])):
+        engine = Engine(PLATFORM, GoToPose(), 4, body=Body(10.0, (0.5,), **health), dtype=torch.float64)
+        spin = engine.state.w.copy()
+        engine.step(torch.tensor([[opened, *[0.0] * 7]] * 4))
+        # 0.31 m of arm, turning clockwise; 0.5 kg m^2, 0.2 s. float32 in which the faults were given: 1e-7.
+        np.testing.assert_allclose(engine.state.w - spin, -0.31 * np.array(forces) * 0.2 / 0.5, atol=1e-7)
+
+
+def test_a_shifted_centre_of_mass_turns_where_none_did() -> None:
+    """Thrusters 1 and 6 push along -x with 2 sqrt(1/2) N and no torque; a centre 0.1 m to the left gives
+    one of -0.1414 N m."""
+    engine = Engine(PLATFORM, GoToPose(), 4, body=Body(10.0, (0.5,), centre=(0.0, 0.1)), dtype=torch.float64)
+    spin = engine.state.w.copy()
+    engine.step(torch.tensor([[0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0]] * 4))
+    np.testing.assert_allclose(engine.state.w - spin, -0.1 * np.sqrt(2.0) * 0.2 / 0.5, atol=1e-12)
+
+
 @pytest.mark.parametrize("compiled", [False, True])
 def test_masses_written_in_place_take_effect(compiled: bool) -> None:
     with torch.compiler.set_stance("force_eager"):
@@ -108,6 +129,12 @@ def test_the_kernel_reads_them_from_memory(craft: Spacecraft, tmp_path: Path) ->
     (Body(torch.tensor([1.0, -2.0, 1.0, 1.0]), (1.0,)),
      r"mass must be finite and > 0, got -2\.0\."),
     (Body(5.0, (float("nan"),)), r"I_zz must be finite and > 0, got nan\."),
+    (Body(5.0, (1.0,), gain=(1.0,) * 7), "the body's gain has 7 entries; this craft needs 8"),
+    (Body(5.0, (1.0,), gain=(1.0, -0.1, *[1.0] * 6)),
+     r"gain of thruster 1 must be finite and >= 0, got -0\.1"),
+    (Body(5.0, (1.0,), leak=(torch.tensor([0.0, 0.0, 0.0, float("inf")]), *[0.0] * 7)),
+     "leak of thruster 0 must be finite and >= 0, got inf"),
+    (Body(5.0, (1.0,), centre=(0.0, float("nan"))), "centre y must be finite, got nan"),
     (Body(5.0, Body.of(FLYER).inertia), "6 moments of inertia.* in the plane it has 1"),
 ])
 def test_wrong_ones_are_one_sentence(body: Body, message: str) -> None:
