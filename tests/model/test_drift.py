@@ -96,7 +96,7 @@ def test_thrust_adds_up_in_free_flight_and_in_an_orbit(seed: int) -> None:
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
-def test_goals_drift_and_spin(dimension: int) -> None:
+def test_goals_drift_and_spin(dimension: Any) -> None:
     goal: Any = random_states(dimension, 1, 5)
     drift = ClohessyWiltshire(0.2)
     later = step_goal(goal, drift, 3.0)
