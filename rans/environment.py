@@ -31,7 +31,7 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
     ``timing.episode_steps``.
 
     Observation: (10,) in the plane or (22,) in space, float32, `rans.tasks.observation_columns`.
-    Action: (thrusters,), 0 (shut) or 1 (open).
+    Action: (thrusters,), what the craft's actuators take: usually 0 (shut) or 1 (open).
     ``info``: "reward_terms" and "errors" by name; at the end of an episode also "is_success", whether
     time ran out within the task's tolerances.
 
@@ -93,7 +93,7 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
         """Hold the thrusters for one control period.
 
         Raises:
-            ConfigError: the action is not one 0 or 1 per thruster.
+            ConfigError: the craft's actuators cannot follow the action.
             gymnasium.error.ResetNeeded: there was no `reset` yet.
         """
         before = self._running()
@@ -172,11 +172,8 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
         return self._now
 
     def _checked(self, action: Any) -> tuple[float, ...]:
-        values, count = np.asarray(action), len(self.craft.thrusters)
-        if values.shape != (count,) or not np.isin(values, (0, 1)).all():
-            raise ConfigError(
-                f"an action must be {count} numbers, 0 (shut) or 1 (open), one per thruster of "
-                f"{self.craft.name!r}, got {action!r}.")
+        values = np.asarray(action)
+        self.craft.actuators.check(values, len(self.craft.thrusters))
         return tuple(values.astype(float).tolist())
 
     def _observe(self) -> np.ndarray:

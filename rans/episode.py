@@ -12,7 +12,9 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
-from rans.model.dynamics import NODES, MassProperties, advance, wrench
+from rans.model.body import Body
+from rans.model.drift import FREE, Drift
+from rans.model.dynamics import NODES, held
 from rans.model.fields import Field, finite, leaves, map_leaves, where
 from rans.model.random import Random
 from rans.model.spacecraft import Spacecraft
@@ -38,11 +40,14 @@ class Episode:
     this environment came before. Their count wraps around."""
     previous: Command = ()
     """The last command; empty where the task's reward does not look at it."""
+    body: Body | None = None
+    """What flies: numbers, or fields where spacecraft differ; None: as designed."""
 
     def memory(self) -> list[Field]:
-        """Every field that varies, in a fixed order: state and goal, clock, last command."""
-        goal = (x for x in leaves(self.goal) if not isinstance(x, float))
-        return [*leaves(self.state), *goal, self.clock, *self.previous]
+        """Every field that varies, in a fixed order: state, goal and body, clock, last command."""
+        varying = (x for tree in (self.goal, self.body) for x in leaves(tree)
+                   if x is not None and not isinstance(x, int | float))
+        return [*leaves(self.state), *varying, self.clock, *self.previous]
 
 
 @dataclass(frozen=True)
@@ -78,17 +83,15 @@ class World:
     craft: Spacecraft
     task: Task
     timing: Timing = field(default_factory=Timing)
-    body: MassProperties | None = None
-    """Numbers, or fields (N,); None: the craft's."""
+    drift: Drift = FREE
+    """How a free point moves."""
     nodes: int = NODES
     """Of the quadrature in the plane (`rans.model.dynamics.advance`)."""
 
     def move(self, episode: Episode, command: Command) -> Any:
         """The state after the command was held for one control period, by our equations."""
-        return advance(
-            episode.state, wrench(self.craft, command), self.body or MassProperties.of(self.craft),
-            self.timing.control_period, self.timing.substeps, self.nodes,
-        ).normalised()
+        return held(episode.state, self.craft, episode.body or Body.of(self.craft), command, self.timing,
+                    self.drift, self.nodes)
 
     def observe(self, episode: Episode) -> tuple[Field, ...]:
         """What a policy sees now."""
@@ -139,12 +142,14 @@ def step(world: World, episode: Episode, command: Command, move: Mover | None = 
         command: one field per thruster, 0 (shut) to 1 (open).
         move: who computes the motion; None: our equations.
     """
-    task, goal = world.task, episode.goal
+    task = world.task
     state = (move or world.move)(episode, command)
+    goal = task.next_goal(episode.goal, state, world.drift, world.timing.control_period)
     clock = episode.clock + 1
     terminated = task.failed(state, goal) | ~finite(*leaves(state))
     return Outcome(
-        episode=Episode(state, goal, clock, command if episode.previous else ()),
+        episode=replace(episode, state=state, goal=goal, clock=clock,
+                        previous=command if episode.previous else ()),
         terms=task.reward(Transition(state, goal, command, episode.previous or command)),
         terminated=terminated,
         truncated=((clock & world.step_mask) >= world.timing.episode_steps) & ~terminated,

@@ -8,6 +8,8 @@ from typing import Any, Protocol
 import numpy as np
 
 from rans.episode import Episode, Mover, World, step
+from rans.model.body import Body
+from rans.model.drift import FREE, Drift
 from rans.model.fields import finite, leaves, map_leaves, unflatten
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
@@ -37,7 +39,7 @@ class Controller(Protocol):
             observation: (N, width) float32, as `rans.tasks.observation` orders it.
 
         Returns:
-            (N, thrusters), each entry 0 (shut) or 1 (open).
+            (N, thrusters), each entry what the craft's actuators take: usually 0 (shut) or 1 (open).
         """
         ...
 
@@ -83,7 +85,8 @@ class Flight:
 
 
 def fly(craft: Spacecraft, task: Task, controller: Controller, starts: Scenario, timing: Timing,
-        engine: str = "fast", move: Mover | None = None) -> Flight:
+        engine: str = "fast", move: Mover | None = None, body: Body | None = None,
+        drift: Drift = FREE) -> Flight:
     """Fly a batch of scenarios, in float64.
 
     Episodes run for the full time, failed or not, so that nothing is dropped from a statistic. One whose
@@ -97,9 +100,12 @@ def fly(craft: Spacecraft, task: Task, controller: Controller, starts: Scenario,
         timing: control period, accuracy and length.
         engine: who moves, for `Flight.engine`.
         move: how; None: our equations.
+        body: what flies, numbers or (N,); None: as designed.
+        drift: how a free point moves.
     """
-    world = World(craft, task, timing)
-    now, count = Episode(starts.start, starts.goal, 0), len(leaves(starts.start)[0])
+    world = World(craft, task, timing, drift)
+    now = Episode(starts.start, starts.goal, 0, body=body or Body.of(craft))
+    count = len(leaves(starts.start)[0])
     controller.reset(count)
     states, commands, alive = [starts.start], [], np.ones(count, dtype=bool)
     for _ in range(timing.episode_steps):

@@ -28,9 +28,9 @@ def observation_space(task: Task, dimension: Dimension,
     return spaces.Box(-bounds, bounds, dtype=dtype)
 
 
-def action_space(craft: Spacecraft) -> spaces.MultiDiscrete:
-    """One on/off choice per thruster."""
-    return spaces.MultiDiscrete([2] * len(craft.thrusters))
+def action_space(craft: Spacecraft) -> spaces.Space[np.ndarray]:
+    """What the craft's actuators take."""
+    return craft.actuators.action_space(len(craft.thrusters))
 
 
 def checked_render_mode(render_mode: str | None) -> str | None:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from rans.model.dynamics import MassProperties, PlanarState, Wrench, advance, wrench
+from rans.model.body import Body
+from rans.model.dynamics import PlanarState, Wrench, advance, wrench
 from rans.model.fields import Heading, Vec2
 from rans.model.spacecraft_file import load_spacecraft
 
@@ -13,7 +14,7 @@ def test_a_steady_push_is_the_parabola() -> None:
     """Half a newton along x for 0.2 s on 5.32 kg: 0.5 / 5.32 * 0.2 = 0.0187970 m/s, half of that * 0.2 s."""
     craft = load_spacecraft("floating-platform")
     state = PlanarState(Vec2(0.0, 0.0), Heading(1.0), Vec2(0.0, 0.0), 0.0)
-    after = advance(state, wrench(craft, (0.0,) * 8), MassProperties.of(craft), 0.2,
+    after = advance(state, wrench(craft, (0.0,) * 8), Body.of(craft), 0.2,
                     disturbance=Wrench(Vec2(0.5, 0.0), 0.02045008))
     assert (after.v.x, after.v.y) == pytest.approx((0.018796992, 0.0), abs=1e-9)
     assert after.p.x == pytest.approx(0.0018796992, abs=1e-10)

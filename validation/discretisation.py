@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 
 from rans.flight import fly
-from rans.model.dynamics import MassProperties, PlanarState, advance, wrench
+from rans.model.body import Body
+from rans.model.dynamics import PlanarState, advance, wrench
 from rans.model.fields import Heading, Quat, Vec3, cos, map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
@@ -24,7 +25,7 @@ from validation.dynamics import tensor
 from validation.flights import drake_states
 from validation.sampling import Restless, gaps, gentle_commands, random_states
 
-Method = Callable[[Any, Any, MassProperties, float, int], Any]
+Method = Callable[[Any, Any, Body, float, int], Any]
 """(state, wrench, body, duration, steps) to the state after."""
 
 _CONTROL_RATES = (5, 10)
@@ -75,7 +76,7 @@ def order_curves(craft: Spacecraft, seed: int, count: int) -> list[Curve]:
 
     `validation.invariants` checks the slope of ours.
     """
-    states, body = random_states(craft.dimension, seed, count), MassProperties.of(craft)
+    states, body = random_states(craft.dimension, seed, count), Body.of(craft)
     period = Timing().control_period
     applied = wrench(craft, tuple(gentle_commands(craft, seed, count).T))
     finest = advance(states, applied, body, period, 256)
@@ -89,7 +90,7 @@ def order_curves(craft: Spacecraft, seed: int, count: int) -> list[Curve]:
     return curves
 
 
-def semi_implicit_euler(state: Any, applied: Any, body: MassProperties, duration: float, steps: int) -> Any:
+def semi_implicit_euler(state: Any, applied: Any, body: Body, duration: float, steps: int) -> Any:
     """Velocity first, then position with the new velocity; the attitude turns by exactly w h.
 
     The gyroscopic torque is taken at the old spin.
@@ -106,7 +107,7 @@ def semi_implicit_euler(state: Any, applied: Any, body: MassProperties, duration
     return state
 
 
-def _spin_up(w: Vec3, torque: Vec3, body: MassProperties) -> Vec3:
+def _spin_up(w: Vec3, torque: Vec3, body: Body) -> Vec3:
     inertia = tensor(body)
     momentum = Vec3(*(inertia @ np.array(w.columns())))
     return Vec3(*np.linalg.solve(inertia, np.array((torque - w.cross(momentum)).columns())))
@@ -132,7 +133,7 @@ def _ours(craft: Spacecraft, rate: int, error: Callable[..., dict[str, float]],
             yield rate * _EVALUATIONS[3] * steps, error(advance, steps)
         return
     for nodes in _OUR_NODES:
-        def one_step(state: Any, applied: Any, body: MassProperties, duration: float, steps: int,
+        def one_step(state: Any, applied: Any, body: Body, duration: float, steps: int,
                      nodes: int = nodes) -> Any:
             return advance(state, applied, body, duration, steps, nodes)
 
@@ -141,7 +142,7 @@ def _ours(craft: Spacecraft, rate: int, error: Callable[..., dict[str, float]],
 
 def _flown(craft: Spacecraft, state: Any, commands: np.ndarray, period: float, method: Method,
            steps: int) -> Any:
-    body = MassProperties.of(craft)
+    body = Body.of(craft)
     for command in commands:
         state = method(state, wrench(craft, tuple(command.T)), body, period, steps).normalised()
     return state

@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from rans.model.dynamics import MassProperties, Wrench, advance, wrench
+from rans.model.body import Body
+from rans.model.dynamics import Wrench, advance, wrench
 from rans.model.fields import Vec2, Vec3
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
@@ -39,7 +40,7 @@ def wrench_checks(craft: Spacecraft, seed: int, count: int) -> list[Check]:
 
 def mass_checks(craft: Spacecraft) -> list[Check]:
     """Mass and inertia about the centre of mass, however far it is from the spacecraft's frame."""
-    body, size = MassProperties.of(craft), craft.dimension
+    body, size = Body.of(craft), craft.dimension
     ours = np.zeros((craft.degrees_of_freedom,) * 2)
     ours[:size, :size] = body.mass * np.eye(size)
     ours[size:, size:] = tensor(body)
@@ -62,7 +63,7 @@ def acceleration_checks(craft: Spacecraft, seed: int, count: int) -> list[Check]
     """
     states, commands = random_states(craft.dimension, seed, count), _commands(craft, seed, count)
     step = 1e-30
-    moved = advance(states, wrench(craft, tuple(commands.T)), MassProperties.of(craft), step * 1j)
+    moved = advance(states, wrench(craft, tuple(commands.T)), Body.of(craft), step * 1j)
     rate = np.stack([np.imag(x) / step for x in (*moved.v.columns(), *moved.spin())], axis=1)
     drake = Plant(craft, count).accelerations(rows_from_states(states), commands)
     linear, angular = _parts(craft)
@@ -77,7 +78,7 @@ def period_checks(craft: Spacecraft, seed: int, count: int) -> list[Check]:
     """One control period from random states, held commands, at the validation substeps."""
     states, commands = random_states(craft.dimension, seed, count), gentle_commands(craft, seed, count)
     period = Timing().control_period
-    ours = advance(states, wrench(craft, tuple(commands.T)), MassProperties.of(craft), period,
+    ours = advance(states, wrench(craft, tuple(commands.T)), Body.of(craft), period,
                    VALIDATION_SUBSTEPS[craft.dimension])
     rows = Plant(craft, count).advance(rows_from_states(states), commands, period)
     reason = "Truncation of both integrators over one period; a wrong term shows at 1e-6 or more."
@@ -96,7 +97,7 @@ def disturbance_checks(craft: Spacecraft, seed: int, count: int) -> list[Check]:
     force, torque = pushes[:, :split].T, pushes[:, split:].T
     acting = Wrench(Vec2(*force), torque[0]) if split == 2 else Wrench(Vec3(*force), Vec3(*torque))
     period = Timing().control_period
-    ours = advance(states, wrench(craft, tuple(commands.T)), MassProperties.of(craft), period,
+    ours = advance(states, wrench(craft, tuple(commands.T)), Body.of(craft), period,
                    VALIDATION_SUBSTEPS[craft.dimension], disturbance=acting)
     rows = Plant(craft, count).advance(rows_from_states(states), commands, period, pushes)
     reason = "As one control period; a force or torque in the wrong frame shows at 1e-4 or more."
@@ -119,7 +120,7 @@ def _wrench_checks(layer: str, row: str, craft: Spacecraft, difference: np.ndarr
     return checks
 
 
-def tensor(body: MassProperties) -> np.ndarray:
+def tensor(body: Body) -> np.ndarray:
     """The inertia as a matrix, 1x1 in the plane."""
     if len(body.inertia) == 1:
         return np.array([body.inertia])

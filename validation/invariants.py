@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from rans.model.dynamics import MassProperties, Wrench, advance, wrench
+from rans.model.body import Body
+from rans.model.dynamics import Wrench, advance, wrench
 from rans.model.fields import Heading, Quat, Vec2, Vec3, leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
@@ -31,7 +32,7 @@ def invariant_checks(craft: Spacecraft, seed: int, count: int, substeps: int) ->
     """
     states = random_states(craft.dimension, seed, count)
     applied = wrench(craft, tuple(gentle_commands(craft, seed, count).T))
-    body = MassProperties.of(craft)
+    body = Body.of(craft)
     return [
         *_coasting_checks(states, body, substeps),
         _work_check(states, applied, body, substeps),
@@ -42,7 +43,7 @@ def invariant_checks(craft: Spacecraft, seed: int, count: int, substeps: int) ->
     ]
 
 
-def _coasting_checks(states: Any, body: MassProperties, substeps: int) -> list[Check]:
+def _coasting_checks(states: Any, body: Body, substeps: int) -> list[Check]:
     """Momentum, angular momentum in W and energy without thrust."""
     periods = round(_COAST / Timing().control_period)
     later = states
@@ -63,7 +64,7 @@ def _coasting_checks(states: Any, body: MassProperties, substeps: int) -> list[C
     ]
 
 
-def _work_check(states: Any, applied: Wrench, body: MassProperties, substeps: int) -> Check:
+def _work_check(states: Any, applied: Wrench, body: Body, substeps: int) -> Check:
     """Kinetic energy gained over one control period against the integral of force times velocity."""
     period = Timing().control_period
     nodes, weights = np.polynomial.legendre.leggauss(6)
@@ -80,7 +81,7 @@ def _work_check(states: Any, applied: Wrench, body: MassProperties, substeps: in
     return Check("work less energy gained", float(error), bound, "relative", reason)
 
 
-def _superposition_check(states: Any, applied: Wrench, body: MassProperties) -> Check:
+def _superposition_check(states: Any, applied: Wrench, body: Body) -> Check:
     """With the same torque, two forces together give the velocities that each gives, added up."""
     period = Timing().control_period
     force: Any = applied.force
@@ -92,7 +93,7 @@ def _superposition_check(states: Any, applied: Wrench, body: MassProperties) -> 
                  "m/s", "Motion is linear in the force where the attitude is given: rounding.")
 
 
-def _turned_world_checks(states: Any, applied: Wrench, body: MassProperties) -> list[Check]:
+def _turned_world_checks(states: Any, applied: Wrench, body: Body) -> list[Check]:
     """Mechanics does not know where north is: to turn the world before or after a flight is the same."""
     period = Timing().control_period
 
@@ -111,7 +112,7 @@ def _turned_world_checks(states: Any, applied: Wrench, body: MassProperties) -> 
     return gap_checks("world turned", before, after, 1e-12, "The same to rounding (1e-16 of 5 m).")
 
 
-def _order_check(states: Any, applied: Wrench, body: MassProperties) -> Check:
+def _order_check(states: Any, applied: Wrench, body: Body) -> Check:
     """Order of accuracy, from how much two successive halvings of the step change the result.
 
     The fastest state turns by about 0.4 to 0.1 rad a step: longer ones show terms of higher order, shorter
@@ -128,7 +129,7 @@ def _order_check(states: Any, applied: Wrench, body: MassProperties) -> Check:
                  "spin's series has 8, which shows where moments of inertia differ much.")
 
 
-def _exactness_check(states: Any, applied: Wrench, body: MassProperties) -> Check:
+def _exactness_check(states: Any, applied: Wrench, body: Body) -> Check:
     """One substep against eight: the plane's step has nothing left to gain."""
     period = Timing().control_period
     once, eight = (advance(states, applied, body, period, n) for n in (1, 8))
@@ -142,7 +143,7 @@ def _silence(states: Any) -> Wrench:
     return Wrench(Vec3(0.0, 0.0, 0.0), Vec3(0.0, 0.0, 0.0))
 
 
-def _angular_momentum(states: Any, body: MassProperties) -> np.ndarray:
+def _angular_momentum(states: Any, body: Body) -> np.ndarray:
     """About the centre of mass, in W, (1 or 3, N)."""
     in_body = tensor(body) @ np.array(states.spin())
     if isinstance(states.attitude, Quat):
@@ -150,17 +151,17 @@ def _angular_momentum(states: Any, body: MassProperties) -> np.ndarray:
     return in_body
 
 
-def _largest_momentum(states: Any, body: MassProperties) -> float:
+def _largest_momentum(states: Any, body: Body) -> float:
     return float(np.max(np.linalg.norm(_angular_momentum(states, body), axis=0)))
 
 
-def _rotation_energy(states: Any, body: MassProperties) -> np.ndarray:
+def _rotation_energy(states: Any, body: Body) -> np.ndarray:
     """Half of w I w, (N,) J."""
     spin = np.array(states.spin())
     return 0.5 * np.sum(spin * (tensor(body) @ spin), axis=0)
 
 
-def _energy(states: Any, body: MassProperties) -> np.ndarray:
+def _energy(states: Any, body: Body) -> np.ndarray:
     """Kinetic energy, (N,) J."""
     return 0.5 * body.mass * states.v.dot(states.v) + _rotation_energy(states, body)
 

@@ -17,7 +17,8 @@ from scipy.spatial.transform import Rotation
 from scipy.special import ellipj, fresnel
 
 from rans.flight import fly
-from rans.model.dynamics import MassProperties, PlanarState, SpatialState, Wrench, advance
+from rans.model.body import Body
+from rans.model.dynamics import PlanarState, SpatialState, Wrench, advance
 from rans.model.fields import Heading, Quat, Vec2, Vec3, map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
@@ -42,7 +43,7 @@ def oracle_checks(craft: Spacecraft, seed: int, count: int) -> list[Check]:
 def _fresnel_checks(craft: Spacecraft, seed: int, count: int) -> list[Check]:
     """Random force and torque, spinning up by 0.2 to 2 rad/s^2, each constant in the body for 5 s."""
     start, random = random_states(2, seed, count), np.random.default_rng(seed)
-    body = MassProperties.of(craft)
+    body = Body.of(craft)
     spin_up = random.uniform(0.2, 2.0, count) * random.choice((-1.0, 1.0), count)
     push = random.uniform(-1.0, 1.0, count) + 1j * random.uniform(-1.0, 1.0, count)
     force = push * craft.mass
@@ -92,7 +93,7 @@ def _top_checks(craft: Spacecraft, seed: int, count: int) -> list[Check]:
     moments = np.linalg.eigvalsh(np.array(craft.inertia)) * _SPLIT
     axes = Rotation.from_rotvec([0.5, -0.8, 0.3]).as_matrix()
     inertia = axes @ np.diag(moments) @ axes.T
-    body = MassProperties(craft.mass, tuple(inertia[np.triu_indices(3)]))
+    body = Body(craft.mass, tuple(inertia[np.triu_indices(3)]))
     least, largest = random.uniform(0.2, 1.0, (2, count))
     states = random_states(3, seed, count)
     state = SpatialState(states.p, states.attitude, states.v,

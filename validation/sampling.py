@@ -7,7 +7,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from rans.model.dynamics import AnyState, MassProperties, PlanarState, SpatialState, advance, wrench
+from rans.model.body import Body
+from rans.model.dynamics import AnyState, PlanarState, SpatialState, advance, wrench
 from rans.model.fields import Heading, Quat, leaves, unflatten, wrap
 from rans.model.random import Random, seed_words
 from rans.model.spacecraft import Spacecraft
@@ -104,7 +105,7 @@ def rollout(craft: Spacecraft, start: AnyState, commands: Any, period: float,
     Returns:
         The states with fields (T + 1, N), NumPy float64.
     """
-    body, states = MassProperties.of(craft), [start]
+    body, states = Body.of(craft), [start]
     for command in commands:
         state = advance(states[-1], wrench(craft, tuple(command.T)), body, period, substeps)
         states.append(state.normalised())

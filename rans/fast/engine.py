@@ -13,11 +13,12 @@ from torch import Tensor
 
 from rans.episode import Episode, World
 from rans.errors import ConfigError
-from rans.fast.body import in_memory
 from rans.fast.distributed import ALONE, Processes
 from rans.fast.kernels.launch import Kernel
 from rans.fast.step import Step, results, step_and_restart, step_tensors
-from rans.model.dynamics import NODES, MassProperties
+from rans.model.body import Body, in_memory
+from rans.model.drift import FREE, Drift
+from rans.model.dynamics import NODES
 from rans.model.fields import leaves, map_leaves
 from rans.model.random import seed_words
 from rans.model.spacecraft import Spacecraft
@@ -53,7 +54,8 @@ class Engine:
         generated: whether on a GPU the step is the kernel of docs/decisions/007-generated-kernel.md, 1.4
             to 2.7 times as fast as torch.compile's, which stands in where it cannot be made.
         processes: those among which the batch is divided; ``num_envs`` are this one's.
-        body: mass properties other than the craft's, each one number or (N,), one for each spacecraft.
+        body: other than the craft's, each number or (N,), one for each spacecraft.
+        drift: how a free point moves.
 
     Raises:
         ConfigError: craft is no spacecraft, num_envs not a positive whole number, dtype another one, or mass
@@ -63,8 +65,8 @@ class Engine:
     def __init__(self, craft: Spacecraft, task: Task, num_envs: int, timing: Timing | None = None, *,
                  seed: int = 0, device: str | torch.device = "cpu",
                  dtype: torch.dtype = torch.float32, compiled: bool | None = None,
-                 generated: bool = True, processes: Processes = ALONE,
-                 body: MassProperties | None = None) -> None:
+                 generated: bool = True, processes: Processes = ALONE, body: Body | None = None,
+                 drift: Drift = FREE) -> None:
         if not isinstance(craft, Spacecraft):
             raise ConfigError(f"craft must be a Spacecraft, got {craft!r}; rans.load_spacecraft reads one.")
         if isinstance(num_envs, bool) or not isinstance(num_envs, int) or num_envs < 1:
@@ -79,14 +81,14 @@ class Engine:
         self.layout = layout(task, craft.dimension)
         fields = field_dtype(self.device, dtype, self.compiled)
         self._on_numpy = not isinstance(fields, torch.dtype)
-        nominal = MassProperties.of(craft)
+        nominal = Body.of(craft)
         self._fields = fields
-        self._world = World(
-            craft, task, self.timing, in_memory(body or nominal, nominal, num_envs, self._field),
-            nodes=_FLOAT32_NODES if dtype == torch.float32 else NODES)
+        self._world = World(craft, task, self.timing, drift,
+                            _FLOAT32_NODES if dtype == torch.float32 else NODES)
         step = step_tensors
         self._step = torch.compile(step, fullgraph=True, dynamic=False) if self.compiled else step
         self._seed: tuple[Any, Any] = (self._int32(0), self._int32(0))
+        self._body = in_memory(body or nominal, nominal, num_envs, self._field)
         self._numbers = self._first_numbers(), num_envs * processes.size
         self._episode = self._allocate(seed)
         self._kernel = self._generated() if generated else None
@@ -118,9 +120,9 @@ class Engine:
         return self._episode.state
 
     @property
-    def body(self) -> MassProperties:
-        """Mass properties; fields (N,) among them may be written in place, which compiles nothing."""
-        return self._world.body or MassProperties.of(self.craft)
+    def body(self) -> Body:
+        """What flies; fields (N,) of it may be written in place, which compiles nothing."""
+        return self._body
 
     @property
     def goal(self) -> Any:
@@ -143,9 +145,12 @@ class Engine:
             self._set_seed(seed_words(seed))
             self._write(clock, 0)
         start, goal = world.begin(self._seed, world.number(clock, self._numbers), self._fields)
-        begun = Episode(start, goal, clock, previous=(0,) * len(self._episode.previous))
-        for buffer, value in zip(self._buffers(), begun.memory(), strict=True):
-            self._write(buffer, value)
+        now = self._episode
+        shut = (0,) * len(now.previous)
+        for buffer, value in zip(leaves((now.state, now.goal, now.previous)), leaves((start, goal, shut)),
+                                 strict=True):
+            if not isinstance(buffer, float):
+                self._write(buffer, value)
         return self.observe()
 
     def stagger(self, generator: torch.Generator | None = None) -> None:
@@ -247,19 +252,22 @@ class Engine:
         """Buffers of the right shape; their content is written by `reset`."""
         self._set_seed(seed_words(seed))
         start, goal = self._world.begin(self._seed, self._numbers[0], self._fields)
+        moved = self.task.next_goal(goal, start, self._world.drift, self.timing.control_period)
         where = {} if self._on_numpy else {"device": self.device}
         zeros: Any = np.zeros if self._on_numpy else torch.zeros
         buffer = lambda _: zeros(self.num_envs, dtype=self._fields, **where)  # noqa: E731
         return Episode(
             state=map_leaves(buffer, start),
-            goal=map_leaves(lambda x: x if isinstance(x, float) else buffer(x), goal),
+            goal=map_leaves(lambda x, later: x if isinstance(x, float) and later is x else buffer(x),
+                            goal, moved),
+            body=self._body,
             clock=self._numbers[0] * 0,
             previous=self._shut() if self._world.watches_switching else (),
         )
 
     def _shut(self) -> tuple[Any, ...]:
-        """One byte a thruster: commands are 0 or 1."""
-        zeros = np.zeros((len(self.craft.thrusters), self.num_envs), dtype=np.int8)
+        """As much memory as the actuators' commands need: one byte where they are 0 or 1."""
+        zeros = np.zeros((len(self.craft.thrusters), self.num_envs), dtype=self.craft.actuators.dtype)
         return tuple(zeros) if self._on_numpy else torch.from_numpy(zeros).to(self.device).unbind()
 
     def _buffers(self) -> list[Any]:

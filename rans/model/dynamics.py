@@ -1,8 +1,12 @@
 """Equations of motion, written once over fields: torch, NumPy and CasADi run this source.
 
 World frame W, body frame B at the centre of mass. Thrust is constant in B over one control period
-(zero-order hold), disturbances are constant in W. There is no gravity and no friction: the spacecraft
-flies free or floats on air.
+(zero-order hold) or in each of its pieces, disturbances are constant in W. Beside them a spacecraft moves as
+its drift says (`rans.model.drift`); there is no friction.
+
+W may be a turning frame, as that of Clohessy and Wiltshire. In the plane the spin is measured against it,
+which is exact. In space the attitude is held against it as if W did not turn: near the Earth (0.001 rad/s)
+that neglects 0.025 rad, or 1.4 degrees, in 25 s.
 """
 
 from __future__ import annotations
@@ -10,13 +14,16 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
-import numpy as np
-
-from rans.model.fields import Attitude, Field, Heading, Quat, Vec2, Vec3, Vector, at_least, cos, sin
-from rans.model.magnus import Rotation, Series, at, exponential, last_product, total, turned
+from rans.model.body import Body
+from rans.model.drift import FREE, Drift
+from rans.model.fields import Attitude, Field, Heading, Quat, Vec2, Vec3, Vector, at_least, cos, sin, sqrt
+from rans.model.magnus import Rotation, at, exponential, turned
 from rans.model.spacecraft import Spacecraft
+from rans.model.spin import spin_series
+from rans.model.timing import Timing
+from rans.model.translation import RULES, moved
 
 NODES = 6
 """Of the Gauss-Legendre rule for planar motion. Over one control period its error, as a share of the
@@ -24,18 +31,6 @@ thrust's effect, is below 3e-13 up to 1 rad turned and 3e-11 up to 2 rad
 (docs/decisions/003-planar-motion-by-quadrature.md)."""
 _SPATIAL_NODES = 3
 """The same in space: of order six, as the attitude is (docs/decisions/006-motion-in-space-by-series.md)."""
-_SPIN_ORDER = 8
-"""Of the angular velocity of a body whose moments of inertia differ."""
-
-
-def _gauss_legendre(count: int) -> tuple[tuple[float, float], ...]:
-    """Nodes and weights on [0, 1]."""
-    nodes, weights = np.polynomial.legendre.leggauss(count)
-    return tuple((float(n + 1) / 2, float(w) / 2) for n, w in zip(nodes, weights, strict=True))
-
-
-_RULES = {count: _gauss_legendre(count) for count in range(1, NODES + 3)}
-"""Made beforehand: torch cannot trace NumPy's polynomials."""
 
 
 @dataclass(frozen=True)
@@ -109,48 +104,51 @@ class Wrench:
     """N m; a scalar about z in the plane."""
 
 
-@dataclass(frozen=True)
-class MassProperties:
-    """What resists a wrench."""
-
-    mass: Field
-    """kg."""
-    inertia: tuple[Field, ...]
-    """About the centre of mass, axes of B, kg m^2. Plane: (I_zz,). Space: the six entries
-    (I_xx, I_xy, I_xz, I_yy, I_yz, I_zz)."""
-
-    @classmethod
-    def of(cls, craft: Spacecraft) -> MassProperties:
-        """The nominal mass properties of a spacecraft."""
-        (xx, xy, xz), (_, yy, yz), (_, _, zz) = craft.inertia
-        return cls(craft.mass, (zz,) if craft.dimension == 2 else (xx, xy, xz, yy, yz, zz))
-
-
-def thrust(craft: Spacecraft, command: Sequence[Field]) -> tuple[Field, ...]:
-    """Share of its full force that each thruster gives, after the supply's limit.
+def thrust(craft: Spacecraft, command: Sequence[Field], body: Body | None = None) -> tuple[Field, ...]:
+    """Share of its full force that each thruster gives, after its faults and the supply's limit.
 
     Args:
-        craft: the spacecraft; its ``thrust_sharing`` decides.
+        craft: the spacecraft; its ``thrust_sharing`` decides. The supply is shared by what is really open.
         command: one field per thruster, 0 (shut) to 1 (open).
+        body: gains and leaks; None: every thruster does as it is told.
     """
+    if body is not None:
+        gains, leaks = body.gain or (1.0,) * len(command), body.leak or (0.0,) * len(command)
+        command = [_opened(*x) for x in zip(command, gains, leaks, strict=True)]
     if craft.thrust_sharing == "none":
         return tuple(command)
     share = 1.0 / at_least(sum(command[1:], start=command[0]), 1.0)
     return tuple(c * share for c in command)
 
 
-def wrench(craft: Spacecraft, command: Sequence[Field]) -> Wrench:
-    """Sum of the thrusters' forces and torques on B.
+def _opened(command: Field, gain: Field, leak: Field) -> Field:
+    command = command if _is(gain, 1.0) else command * gain
+    return command if _is(leak, 0.0) else command + leak
+
+
+def _is(field: Field, number: float) -> bool:
+    """Whether a field is this number for all spacecraft."""
+    return isinstance(field, float) and field == number
+
+
+def wrench(craft: Spacecraft, command: Sequence[Field], body: Body | None = None) -> Wrench:
+    """Sum of the thrusters' forces and torques on B, about the true centre of mass.
 
     Args:
         craft: gives each thruster's full-on wrench (`Spacecraft.wrench_map`).
         command: one field per thruster, 0 (shut) to 1 (open).
+        body: gains, leaks and the shift of the centre of mass; None: as the craft was designed.
     """
-    shares = thrust(craft, command)
+    shares = thrust(craft, command, body)
     total = [_dot(shares, column) for column in zip(*craft.wrench_map, strict=True)]
-    if craft.dimension == 2:
-        return Wrench(Vec2(total[0], total[1]), total[2])
-    return Wrench(Vec3(*total[:3]), Vec3(*total[3:]))
+    planar = craft.dimension == 2
+    force, torque = (Vec2(*total[:2]), total[2]) if planar else (Vec3(*total[:3]), Vec3(*total[3:]))
+    if body is None or all(_is(x, 0.0) for x in body.centre):
+        return Wrench(force, torque)
+    if isinstance(force, Vec2):
+        x, y = body.centre
+        return Wrench(force, torque - (x * force.y - y * force.x))
+    return Wrench(force, torque - Vec3(*body.centre).cross(force))
 
 
 def _dot(shares: Sequence[Field], coefficients: Sequence[float]) -> Field:
@@ -159,21 +157,59 @@ def _dot(shares: Sequence[Field], coefficients: Sequence[float]) -> Field:
     return sum(terms[1:], start=terms[0]) if terms else shares[0] * 0.0
 
 
-def advance(state: AnyState, applied: Wrench, body: MassProperties, duration: Field,
-            substeps: int = 1, nodes: int = NODES, disturbance: Wrench | None = None) -> AnyState:
+def held(state: AnyState, craft: Spacecraft, body: Body, command: Sequence[Field], timing: Timing,
+         drift: Drift = FREE, nodes: int = NODES, disturbance: Wrench | None = None) -> AnyState:
+    """The state after a command was held for one control period, heading or quaternion normalised.
+
+    Args:
+        state: at the start.
+        craft: gives thrusters, and how they take commands (`rans.model.actuators`).
+        body: what resists, and how well the thrusters work.
+        command: one field per thruster, 0 to 1.
+        timing: control period, and substeps of each of the command's pieces.
+        drift: how a free point moves.
+        nodes: see `advance`.
+        disturbance: see `advance`.
+    """
+    for share, part in craft.actuators.pulses(command):
+        state = advance(state, wrench(craft, part, body), body, share * timing.control_period,
+                        timing.substeps, nodes, disturbance, drift)
+    return state.normalised()
+
+
+def step_goal(goal: AnyState, drift: Drift, duration: Field) -> AnyState:
+    """A goal that nothing pushes, later: it drifts as spacecraft do and keeps its spin, exactly.
+
+    Args:
+        goal: where it is; its angular velocity is constant in its own frame, as of a body with equal moments.
+        drift: how a free point moves.
+        duration: s.
+    """
+    p, v = cast("tuple[Any, Any]", drift.carry(goal.p, goal.v, duration))  # type: ignore[type-var]
+    if isinstance(goal, PlanarState):
+        return PlanarState(p, Heading(goal.attitude.angle + duration * goal.w), v, goal.w)
+    rate = sqrt(goal.w.dot(goal.w))
+    half = 0.5 * duration * rate
+    axis = goal.w.scale(sin(half) / at_least(rate, 1e-30))  # a goal that does not turn has no axis
+    return SpatialState(p, goal.attitude.times(Quat(cos(half), *axis.columns())), v, goal.w)
+
+
+def advance(state: AnyState, applied: Wrench, body: Body, duration: Field, substeps: int = 1,
+            nodes: int = NODES, disturbance: Wrench | None = None, drift: Drift = FREE) -> AnyState:
     """The state after the wrench acted for the duration, constant in B.
 
     Args:
         state: at the start.
         applied: the wrench on B.
-        body: mass properties.
+        body: mass and inertia.
         duration: of the whole motion, s.
         substeps: equal parts the motion is computed in. Each part is exact up to quadrature
             rounding in the plane and of order six in space.
         nodes: of the quadrature in the plane; float32 needs only four.
         disturbance: a second wrench, constant in W: an uneven floor, a draught, a tether.
+        drift: how a free point moves.
     """
-    load, h = _Load(applied, disturbance, body), duration / substeps
+    load, h = _Load(applied, disturbance, body, drift), duration / substeps
     for _ in range(substeps):
         if isinstance(state, PlanarState):
             state = _advance_planar(state, load, h, nodes)
@@ -188,36 +224,34 @@ class _Load:
 
     thrust: Wrench
     disturbance: Wrench | None
-    body: MassProperties
+    body: Body
+    drift: Drift
+
+    def steady(self) -> Any:
+        """Acceleration by the disturbance, in W; None without one."""
+        return None if self.disturbance is None else self.disturbance.force.scale(1.0 / self.body.mass)
 
 
 def _advance_planar(state: PlanarState, load: _Load, h: Field, nodes: int) -> PlanarState:
-    """With constant torque the heading is an exact quadratic in time; force follows by quadrature.
-
-    v(h) = v + h sum w_i a(s_i h) and p(h) = p + v h + h^2 sum w_i (1 - s_i) a(s_i h), where
-    a(t) = R(heading(t)) F_B / m, over the nodes s_i and weights w_i of `_RULES`. A disturbance's force
-    does not turn, so its share is exact.
-    """
-    acceleration = load.thrust.force.scale(1.0 / load.body.mass)
+    """With constant torque the heading is an exact quadratic in time; translation follows by quadrature."""
+    acceleration: Any = load.thrust.force.scale(1.0 / load.body.mass)
     torque = load.thrust.torque if load.disturbance is None else load.thrust.torque + load.disturbance.torque
     spin_up = torque * (1.0 / load.body.inertia[0])
-    speed_cos = speed_sin = way_cos = way_sin = 0.0
-    for node, weight in _RULES[nodes]:
-        t = node * h
+    x, y = acceleration.columns()
+
+    def turn(t: Field) -> Vec2:
         angle = state.attitude.angle + t * (state.w + (0.5 * t) * spin_up)
-        c, s = cos(angle), sin(angle)
-        speed_cos, speed_sin = speed_cos + weight * c, speed_sin + weight * s
-        way_cos, way_sin = way_cos + (weight * (1 - node)) * c, way_sin + (weight * (1 - node)) * s
-    x, y = acceleration.x, acceleration.y
-    gained = Vec2(speed_cos * x - speed_sin * y, speed_sin * x + speed_cos * y).scale(h)
-    moved = Vec2(way_cos * x - way_sin * y, way_sin * x + way_cos * y).scale(h * h)
-    if load.disturbance is not None:
-        drift: Any = load.disturbance.force.scale(1.0 / load.body.mass)
-        gained, moved = gained + drift.scale(h), moved + drift.scale(0.5 * h * h)
+        return Vec2(cos(angle), sin(angle))
+
+    def in_world(*scaled: tuple[Vec2, Field]) -> list[Vec2]:
+        return [Vec2(u.x * x - u.y * y, u.y * x + u.x * y).scale(s) for u, s in scaled]
+
+    turns = (turn(node * h) for node, _ in RULES[nodes])
+    p, v = moved(state.p, state.v, h, load.drift, RULES[nodes], turns, in_world, load.steady())
     return PlanarState(
-        p=state.p + state.v.scale(h) + moved,
+        p=p,
         attitude=Heading(state.attitude.angle + h * (state.w + (0.5 * h) * spin_up)),
-        v=state.v + gained,
+        v=v,
         w=state.w + h * spin_up,
     )
 
@@ -225,67 +259,27 @@ def _advance_planar(state: PlanarState, load: _Load, h: Field, nodes: int) -> Pl
 def _advance_spatial(state: SpatialState, load: _Load, h: Field) -> SpatialState:
     """Spin by its Taylor series, attitude by Magnus' series, translation by quadrature.
 
-    The thrust's acceleration, expressed in B at the start of the step, enters velocity and position as in
-    the plane.
+    The thrust's acceleration is expressed in B at the start of the step.
     """
-    rate = _spin_series(state, load, h)
+    rate = spin_series(state.w, load.thrust.torque, load.body.inertia, h, _torque_in_body(state, load))
     rotation, acceleration = Rotation(rate, h), load.thrust.force.scale(1.0 / load.body.mass)
-    speed = way = Vec3(0.0, 0.0, 0.0)
-    for node, weight in _RULES[_SPATIAL_NODES]:
-        push = turned(rotation.vector(node), acceleration)  # type: ignore[arg-type]
-        speed, way = speed + push.scale(weight), way + push.scale(weight * (1 - node))
-    gained, moved = (state.attitude.rotate(x) for x in (speed.scale(h), way.scale(h * h)))
-    if load.disturbance is not None:
-        drift: Any = load.disturbance.force.scale(1.0 / load.body.mass)
-        gained, moved = gained + drift.scale(h), moved + drift.scale(0.5 * h * h)
+    rule = RULES[_SPATIAL_NODES]
+    pushes = (turned(rotation.vector(node), acceleration) for node, _ in rule)  # type: ignore[arg-type]
+
+    def in_world(*scaled: tuple[Vec3, Field]) -> list[Vec3]:
+        return [state.attitude.rotate(u) for u in [u.scale(s) for u, s in scaled]]
+
+    p, v = moved(state.p, state.v, h, load.drift, rule, pushes, in_world, load.steady())
     return SpatialState(
-        p=state.p + state.v.scale(h) + moved,
+        p=p,
         attitude=state.attitude.times(exponential(rotation.vector(1.0))),
-        v=state.v + gained,
+        v=v,
         w=at(rate, 1.0),
     )
 
 
-def _spin_series(state: SpatialState, load: _Load, h: Field) -> Series:
-    """Taylor series of the angular velocity over the share of h that is gone.
-
-    Euler's equation, I w' = tau - w x (I - I_zz 1) w: a multiple of the unit tensor has no part in
-    w x I w, so the series of a body with three equal moments ends after its second term. A torque that is
-    constant in W turns in B: u' = u x w.
-    """
-    xx, xy, xz, yy, yz, zz = load.body.inertia
-    excess, inverse = (xx - zz, xy, xz, yy - zz, yz, 0.0), _inverse(load.body.inertia)
-    even = all(isinstance(x, float) and x == 0.0 for x in excess)
-    turning: list[Any] = []
-    if load.disturbance is not None:
-        turning.append(state.attitude.conjugate().rotate(load.disturbance.torque))  # type: ignore[arg-type]
-    rate, momentum = [state.w], []
-    for k in range(1 if even and not turning else _SPIN_ORDER):
-        torques: list[Any] = [load.thrust.torque] if k == 0 else []
-        if turning:
-            torques.append(turning[k])
-            turning.append(last_product(turning, rate).scale(h / (k + 1)))
-        if not even:
-            momentum.append(_symmetric_times(excess, rate[k]))
-            torques.append(last_product(momentum, rate))
-        rate.append(_symmetric_times(inverse, total(torques)).scale(h / (k + 1)))
-    return rate
-
-
-def _symmetric_times(entries: Sequence[Field], v: Vec3) -> Vec3:
-    """Product of a symmetric 3x3 tensor, given by its six entries, with a vector."""
-    xx, xy, xz, yy, yz, zz = entries
-    return Vec3(
-        xx * v.x + xy * v.y + xz * v.z,
-        xy * v.x + yy * v.y + yz * v.z,
-        xz * v.x + yz * v.y + zz * v.z,
-    )
-
-
-def _inverse(entries: Sequence[Field]) -> tuple[Field, ...]:
-    """Inverse of a symmetric 3x3 tensor by cofactors, as its six entries."""
-    xx, xy, xz, yy, yz, zz = entries
-    a, b, c = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
-    s = 1.0 / (xx * a + xy * b + xz * c)
-    return (a * s, b * s, c * s, (xx * zz - xz * xz) * s, (xy * xz - xx * yz) * s,
-            (xx * yy - xy * xy) * s)
+def _torque_in_body(state: SpatialState, load: _Load) -> Vec3 | None:
+    """A disturbance's torque, expressed in B at the start."""
+    if load.disturbance is None:
+        return None
+    return state.attitude.conjugate().rotate(load.disturbance.torque)  # type: ignore[arg-type]

@@ -27,7 +27,7 @@ Field = Any
 """A torch tensor (N,), a NumPy array, a float, or a CasADi SX; see the module's docstring."""
 
 Tree = TypeVar("Tree")
-"""A field, or a frozen dataclass of trees."""
+"""A field, or a tuple or a frozen dataclass of trees."""
 
 _CASADI_NAMES = {"abs": "fabs", "minimum": "fmin", "maximum": "fmax", "where": "if_else"}
 _NUMPY_NAMES = {"atan2": "arctan2"}
@@ -105,6 +105,8 @@ def finite(*xs: Field) -> Field:
 
 def leaves(tree: Any) -> tuple[Field, ...]:
     """The fields of a tree of frozen dataclasses, in the order of definition."""
+    if isinstance(tree, tuple):
+        return tuple(x for branch in tree for x in leaves(branch))
     if not dataclasses.is_dataclass(tree):
         return (tree,)
     return tuple(x for f in dataclasses.fields(tree) for x in leaves(getattr(tree, f.name)))
@@ -112,6 +114,9 @@ def leaves(tree: Any) -> tuple[Field, ...]:
 
 def map_leaves(function: Callable[..., Field], tree: Tree, *others: Tree) -> Tree:
     """A tree of the same shape whose every field is ``function(field, *fields_of_the_others)``."""
+    if isinstance(tree, tuple):
+        branches = zip(tree, *others, strict=True)  # type: ignore[arg-type]
+        return tuple(map_leaves(function, *branch) for branch in branches)  # type: ignore[return-value]
     if not dataclasses.is_dataclass(tree):
         return function(tree, *others)
     members = [

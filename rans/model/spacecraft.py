@@ -15,6 +15,7 @@ from typing import Literal
 import numpy as np
 
 from rans.errors import ConfigError
+from rans.model.actuators import ON_OFF, Actuators
 
 ThrustSharing = Literal["none", "split"]
 
@@ -30,7 +31,7 @@ _PLANE_TOLERANCE = 1e-9
 
 @dataclass(frozen=True)
 class Thruster:
-    """One on/off nozzle, rigidly attached."""
+    """One nozzle, rigidly attached."""
 
     position: tuple[float, float, float]
     """Where the force acts, in G, m."""
@@ -67,6 +68,8 @@ class Spacecraft:
     """Outer radius for drawings, m."""
     shape: Literal["sphere", "cylinder"] = "sphere"
     """For drawings."""
+    actuators: Actuators = ON_OFF
+    """How all thrusters take commands."""
 
     def __post_init__(self) -> None:
         check(self)
@@ -105,6 +108,8 @@ def check(craft: Spacecraft) -> None:
              craft.thrust_sharing, '"none" or "split"')
     _require(craft.shape in ("sphere", "cylinder"), craft, "shape", craft.shape,
              '"sphere" or "cylinder"')
+    _require(isinstance(craft.actuators, Actuators), craft, "actuators", craft.actuators,
+             "OnOff(), Pulsed(counts, least) or Throttle()")
     _require(_positive(craft.mass), craft, "mass", craft.mass, f"{_POSITIVE} kg")
     _require(_positive(craft.radius), craft, "radius", craft.radius, f"{_POSITIVE} m")
     _require(_triple(craft.centre_of_mass), craft, "centre_of_mass", craft.centre_of_mass,

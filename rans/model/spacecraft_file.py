@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 from rans.errors import ConfigError
 from rans.files import first_line
+from rans.model.actuators import KINDS, Actuators
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.registry import Registry
 
@@ -88,8 +89,8 @@ def parse_spacecraft(text: str, source: str) -> Spacecraft:
 
     Args:
         text: the file's content; its keys are the fields of `Spacecraft`, with one ``[[thruster]]``
-            table per thruster. Planar spacecraft may give positions and directions as two numbers
-            and the inertia as one.
+            table per thruster, and ``[actuators]`` with their ``kind`` and its settings. Planar spacecraft
+            may give positions and directions as two numbers and the inertia as one.
         source: what to call the text in messages.
 
     Raises:
@@ -142,6 +143,8 @@ def _build(table: dict[str, Any]) -> Spacecraft:
         values["centre_of_mass"] = _vector(table["centre_of_mass"], "centre_of_mass", lengths)
     if "radius" in table:
         values["radius"] = _number(table["radius"], "radius")
+    if "actuators" in table:
+        values["actuators"] = _actuators(table["actuators"])
     for key in ("thrust_sharing", "shape"):
         if key in table:
             values[key] = _text(table, key)
@@ -162,6 +165,20 @@ def _thruster(table: dict[str, Any], index: int, lengths: tuple[int, ...]) -> Th
         direction=(direction[0] / length, direction[1] / length, direction[2] / length),
         force=_number(table["force"], f"thruster {index} force"),
     )
+
+
+def _actuators(table: Any) -> Actuators:
+    if not isinstance(table, dict) or "kind" not in table:
+        raise ConfigError(f'actuators must be a table with the key "kind", got {table!r}.')
+    kind = KINDS.get(_text(table, "kind"))
+    if kind is None:
+        raise ConfigError(f"actuators have the kind {table['kind']!r}; known are {', '.join(KINDS)}.")
+    settings: dict[str, Any] = {f.name: f for f in dataclasses.fields(kind)}  # type: ignore[arg-type]
+    _check_keys(table, {"kind", *settings}, f"actuators of the kind {table['kind']!r}")
+    for key, field in settings.items():
+        if key not in table and field.default is dataclasses.MISSING:
+            raise ConfigError(f"actuators of the kind {table['kind']!r}: the key {key!r} is missing.")
+    return kind(**{key: table[key] for key in settings if key in table})
 
 
 def _check_keys(table: dict[str, Any], known: set[str], where: str) -> None:

@@ -8,6 +8,8 @@ import numpy as np
 
 from rans.episode import Command, Episode, Mover
 from rans.flight import Controller, Flight, fly
+from rans.model.body import Body
+from rans.model.drift import FREE, Drift
 from rans.model.dynamics import State
 from rans.model.fields import leaves, unflatten
 from rans.model.spacecraft import Spacecraft
@@ -18,10 +20,10 @@ from rans.tasks.base import Task
 
 
 def fly_in_drake(craft: Spacecraft, task: Task, controller: Controller, starts: Scenario,
-                 timing: Timing) -> Flight:
+                 timing: Timing, body: Body | None = None, drift: Drift = FREE) -> Flight:
     """Fly a batch of scenarios as `rans.flight.fly` does, moved by Drake; substeps do not concern it."""
-    plant = Plant(craft, len(leaves(starts.start)[0]))
-    return fly(craft, task, controller, starts, timing, "drake", mover(plant, timing))
+    plant = Plant(craft, len(leaves(starts.start)[0]), body=body, drift=drift)
+    return fly(craft, task, controller, starts, timing, "drake", mover(plant, timing), body, drift)
 
 
 def mover(plant: Plant, timing: Timing) -> Mover:
@@ -34,7 +36,8 @@ def mover(plant: Plant, timing: Timing) -> Mover:
     return move
 
 
-def replay(craft: Spacecraft, start: State, commands: np.ndarray, timing: Timing) -> Any:
+def replay(craft: Spacecraft, start: State, commands: np.ndarray, timing: Timing,
+           drift: Drift = FREE) -> Any:
     """Where commands given beforehand take one spacecraft, in Drake.
 
     Args:
@@ -42,12 +45,13 @@ def replay(craft: Spacecraft, start: State, commands: np.ndarray, timing: Timing
         start: a state of floats.
         commands: (T, thrusters), 0 to 1, each held for one control period.
         timing: gives the control period.
+        drift: how a free point moves.
 
     Returns:
         The `State` with fields (T + 1,), the start first; headings are not wrapped.
     """
     starts = np.array([leaves(start)], dtype=np.float64)
-    rows = Plant(craft).rollout(starts, np.asarray(commands)[:, None], timing.control_period)
+    rows = Plant(craft, drift=drift).rollout(starts, np.asarray(commands)[:, None], timing.control_period)
     return states_from_rows(rows[:, 0], start)
 
 

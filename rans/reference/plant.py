@@ -1,7 +1,7 @@
 """The judge: a Drake plant built from masses, inertia and thruster geometry, and none of our equations.
 
-It imports nothing of RANS but the description of a spacecraft (a test reads the imports): an error
-shared by the fast engine and the optimal controllers cannot be shared by their judge.
+It imports nothing of RANS but descriptions: a spacecraft, its actuators, its body, its drift (a test reads
+the imports). An error shared by the fast engine and the optimal controllers cannot be shared by their judge.
 
 States are rows of plain arrays, for the frame B at the centre of mass:
 
@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant, Propeller, PropellerInfo
 from pydrake.multibody.tree import (
     FixedOffsetFrame,
@@ -29,14 +29,14 @@ from pydrake.multibody.tree import (
     PlanarJoint,
     QuaternionFloatingJoint,
     RigidBody,
-    RotationalInertia,
-    SpatialInertia,
 )
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
-from rans.errors import ConfigError
-from rans.model.spacecraft import Spacecraft, Thruster
+from rans.model.body import Body
+from rans.model.drift import FREE, ClohessyWiltshire, Drift
+from rans.model.spacecraft import Spacecraft
+from rans.reference.parts import Orbit, gravity, pieces, pose, spatial_inertia, thruster_health
 
 
 class Plant:
@@ -44,7 +44,7 @@ class Plant:
 
     Each is a rigid body in the author's frame G; its mass sits off G's origin through its
     `SpatialInertia`, so that the shift to the centre of mass is Drake's work, not ours. One
-    `Propeller` holds all thrusters. Gravity is off.
+    `Propeller` holds all thrusters. Valves that pulse are switched when they switch.
 
     Motion is integrated with Runge-Kutta of order five at a *fixed* step: under error control Drake
     1.51.1 continues from stale kinematics after a rejected step, and a discrete plant is a
@@ -56,28 +56,34 @@ class Plant:
             of many.
         max_step: longest integration step, s. At 0.01 s, 25 s of on/off thrust are accurate to some
             1e-12 m in the plane and 1e-9 m in space (`validation.dynamics` measures it).
+        body: each value one number or (N,), B at the true centre of mass; None: as the craft was designed.
+        drift: what pulls at all: nothing, Drake's own gravity, or the pseudo-forces of an orbit's frame.
 
     Raises:
-        ConfigError: Drake refuses the mass properties.
+        ConfigError: Drake refuses the mass properties, or does not know the drift.
     """
 
-    def __init__(self, craft: Spacecraft, count: int = 1, max_step: float = 0.01) -> None:
+    def __init__(self, craft: Spacecraft, count: int = 1, max_step: float = 0.01, body: Body | None = None,
+                 drift: Drift = FREE) -> None:
         self.craft, self.count = craft, count
+        self._body, self._drift = body or Body.of(craft), drift
+        self._gain, self._leak = thruster_health(craft, self._body, count)
         builder = DiagramBuilder()
         self._plant = MultibodyPlant(time_step=0.0)
         builder.AddSystem(self._plant)
-        self._plant.mutable_gravity_field().set_gravity_vector(np.zeros(3))
+        self._plant.mutable_gravity_field().set_gravity_vector(gravity(drift))
         self._bodies = [self._add_body(k) for k in range(count)]
         self._frames = [self._add_centre_of_mass(body) for body in self._bodies]
         self._joints = [self._add_joint(frame) for frame in self._frames]
         self._plant.Finalize()
-        self._propeller = self._add_thrusters(builder)
-        self._simulator = _simulator(builder.Build(), max_step)
         # Where each spacecraft's coordinates stand in Drake's vectors, (N, coordinates).
         self._position = np.array(
             [j.position_start() + np.arange(j.num_positions()) for j in self._joints])
         self._velocity = np.array(
             [j.velocity_start() + np.arange(j.num_velocities()) for j in self._joints])
+        self._propeller = self._add_thrusters(builder)
+        self._export_forces(builder)
+        self._simulator = _simulator(builder.Build(), max_step)
         self._context = self._simulator.get_mutable_context()
         self._plant_context = self._plant.GetMyMutableContextFromRoot(self._context)
         self._propeller_context = self._propeller.GetMyContextFromRoot(self._context)
@@ -87,7 +93,7 @@ class Plant:
         """Force and torque about the centre of mass that commands give, in B.
 
         Args:
-            commands: (N, thrusters), 0 (shut) to 1 (open).
+            commands: (N, thrusters), 0 to 1.
 
         Returns:
             Plane: (N, 3) as F_x, F_y, tau_z; space: (N, 6) as F, tau; N and N m.
@@ -149,7 +155,9 @@ class Plant:
         self._disturb(np.zeros(self._velocity.shape) if disturbances is None else disturbances)
         self._context.SetTime(0.0)
         self._simulator.Initialize()
-        self._simulator.AdvanceTo(duration)
+        for end, opened in pieces(self.craft.actuators, commands, duration):
+            self._command(opened)
+            self._simulator.AdvanceTo(end)
         return self._get()
 
     def rollout(self, starts: np.ndarray, commands: np.ndarray, control_period: float) -> np.ndarray:
@@ -187,16 +195,7 @@ class Plant:
         return np.array(states), np.array(commands)
 
     def _add_body(self, index: int) -> RigidBody:
-        (xx, xy, xz), (_, yy, yz), (_, _, zz) = self.craft.inertia
-        try:
-            inertia = SpatialInertia.MakeFromCentralInertia(
-                self.craft.mass, np.array(self.craft.centre_of_mass),
-                RotationalInertia(xx, yy, zz, xy, xz, yz))
-        except RuntimeError as error:
-            reason = str(error).partition("\n")[0]
-            raise ConfigError(f"spacecraft {self.craft.name!r}: Drake refuses its inertia "
-                              f"{self.craft.inertia}: {reason}") from error
-        return self._plant.AddRigidBody(f"G{index}", inertia)
+        return self._plant.AddRigidBody(f"G{index}", spatial_inertia(self.craft, self._body, index))
 
     def _add_centre_of_mass(self, body: RigidBody) -> Frame:
         X_GB = RigidTransform(body.default_com())
@@ -208,7 +207,7 @@ class Plant:
 
     def _add_thrusters(self, builder: DiagramBuilder) -> Propeller:
         """A Propeller pushes along its own z axis with thrust_ratio times the command."""
-        nozzles = [PropellerInfo(body.index(), _pose(t), thrust_ratio=t.force, moment_ratio=0.0)
+        nozzles = [PropellerInfo(body.index(), pose(t), thrust_ratio=t.force, moment_ratio=0.0)
                    for body in self._bodies for t in self.craft.thrusters]
         propeller = Propeller(nozzles)
         builder.AddSystem(propeller)
@@ -216,8 +215,21 @@ class Plant:
         builder.Connect(propeller.get_spatial_forces_output_port(),
                         self._plant.get_applied_spatial_force_input_port())
         builder.ExportInput(propeller.get_command_input_port(), "command")
-        builder.ExportInput(self._plant.get_applied_generalized_force_input_port(), "disturbance")
         return propeller
+
+    def _export_forces(self, builder: DiagramBuilder) -> None:
+        """The input for disturbances, through the orbit's pull where there is an orbit."""
+        forces = self._plant.get_applied_generalized_force_input_port()
+        if not isinstance(self._drift, ClohessyWiltshire):
+            builder.ExportInput(forces, "disturbance")
+            return
+        along = slice(0, 2) if self.craft.dimension == 2 else slice(-3, None)  # after the rotation
+        orbit = Orbit(self._drift.mean_motion, np.broadcast_to(self._body.mass, self.count),
+                      self._position[:, along], self._velocity[:, along], self._plant.num_positions())
+        builder.AddSystem(orbit)
+        builder.Connect(self._plant.get_state_output_port(), orbit.state)
+        builder.Connect(orbit.total, forces)
+        builder.ExportInput(orbit.others, "disturbance")
 
     def _rest(self) -> np.ndarray:
         """At W's origin, B along W, no motion."""
@@ -238,6 +250,9 @@ class Plant:
             w_W = np.einsum("nij,nj->ni", self._rotations(), states[:, 10:])
             v[self._velocity] = np.concatenate([w_W, states[:, 7:10]], axis=1)
         self._plant.SetVelocities(self._plant_context, v)
+        self._command(commands)
+
+    def _command(self, commands: np.ndarray) -> None:
         port = self._simulator.get_system().GetInputPort("command")
         port.FixValue(self._context, self._supplied(commands).ravel())
 
@@ -258,10 +273,11 @@ class Plant:
         return np.concatenate([np.roll(q, -4, axis=1), v[:, :3], w_B], axis=1)
 
     def _supplied(self, commands: np.ndarray) -> np.ndarray:
-        """Share of its force each thruster gives when the supply feeds only one at a time."""
+        """Share of its force each thruster really gives, also when the supply feeds only one at a time."""
+        opened = self._gain * commands + self._leak
         if self.craft.thrust_sharing == "none":
-            return commands
-        return commands / np.maximum(commands.sum(axis=1, keepdims=True), 1.0)
+            return opened
+        return opened / np.maximum(opened.sum(axis=1, keepdims=True), 1.0)
 
     def _rows(self, generalised: np.ndarray) -> np.ndarray:
         """One row per spacecraft, translation first (Drake's floating joint puts rotation first)."""
@@ -272,12 +288,6 @@ class Plant:
         """R_WB of every spacecraft, (N, 3, 3)."""
         context = self._plant_context
         return np.array([f.CalcPoseInWorld(context).rotation().matrix() for f in self._frames])
-
-
-def _pose(thruster: Thruster) -> RigidTransform:
-    """Pose in G of a frame whose z axis is the thrust's direction."""
-    R_GP = RotationMatrix.MakeFromOneVector(np.array(thruster.direction), axis_index=2)
-    return RigidTransform(R_GP, np.array(thruster.position))
 
 
 def _simulator(diagram: Diagram, max_step: float) -> Simulator:

@@ -12,6 +12,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from rans.errors import ConfigError
+from rans.model.drift import Drift
 from rans.model.dynamics import State
 from rans.model.fields import Field
 from rans.model.random import Random
@@ -54,6 +55,17 @@ class Task(ABC):
     def for_evaluation(self) -> Task:
         """The task with the starts and goals that agents are judged on: by default those of training."""
         return self
+
+    def next_goal(self, goal: State, state: State, drift: Drift, period: Field) -> State:
+        """The goal one control period later: by default it stands still.
+
+        Args:
+            goal: of the period that ends.
+            state: arrived in.
+            drift: how a free point moves; see `rans.model.dynamics.step_goal` for a goal that drifts too.
+            period: s.
+        """
+        return goal
 
     @abstractmethod
     def sight(self, state: State, goal: State) -> tuple[Entry, ...]:

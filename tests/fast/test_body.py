@@ -14,7 +14,7 @@ from torch._dynamo.utils import counters
 
 from rans.errors import ConfigError
 from rans.fast.engine import Engine
-from rans.model.dynamics import MassProperties
+from rans.model.body import Body
 from rans.model.spacecraft import Spacecraft
 from rans.tasks import GoToPose
 from tests.fast.engines import FLYER, NEAR, PLATFORM, SHORT, actions, both_crafts
@@ -23,10 +23,10 @@ from tests.fast.kernels.host import HostKernel, needs_compiler
 SCALES = torch.tensor([0.5, 1.0, 1.3, 4.0], dtype=torch.float64)
 
 
-def scaled(craft: Spacecraft, scale: Any) -> MassProperties:
+def scaled(craft: Spacecraft, scale: Any) -> Body:
     """Heavier and slower to turn by one factor, as if denser."""
-    nominal = MassProperties.of(craft)
-    return MassProperties(nominal.mass * scale, tuple(entry * scale for entry in nominal.inertia))
+    nominal = Body.of(craft)
+    return Body(nominal.mass * scale, tuple(entry * scale for entry in nominal.inertia))
 
 
 def flown(engine: Engine, steps: int = 25) -> torch.Tensor:
@@ -46,7 +46,7 @@ def test_each_flies_as_in_an_engine_of_its_like(craft: Spacecraft) -> None:
 
 
 def test_the_same_impulse_moves_a_heavier_one_less() -> None:
-    engine = Engine(PLATFORM, GoToPose(), 4, body=MassProperties(SCALES * 10.0, (0.5,)), dtype=torch.float64)
+    engine = Engine(PLATFORM, GoToPose(), 4, body=Body(SCALES * 10.0, (0.5,)), dtype=torch.float64)
     one_thruster = torch.zeros(4, 8)
     one_thruster[:, 0] = 1
     engine.step(one_thruster)
@@ -55,6 +55,27 @@ def test_the_same_impulse_moves_a_heavier_one_less() -> None:
     np.testing.assert_allclose(momentum, momentum[0], rtol=1e-12)
     # 1 N for 0.2 s, all along the body's axes, which turned by about 0.01 rad.
     np.testing.assert_allclose(momentum, 0.2, rtol=1e-4)
+
+
+def test_thrusters_fail_one_by_one() -> None:
+    """Thruster 0 is well, dead, weak and stuck open: told to open, it gives 1, 0, 0.6 and 1 N."""
+    health = {"gain": (torch.tensor([1.0, 0.0, 0.6, 0.0]), *[1.0] * 7),
+              "leak": (torch.tensor([0.0, 0.0, 0.0, 1.0]), *[0.0] * 7)}
+    for opened, forces in ((1.0, [1.0, 0.0, 0.6, 1.0]), (0.0, [0.0, 0.0, 0.0, 1.0])):
+        engine = Engine(PLATFORM, GoToPose(), 4, body=Body(10.0, (0.5,), **health), dtype=torch.float64)
+        spin = engine.state.w.copy()
+        engine.step(torch.tensor([[opened, *[0.0] * 7]] * 4))
+        # 0.31 m of arm, turning clockwise; 0.5 kg m^2, 0.2 s. float32 in which the faults were given: 1e-7.
+        np.testing.assert_allclose(engine.state.w - spin, -0.31 * np.array(forces) * 0.2 / 0.5, atol=1e-7)
+
+
+def test_a_shifted_centre_of_mass_turns_where_none_did() -> None:
+    """Thrusters 1 and 6 push along -x with 2 sqrt(1/2) N and no torque; a centre 0.1 m to the left gives
+    one of -0.1414 N m."""
+    engine = Engine(PLATFORM, GoToPose(), 4, body=Body(10.0, (0.5,), centre=(0.0, 0.1)), dtype=torch.float64)
+    spin = engine.state.w.copy()
+    engine.step(torch.tensor([[0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0]] * 4))
+    np.testing.assert_allclose(engine.state.w - spin, -0.1 * np.sqrt(2.0) * 0.2 / 0.5, atol=1e-12)
 
 
 @pytest.mark.parametrize("compiled", [False, True])
@@ -103,14 +124,20 @@ def test_the_kernel_reads_them_from_memory(craft: Spacecraft, tmp_path: Path) ->
 
 
 @pytest.mark.parametrize(("body", "message"), [
-    (MassProperties(torch.ones(3), (1.0,)),
+    (Body(torch.ones(3), (1.0,)),
      r"mass must be one number or one for each of 4 spacecraft, got an array of shape \(3,\)\."),
-    (MassProperties(torch.tensor([1.0, -2.0, 1.0, 1.0]), (1.0,)),
+    (Body(torch.tensor([1.0, -2.0, 1.0, 1.0]), (1.0,)),
      r"mass must be finite and > 0, got -2\.0\."),
-    (MassProperties(5.0, (float("nan"),)), r"I_zz must be finite and > 0, got nan\."),
-    (MassProperties(5.0, MassProperties.of(FLYER).inertia), "6 moments of inertia.* in the plane it has 1"),
+    (Body(5.0, (float("nan"),)), r"I_zz must be finite and > 0, got nan\."),
+    (Body(5.0, (1.0,), gain=(1.0,) * 7), "the body's gain has 7 entries; this craft needs 8"),
+    (Body(5.0, (1.0,), gain=(1.0, -0.1, *[1.0] * 6)),
+     r"gain of thruster 1 must be finite and >= 0, got -0\.1"),
+    (Body(5.0, (1.0,), leak=(torch.tensor([0.0, 0.0, 0.0, float("inf")]), *[0.0] * 7)),
+     "leak of thruster 0 must be finite and >= 0, got inf"),
+    (Body(5.0, (1.0,), centre=(0.0, float("nan"))), "centre y must be finite, got nan"),
+    (Body(5.0, Body.of(FLYER).inertia), "6 moments of inertia.* in the plane it has 1"),
 ])
-def test_wrong_ones_are_one_sentence(body: MassProperties, message: str) -> None:
+def test_wrong_ones_are_one_sentence(body: Body, message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         Engine(PLATFORM, NEAR, 4, body=body)
 
@@ -121,14 +148,14 @@ def test_wrong_ones_are_one_sentence(body: MassProperties, message: str) -> None
 ])
 def test_an_inertia_that_no_rigid_body_has_is_refused(inertia: Any, found: str) -> None:
     with pytest.raises(ConfigError, match=f"none above the sum of the other two, got {found} kg"):
-        Engine(FLYER, NEAR, 4, body=MassProperties(5.0, inertia))
+        Engine(FLYER, NEAR, 4, body=Body(5.0, inertia))
 
 
 def test_a_flat_body_in_float32_is_rigid() -> None:
     """The third moment of a disc is the sum of the others, up to float32's rounding."""
     side = torch.tensor([0.1, 0.3, 0.7, 1.1])
-    Engine(FLYER, NEAR, 4, body=MassProperties(5.0, (side, 0.0, 0.0, 1.7 * side, 0.0, 2.7 * side)))
+    Engine(FLYER, NEAR, 4, body=Body(5.0, (side, 0.0, 0.0, 1.7 * side, 0.0, 2.7 * side)))
 
 
 def test_one_number_for_all_is_no_field() -> None:
-    assert Engine(PLATFORM, NEAR, 4).body == MassProperties.of(PLATFORM)
+    assert Engine(PLATFORM, NEAR, 4).body == Body.of(PLATFORM)

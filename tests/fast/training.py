@@ -30,7 +30,7 @@ CONFIG = TrainConfig("go-to-pose", GoToPose(), "floating-platform", TINY, SHORT,
 
 def tiny_ppo(craft: Any = PLATFORM, seed: int = 0, dtype: torch.dtype = torch.float32, task: Any = NEAR,
              **settings: Any) -> PPO:
-    """PPO, by default on `NEAR`, where many episodes fail and others are cut off by time; the policy is SB3."""
+    """PPO, by default on `NEAR`, where many episodes fail and others are cut off by time."""
     chosen = replace(TINY, **{"symmetric": False} | settings)
     return make_ppo(Engine(craft, task, chosen.n_envs, SHORT, seed=seed, dtype=dtype), chosen, seed)
 

@@ -14,7 +14,8 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 from scipy.special import ellipj, fresnel
 
-from rans.model.dynamics import MassProperties, PlanarState, SpatialState, Wrench, advance, thrust, wrench
+from rans.model.body import Body
+from rans.model.dynamics import PlanarState, SpatialState, Wrench, advance, thrust, wrench
 from rans.model.fields import Heading, Quat, Vec2, Vec3, leaves, map_leaves, unflatten
 from rans.model.spacecraft import Spacecraft, Thruster
 from tests.crafts import inertias, nasty_spatial, random_states, spacecraft
@@ -44,7 +45,7 @@ def random_wrench(dimension: int, count: int, seed: int) -> Wrench:
     return Wrench(Vec2(*force), torque[0]) if dimension == 2 else Wrench(Vec3(*force), Vec3(*torque))
 
 
-NASTY = MassProperties.of(nasty_spatial())
+NASTY = Body.of(nasty_spatial())
 """Three different principal moments about skew axes."""
 
 
@@ -88,7 +89,7 @@ def test_thrusters_superpose(craft: Spacecraft, seed: int) -> None:
 
 def test_push_and_turn_by_hand() -> None:
     """4 N along B's x, which is W's y, on 2 kg: 2 m/s^2; 0.5 N m on 0.25 kg m^2: 2 rad/s^2."""
-    body = MassProperties(2.0, (0.25,))
+    body = Body(2.0, (0.25,))
     start = PlanarState(Vec2(1.0, 2.0), Heading(math.pi / 2), Vec2(0.5, 0.0), 0.0)
     pushed = advance(start, Wrench(Vec2(4.0, 0.0), 0.0), body, 0.5)
     assert leaves(pushed) == pytest.approx((1.25, 2.25, math.pi / 2, 0.5, 1.0, 0.0), abs=1e-15)
@@ -100,7 +101,7 @@ def test_push_and_turn_by_hand() -> None:
 def test_constant_thrust_and_torque_follow_fresnel_integrals(spin: float) -> None:
     """Heading a + w t + b t^2 / 2; completing the square turns thrust into Fresnel integrals."""
     m, b, force, a, t = 5.0, 2.0, 3.0 - 1.0j, 0.7, 0.2
-    body = MassProperties(m, (0.25,))
+    body = Body(m, (0.25,))
     start = PlanarState(Vec2(0.0, 0.0), Heading(a), Vec2(0.0, 0.0), spin)
     end = advance(start, Wrench(Vec2(force.real, force.imag), 0.5), body, t)
 
@@ -118,7 +119,7 @@ def test_constant_thrust_and_torque_follow_fresnel_integrals(spin: float) -> Non
 
 @given(seed=seeds)
 def test_plane_agrees_with_scipy(seed: int) -> None:
-    body, period = MassProperties(5.32, (0.2045,)), 0.2
+    body, period = Body(5.32, (0.2045,)), 0.2
     state, applied = random_states(2, 1, seed), random_wrench(2, 1, seed)
     angular = float(np.squeeze(leaves(applied)[2])) / 0.2045
     force = rows(applied.force)[0]
@@ -147,7 +148,7 @@ def test_torque_free_asymmetric_top_follows_jacobi() -> None:
     modulus = (i2 - i1) * high / ((i3 - i2) * low)
     assert 0.05 < modulus < 0.95, "neither a pendulum at its top nor a plain oscillation"
 
-    body = MassProperties(1.0, (i1, 0.0, 0.0, i2, 0.0, i3))
+    body = Body(1.0, (i1, 0.0, 0.0, i2, 0.0, i3))
     zero = Vec3(0.0, 0.0, 0.0)
     state = SpatialState(zero, Quat(1.0, 0.0, 0.0, 0.0), zero, Vec3(a1, 0.0, a3))
     for period in range(1, 126):
@@ -184,7 +185,7 @@ def test_space_agrees_with_scipy(seed: int) -> None:
 def test_coasting_conserves_momentum_and_energy(moments: Any, seed: int) -> None:
     """Angular momentum in W, by SciPy's rotations, over 1 s without thrust."""
     (xx, xy, xz), (_, yy, yz), (_, _, zz) = moments
-    body, inertia = MassProperties(5.32, (xx, xy, xz, yy, yz, zz)), np.array(moments)
+    body, inertia = Body(5.32, (xx, xy, xz, yy, yz, zz)), np.array(moments)
     start, zero = random_states(3, 32, seed), Vec3(0.0, 0.0, 0.0)
     end = advance(start, Wrench(zero, zero), body, 1.0, 5 * FINE)
     momentum = [rotation(s.attitude).apply(rows(s.w) @ inertia) for s in (start, end)]
@@ -208,7 +209,7 @@ def test_order_of_accuracy_is_six() -> None:
 
 @given(angle=st.floats(-3.0, 3.0), seed=seeds)
 def test_turning_the_plane_turns_the_motion(angle: float, seed: int) -> None:
-    body = MassProperties(5.32, (0.2045,))
+    body = Body(5.32, (0.2045,))
     state, applied = random_states(2, 8, seed), random_wrench(2, 8, seed)
     turn = Heading(angle)
 
@@ -245,13 +246,13 @@ def test_turning_the_world_turns_the_motion(turn: tuple[float, ...], seed: int) 
 def test_plane_embedded_in_space(seed: int) -> None:
     """A flat motion in space is the motion in the plane, whatever the inertia about the other axes."""
     flat, applied = random_states(2, 8, seed), random_wrench(2, 8, seed)
-    plane = advance(flat, applied, MassProperties(5.32, (0.2,)), 0.2)
+    plane = advance(flat, applied, Body(5.32, (0.2,)), 0.2)
     half, zero = flat.attitude.angle / 2, np.zeros(8)
     state = SpatialState(Vec3(flat.p.x, flat.p.y, zero), Quat(np.cos(half), zero, zero, np.sin(half)),
                          Vec3(flat.v.x, flat.v.y, zero), Vec3(zero, zero, flat.w))
     x, y, torque = leaves(applied)
     lifted = Wrench(Vec3(x, y, zero), Vec3(zero, zero, torque))
-    space = advance(state, lifted, MassProperties(5.32, (0.13, 0.02, 0.0, 0.17, 0.0, 0.2)), 0.2, FINE)
+    space = advance(state, lifted, Body(5.32, (0.13, 0.02, 0.0, 0.17, 0.0, 0.2)), 0.2, FINE)
 
     assert rows(space.p) == pytest.approx(np.column_stack([rows(plane.p), zero]), abs=1e-10)
     assert rows(space.v) == pytest.approx(np.column_stack([rows(plane.v), zero]), abs=1e-10)
@@ -277,7 +278,7 @@ def test_torch_and_casadi_compute_what_numpy_does(planar_craft, spatial_craft, s
 
 
 def one_period(craft: Spacecraft, state: Any, command: Any) -> Any:
-    return advance(state, wrench(craft, tuple(command)), MassProperties.of(craft), 0.2, 2)
+    return advance(state, wrench(craft, tuple(command)), Body.of(craft), 0.2, 2)
 
 
 def by_torch(craft: Spacecraft, state: Any, command: np.ndarray) -> np.ndarray:

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rans.model.dynamics import MassProperties, PlanarState, advance, wrench
+from rans.model.body import Body
+from rans.model.dynamics import PlanarState, advance, wrench
 from rans.model.fields import Heading, Vec2, leaves, unflatten
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.optimal.certificate.lattice import GoalSet
@@ -61,7 +62,7 @@ def fly_everything(craft: Spacecraft, start: PlanarState, steps: int) -> Flown:
     commands = every[choice]
     state = unflatten(start, [np.full(len(choice), x) for x in leaves(start)])
     for k in range(steps):
-        state = advance(state, wrench(craft, tuple(commands[:, k].T)), MassProperties.of(craft), PERIOD)
+        state = advance(state, wrench(craft, tuple(commands[:, k].T)), Body.of(craft), PERIOD)
     forces = np.array([thruster.force for thruster in craft.thrusters])
     return Flown(commands, commands.sum(axis=1) @ forces * PERIOD, state)
 

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from rans.errors import ConfigError
-from rans.model.dynamics import MassProperties, PlanarState, SpatialState, advance, wrench
+from rans.model.body import Body
+from rans.model.dynamics import PlanarState, SpatialState, advance, wrench
 from rans.model.fields import Heading, Quat, Vec2, Vec3
 from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import scenarios
@@ -119,7 +120,7 @@ def test_one_nozzle_changes_the_spin_by_what_the_task_says(craft: str) -> None:
     rest: Any = scenarios(TrackTwist(), ship, seed=0, count=1).start
     for nozzle in range(len(ship.thrusters)):
         command = tuple(np.array([float(k == nozzle)]) for k in range(len(ship.thrusters)))
-        after = advance(rest, wrench(ship, command), MassProperties.of(ship), 0.2, 3)
+        after = advance(rest, wrench(ship, command), Body.of(ship), 0.2, 3)
         assert np.linalg.norm(after.spin()) == pytest.approx(0.3032, abs=5e-5)
 
 
@@ -128,7 +129,7 @@ def test_pairs_that_do_not_turn_change_the_velocity_by_what_the_task_says() -> N
     ship = load_spacecraft("floating-platform")
     rest = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
     command = [float(k in (0, 7)) for k in range(8)]
-    after = advance(rest, wrench(ship, command), MassProperties.of(ship), 0.2)
+    after = advance(rest, wrench(ship, command), Body.of(ship), 0.2)
     assert (after.v.x, after.v.y, after.w) == pytest.approx((0.0532, 0.0, 0.0), abs=5e-5)
 
 

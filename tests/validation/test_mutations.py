@@ -15,13 +15,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-import rans.flight
 import rans.model.dynamics
+import rans.model.spin
 import validation.dynamics
 import validation.flights
 import validation.oracles
 import validation.sampling
-from rans.model.dynamics import MassProperties, PlanarState, Wrench
+from rans.model.body import Body
+from rans.model.dynamics import PlanarState, Wrench
 from rans.model.fields import Heading, Quat, map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.reference.plant import Plant
@@ -83,19 +84,19 @@ def degrees_for_radians(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def sharing_ignored(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(rans.model.dynamics, "thrust", lambda _, command: tuple(command))
+    monkeypatch.setattr(rans.model.dynamics, "thrust", lambda _, command, *body: tuple(command))
 
 
 def mass_properties(**changes: Callable[[Any], Any]) -> Patch:
     """Change what resists the wrench."""
     def patch(monkeypatch: pytest.MonkeyPatch) -> None:
-        true = MassProperties.of
+        true = Body.of
 
-        def of(craft: Spacecraft) -> MassProperties:
+        def of(craft: Spacecraft) -> Body:
             body = true(craft)
             return replace(body, **{key: f(getattr(body, key)) for key, f in changes.items()})
 
-        monkeypatch.setattr(MassProperties, "of", of)
+        monkeypatch.setattr(Body, "of", of)
 
     return patch
 
@@ -128,7 +129,7 @@ def step(change: Callable[[Any, Any, Any, Any], Any]) -> Patch:
 
 
 def without_gyroscopic_torque(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(rans.model.dynamics, "last_product", lambda a, b: a[0].scale(0.0))
+    monkeypatch.setattr(rans.model.spin, "last_product", lambda a, b: a[0].scale(0.0))
 
 
 def force_in_world(state: Any, load: Any, h: Any, true: Any) -> Any:
@@ -196,7 +197,7 @@ def velocity_before_the_step(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def coarse_quadrature(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(rans.model.dynamics._RULES, rans.model.dynamics.NODES, rans.model.dynamics._RULES[2])
+    monkeypatch.setitem(rans.model.dynamics.RULES, rans.model.dynamics.NODES, rans.model.dynamics.RULES[2])
 
 
 def stale_command(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -213,11 +214,11 @@ def stale_command(monkeypatch: pytest.MonkeyPatch) -> None:
 def half_the_spin_up(monkeypatch: pytest.MonkeyPatch) -> None:
     true = rans.model.dynamics.wrench
 
-    def halved(craft: Spacecraft, command: Any) -> Wrench:
-        whole: Any = true(craft, command)
+    def halved(craft: Spacecraft, command: Any, *body: Any) -> Wrench:
+        whole: Any = true(craft, command, *body)
         return replace(whole, torque=whole.torque * 0.5)
 
-    for module in (rans.model.dynamics, rans.flight, validation.dynamics):
+    for module in (rans.model.dynamics, validation.dynamics):
         monkeypatch.setattr(module, "wrench", halved)
 
 

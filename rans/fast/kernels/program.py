@@ -9,11 +9,13 @@ from typing import Any, Literal
 
 from rans.episode import Episode, World
 from rans.fast.step import step_and_restart
-from rans.model.fields import leaves, unflatten
+from rans.model.fields import map_leaves
 from rans.model.trace import Symbol, ordered, substituted
 from rans.tasks.settings import map_settings
 
 Type = Literal["real", "int", "signed char"]
+_TYPES: dict[str, Type] = {"int32": "int", "int8": "signed char"}
+"""By dtype; all others are reals."""
 
 
 @dataclass(frozen=True)
@@ -120,8 +122,7 @@ def trace(world: World, episode: Episode, dtype: Any) -> Program:
         TypeError: the task's functions do more than arithmetic on fields.
     """
     settings: list[Input] = []
-    world = dataclasses.replace(world, task=_with_symbols(world.task, settings),
-                                body=_with_symbols(world.body, settings))
+    world = dataclasses.replace(world, task=_with_symbols(world.task, settings))
     memory, inputs = _remembered(episode)
     command = tuple(Symbol.input(f"command_{i}") for i in range(len(world.craft.thrusters)))
     words = (Symbol.input("low", "int"), Symbol.input("high", "int"))
@@ -144,7 +145,8 @@ def trace(world: World, episode: Episode, dtype: Any) -> Program:
         always=tuple(store for store, same in zip(stores, stays, strict=True) if not same),
         at_end=(
             *_rows("final", seen.final_observation),
-            *(new for new, same in zip(begun, stays, strict=True) if same),
+            *(new for new, same in zip(begun, stays, strict=True)
+              if same and new.value is not memory[new.row].symbol),
         ),
         shape=shape,
     )
@@ -154,20 +156,17 @@ def _rows(array: Any, values: Any) -> Iterator[Store]:
     return (Store(array, row, Symbol.constant(value)) for row, value in enumerate(values))
 
 
-def _remembered(episodes: Episode) -> tuple[tuple[Input, ...], Episode]:
-    """The episodes' arrays, and the episodes with symbols in their place."""
-    arrays, switches = episodes.memory(), len(episodes.previous)
-    types: list[Type] = ["real"] * (len(arrays) - 1 - switches)
-    types.append("int")
-    types.extend("signed char" for _ in range(switches))
+def _remembered(episode: Episode) -> tuple[tuple[Input, ...], Episode]:
+    """The episode's arrays, and the episode with symbols in their place."""
+    types: list[Type] = [_TYPES.get(str(array.dtype).removeprefix("torch."), "real")
+                         for array in episode.memory()]
     memory = tuple(
         Input(Symbol.input(f"memory_{row}", "real" if kind == "real" else "int"), kind, array)
-        for row, (array, kind) in enumerate(zip(arrays, types, strict=True)))
+        for row, (array, kind) in enumerate(zip(episode.memory(), types, strict=True)))
     symbols = iter(given.symbol for given in memory)
-    new = lambda x: x if isinstance(x, float) else next(symbols)  # noqa: E731
-    state, goal = (unflatten(tree, [new(x) for x in leaves(tree)])
-                   for tree in (episodes.state, episodes.goal))
-    return memory, Episode(state, goal, next(symbols), tuple(symbols))
+    new = lambda x: x if isinstance(x, int | float) else next(symbols)  # noqa: E731
+    state, goal, body = (map_leaves(new, tree) for tree in (episode.state, episode.goal, episode.body))
+    return memory, Episode(state, goal, next(symbols), tuple(symbols), body)
 
 
 def _with_symbols(settings: Any, found: list[Input]) -> Any:

@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from rans.model.dynamics import MassProperties, PlanarState, advance, wrench
+from rans.model.body import Body
+from rans.model.dynamics import PlanarState, advance, wrench
 from rans.model.spacecraft import Spacecraft
 from rans.optimal.certificate.dual import Bound, Relaxation
 
@@ -23,7 +24,7 @@ def replay(craft: Spacecraft, start: PlanarState, commands: np.ndarray, period: 
         commands: (T, thrusters).
         period: for which each row is held, s.
     """
-    state, body = start, MassProperties.of(craft)
+    state, body = start, Body.of(craft)
     for command in commands:
         state = advance(state, wrench(craft, tuple(float(c) for c in command)), body, period)
     return state

@@ -9,7 +9,8 @@ import casadi as ca
 import numpy as np
 
 from rans.errors import ConfigError
-from rans.model.dynamics import MassProperties, State, advance, wrench
+from rans.model.body import Body
+from rans.model.dynamics import State, advance, wrench
 from rans.model.fields import leaves, map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
@@ -197,7 +198,7 @@ def _step(craft: Spacecraft, period: float, like: State) -> ca.Function:
     of the commands stays within 1, where sharing is linear. One integration step is off by 0.2 mm after the
     4 s of a plan.
     """
-    linear, body = replace(craft, thrust_sharing="none"), MassProperties.of(craft)
+    linear, body = replace(craft, thrust_sharing="none"), Body.of(craft)
     goal = map_leaves(lambda _: ca.SX.sym("g"), like)  # type: ignore[call-arg]
     e = [ca.SX.sym("e") for _ in range(2 * craft.degrees_of_freedom)]  # type: ignore[call-arg]
     u = [ca.SX.sym("u") for _ in craft.thrusters]  # type: ignore[call-arg]

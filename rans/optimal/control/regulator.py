@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from rans.errors import ConfigError
-from rans.model.dynamics import MassProperties, advance, wrench
+from rans.model.body import Body
+from rans.model.dynamics import advance, wrench
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.optimal.trajectory.allocation import Allocation
@@ -78,7 +79,7 @@ class Deadband:
             state: of float64 arrays (N,).
             goal: the same.
         """
-        shut, body = wrench(craft, (0.0,) * len(craft.thrusters)), MassProperties.of(craft)
+        shut, body = wrench(craft, (0.0,) * len(craft.thrusters)), Body.of(craft)
         later = [advance(state, shut, body, 0.5 * n * self.look_ahead) for n in (1, 2)]
         bounds = {name: self.share * bound for name, bound in task.tolerances().items()}
         inside = [error < bounds.get(name, self.spin)

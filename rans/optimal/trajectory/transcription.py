@@ -16,7 +16,9 @@ import casadi as ca
 import numpy as np
 
 from rans.errors import ConfigError
-from rans.model.dynamics import MassProperties, State, Wrench, advance
+from rans.model.body import Body
+from rans.model.drift import FREE, Drift
+from rans.model.dynamics import State, Wrench, advance
 from rans.model.fields import Vec2, Vec3, leaves, map_leaves, unflatten
 from rans.model.spacecraft import Spacecraft, controls_every_direction
 from rans.optimal.trajectory.allocation import Allocation
@@ -108,17 +110,20 @@ class Transcription:
         substeps: integration steps a control period, see `rans.model.dynamics.advance`. In the plane one is
             exact, in space of order six, which a replay in Drake shows to be enough.
 
+        drift: how a free point moves; the goal stands still.
+
     Raises:
         ConfigError: the task is a multi-task.
     """
 
-    def __init__(self, craft: Spacecraft, task: Task, objective: Objective, substeps: int = 1) -> None:
+    def __init__(self, craft: Spacecraft, task: Task, objective: Objective, substeps: int = 1,
+                 drift: Drift = FREE) -> None:
         self._craft, self._task, self._objective = craft, task, objective
         example = scenario(task, craft.dimension, seed=0, episode=0)
         self._like, self._aims = example.start, aims(task)
         self._arrival = Arrival(task, example.goal, objective.ending)
         self._wrenches = np.array(craft.wrench_map).T
-        self._step = _step(craft, example.start, substeps)
+        self._step = _step(craft, example.start, substeps, drift)
         self._allocation = Allocation(craft) if controls_every_direction(craft) else None
         self._rows = (len(craft.thrusters), len(self._wrenches), len(leaves(self._like)))
         self._build(len(leaves(example.goal)))
@@ -255,7 +260,7 @@ class Transcription:
         return unflatten(self._like, rows.T), np.clip(table[:, :nozzles], 0.0, 1.0), float(variables[-1])
 
 
-def _step(craft: Spacecraft, like: State, substeps: int) -> ca.Function:
+def _step(craft: Spacecraft, like: State, substeps: int, drift: Drift) -> ca.Function:
     """The engines' motion over one control period: (state, wrench on B, period) to the state after."""
     def symbols(count: int) -> Sequence[Any]:
         return [ca.SX.sym("s") for _ in range(count)]  # type: ignore[call-arg]
@@ -264,6 +269,6 @@ def _step(craft: Spacecraft, like: State, substeps: int) -> ca.Function:
     parts, period = symbols(craft.degrees_of_freedom), symbols(1)[0]
     planar = craft.dimension == 2
     applied = Wrench(Vec2(*parts[:2]), parts[2]) if planar else Wrench(Vec3(*parts[:3]), Vec3(*parts[3:]))
-    after = advance(state, applied, MassProperties.of(craft), period, substeps, _NODES)
+    after = advance(state, applied, Body.of(craft), period, substeps, _NODES, drift=drift)
     columns = [ca.vertcat(*x) for x in (leaves(state), parts, leaves(after))]
     return ca.Function("step", [columns[0], columns[1], period], [columns[2]])

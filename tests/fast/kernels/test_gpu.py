@@ -9,7 +9,7 @@ from torch import Tensor
 from rans.fast.engine import Engine
 from rans.fast.kernels import launch
 from rans.fast.step import Step
-from rans.model.dynamics import MassProperties
+from rans.model.body import Body
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.tasks import TASKS, GoToPose
@@ -25,7 +25,7 @@ TOLERANCE = {torch.float64: 1e-12, torch.float32: 2e-5}
 
 
 def engine(craft: str, task: str, count: int, dtype: torch.dtype, generated: bool,
-           body: MassProperties | None = None) -> Engine:
+           body: Body | None = None) -> Engine:
     return Engine(load_spacecraft(craft), MADE[task], count, Timing(episode_steps=30), seed=2**40 + 3,
                   device="cuda", dtype=dtype, compiled=generated, generated=generated, body=body)
 
@@ -82,7 +82,7 @@ def test_the_kernel_does_what_torch_does(task: str, craft: str, dtype: torch.dty
 
 @pytest.mark.parametrize("craft", ["floating-platform", "free-flyer"])
 def test_the_kernel_reads_bodies_that_differ(craft: str, count: int) -> None:
-    nominal, scale = MassProperties.of(load_spacecraft(craft)), torch.linspace(0.5, 4.0, count, device="cuda")
-    body = MassProperties(nominal.mass * scale, tuple(entry * scale for entry in nominal.inertia))
+    nominal, scale = Body.of(load_spacecraft(craft)), torch.linspace(0.5, 4.0, count, device="cuda")
+    body = Body(nominal.mass * scale, tuple(entry * scale for entry in nominal.inertia))
     compare(*(engine(craft, "go-to-pose", count, torch.float64, generated, body)
               for generated in (False, True)))

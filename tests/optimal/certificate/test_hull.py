@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 
 from rans.errors import ConfigError
 from rans.flight import fly
-from rans.model.dynamics import MassProperties, PlanarState, advance, thrust, wrench
+from rans.model.body import Body
+from rans.model.dynamics import PlanarState, advance, thrust, wrench
 from rans.model.fields import Heading, Vec2, leaves, map_leaves, unflatten
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
@@ -120,7 +121,7 @@ def test_no_flight_beats_its_bounds(craft: Spacecraft, seed: int, duty: float, r
     spent, now = 0.0, state
     for command in commands:
         fields = tuple(float(c) for c in command)
-        now = advance(now, wrench(craft, fields), MassProperties.of(craft), h, 8).normalised()
+        now = advance(now, wrench(craft, fields), Body.of(craft), h, 8).normalised()
         spent += h * sum(s * t.force for s, t in zip(thrust(craft, fields), craft.thrusters, strict=True))
     assume(all(math.isfinite(x) and abs(x) < 100 for x in leaves(now)))
     loose = GoalSet(1e-3, 1e-3, 1e-3, 1e-3)  # of a flight in Runge-Kutta steps of 25 ms

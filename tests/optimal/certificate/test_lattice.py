@@ -13,7 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rans.errors import ConfigError
-from rans.model.dynamics import MassProperties, PlanarState, advance, wrench
+from rans.model.body import Body
+from rans.model.dynamics import PlanarState, advance, wrench
 from rans.model.fields import Heading, Vec2
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
@@ -55,7 +56,7 @@ def test_any_firing_stays_on_the_lattice(craft: Spacecraft, choices: list[int],
     for k, choice in enumerate(choices):
         p = choice % len(lattice.patterns.torque)
         command = lattice.patterns.commands[p]
-        state = advance(state, wrench(craft, tuple(command)), MassProperties.of(craft), PERIOD)
+        state = advance(state, wrench(craft, tuple(command)), Body.of(craft), PERIOD)
         n, a = n + int(lattice.patterns.torque[p]), a + n
         # rounding of 12 periods
         assert state.w == pytest.approx(first.w + lattice.spin * n, abs=1e-12)

@@ -14,7 +14,8 @@ from scipy.spatial.transform import Rotation
 from rans.errors import ConfigError
 from rans.evaluation.measure.metrics import impulses, settling_times
 from rans.flight import fly
-from rans.model.dynamics import MassProperties, advance, wrench
+from rans.model.body import Body
+from rans.model.dynamics import advance, wrench
 from rans.model.fields import leaves, map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
@@ -71,7 +72,7 @@ def cost(craft: Spacecraft, start: Any, goal: Any, commands: np.ndarray, effort:
     regulator = Regulator.of(craft, TASK, TIMING, Weights())
     turn, total, state = turn_to_go(start, goal), effort * float((commands**2).sum()), start
     for k in range(commands.shape[1]):
-        state = advance(state, wrench(craft, tuple(commands[:, k])), MassProperties.of(craft),
+        state = advance(state, wrench(craft, tuple(commands[:, k])), Body.of(craft),
                         TIMING.control_period)
         turn = turn_to_go(state, goal)
         gaps = (((state.p - goal.p).columns(), (state.v - goal.v).columns(), regulator.translation),

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from rans.model.dynamics import MassProperties, PlanarState, advance, wrench
+from rans.model.body import Body
+from rans.model.dynamics import PlanarState, advance, wrench
 from rans.model.fields import Heading, Quat, Vec2, leaves, unflatten
 from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.trajectory.arrival import aims
@@ -117,7 +118,7 @@ def test_needed_wrenches_move_along_the_path(dimension: int) -> None:
     for command in random.random((20, len(craft.thrusters))):
         applied = wrench(craft, tuple(float(c) for c in command))
         wrenches.append(leaves(applied))
-        states.append(advance(states[-1], applied, MassProperties.of(craft), h))
+        states.append(advance(states[-1], applied, Body.of(craft), h))
     path = unflatten(state, np.array([leaves(s) for s in states]).T)
     # it spins by less than 1 rad/s: forces turn by 0.02 rad a period
     np.testing.assert_allclose(needed_wrenches(craft, path, h), wrenches, atol=0.05)

@@ -1,0 +1,43 @@
+"""Every combination of open thrusters as one number, for algorithms that know no other actions."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+
+from rans.errors import ConfigError
+
+MOST_THRUSTERS = 10
+"""1,024 actions: more than a Q-network can tell apart in reasonable time."""
+
+
+class DiscreteThrusters(gymnasium.ActionWrapper[np.ndarray, np.int64, np.ndarray]):
+    """An environment of on/off thrusters whose action is one number, as DQN wants it.
+
+    Bit i of the number, the lowest first, opens thruster i: 5 opens thrusters 0 and 2.
+
+    Args:
+        env: an environment of one spacecraft, such as ``gymnasium.make("rans/GoToPose2D-v0")``.
+
+    Raises:
+        ConfigError: its thrusters are not on/off ones, or more than `MOST_THRUSTERS`.
+    """
+
+    def __init__(self, env: gymnasium.Env[np.ndarray, np.ndarray]) -> None:
+        super().__init__(env)
+        given: Any = env.action_space
+        if not isinstance(given, spaces.MultiDiscrete) or (given.nvec != 2).any():
+            raise ConfigError(f"DiscreteThrusters needs on/off thrusters, got the action space {given}; SAC "
+                              "and TD3 train thrusters that take numbers from 0 to 1.")
+        if given.shape[0] > MOST_THRUSTERS:
+            raise ConfigError(f"DiscreteThrusters is for up to {MOST_THRUSTERS} thrusters, got "
+                              f"{given.shape[0]}, which are {2**given.shape[0]:,} combinations; PPO decides "
+                              "each on its own.")
+        self.action_space = spaces.Discrete(2 ** given.shape[0])
+
+    def action(self, action: np.int64) -> np.ndarray:
+        """The command, (thrusters,), that a number stands for."""
+        return int(action) >> np.arange(self.env.action_space.shape[0]) & 1  # type: ignore[index]

@@ -1,0 +1,113 @@
+"""What resists a spacecraft's motion and what pushes it: values that may differ from episode to episode."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from rans.errors import ConfigError
+from rans.model.fields import Field
+from rans.model.spacecraft import Spacecraft
+
+_MOMENTS = {1: ("I_zz",), 6: ("I_xx", "I_xy", "I_xz", "I_yy", "I_yz", "I_zz")}
+
+
+@dataclass(frozen=True)
+class Body:
+    """Mass properties and the thrusters' health: floats, or arrays (N,) where spacecraft differ.
+
+    A thruster told to give the share c of its force gives gain * c + leak: dead is (0, 0), stuck open (0, 1),
+    stuck at a share s (0, s), weak (0.6, 0).
+    """
+
+    mass: Field
+    """kg."""
+    inertia: tuple[Field, ...]
+    """About the true centre of mass, axes of B, kg m^2. Plane: (I_zz,). Space: the six entries
+    (I_xx, I_xy, I_xz, I_yy, I_yz, I_zz)."""
+    centre: tuple[Field, ...] = ()
+    """From the craft's nominal centre of mass to the true one, axes of B, m: two entries in the plane, three
+    in space; empty: none. The state is that of the true one."""
+    gain: tuple[Field, ...] = ()
+    """One per thruster; empty: each is 1."""
+    leak: tuple[Field, ...] = ()
+    """One per thruster; empty: each is 0."""
+
+    @classmethod
+    def of(cls, craft: Spacecraft) -> Body:
+        """A spacecraft as it was designed."""
+        (xx, xy, xz), (_, yy, yz), (_, _, zz) = craft.inertia
+        count = len(craft.thrusters)
+        return cls(craft.mass, (zz,) if craft.dimension == 2 else (xx, xy, xz, yy, yz, zz),
+                   (0.0,) * craft.dimension, (1.0,) * count, (0.0,) * count)
+
+
+def in_memory(body: Body, nominal: Body, count: int, field: Callable[[Any], Any]) -> Body:
+    """The same, checked, with a field in memory of its own wherever there is not one number for all.
+
+    Args:
+        body: numbers, or arrays or tensors (N,); what it leaves empty is nominal.
+        nominal: that of the craft.
+        count: N.
+        field: copies an array.
+
+    Raises:
+        ConfigError: a mass is not positive, an inertia is that of no rigid body, a gain or a leak is
+            negative, a number is not finite, there are not N of them, or the craft has another dimension or
+            number of thrusters.
+    """
+    if len(body.inertia) != len(nominal.inertia):
+        raise ConfigError(f"the body has {len(body.inertia)} moments of inertia; in "
+                          f"{'the plane it has 1' if len(nominal.inertia) == 1 else 'space it has 6'}.")
+
+    def place(names: Sequence[str], given: tuple[Any, ...], usual: tuple[Any, ...], bound: str) -> Any:
+        if len(given or usual) != len(usual):
+            raise ConfigError(f"the body's {names[0].split()[0]} has {len(given)} entries; this craft needs "
+                              f"{len(usual)}.")
+        return tuple(_placed(name, value, bound, count, field)
+                     for name, value in zip(names, given or usual, strict=True))
+
+    moments, thrusters = _MOMENTS[len(nominal.inertia)], range(len(nominal.gain))
+    result = Body(
+        _placed("mass", body.mass, "> 0", count, field),
+        tuple(_placed(name, value, "> 0" if name[2] == name[3] else "", count, field)
+              for name, value in zip(moments, body.inertia, strict=True)),
+        place([f"centre {axis}" for axis in "xyz"[:len(nominal.centre)]], body.centre, nominal.centre, ""),
+        place([f"gain of thruster {i}" for i in thrusters], body.gain, nominal.gain, ">= 0"),
+        place([f"leak of thruster {i}" for i in thrusters], body.leak, nominal.leak, ">= 0"))
+    if len(moments) == 6:
+        _check_rigid(body.inertia)
+    return result
+
+
+def _placed(name: str, value: Any, bound: str, count: int, field: Callable[[Any], Any]) -> Any:
+    """One number, or a field of as many as there are spacecraft."""
+    values = _numbers(value)
+    if values.shape not in ((), (count,)):
+        raise ConfigError(f"{name} must be one number or one for each of {count:,} spacecraft, got an "
+                          f"array of shape {values.shape}.")
+    wrong = ~np.isfinite(values) | {"": False, "> 0": values <= 0, ">= 0": values < 0}[bound]
+    if wrong.any():
+        raise ConfigError(f"{name} must be finite{bound and f' and {bound}'}, got "
+                          f"{float(values[wrong].flat[0])!r}.")
+    return field(values) if values.ndim else float(values)
+
+
+def _check_rigid(inertia: tuple[Any, ...]) -> None:
+    """As in `rans.model.spacecraft.check`, but for rounding to float32, in which bodies may be given."""
+    xx, xy, xz, yy, yz, zz = np.broadcast_arrays(*map(_numbers, inertia))
+    tensors = np.stack((xx, xy, xz, xy, yy, yz, xz, yz, zz), axis=-1).reshape(*xx.shape, 3, 3)
+    low, middle, high = np.moveaxis(np.linalg.eigvalsh(tensors), -1, 0)
+    wrong = (low <= 0) | (high > (low + middle) * (1 + 1e-6))
+    if wrong.any():
+        moments = ", ".join(f"{float(moment[wrong].flat[0]):.4g}" for moment in (low, middle, high))
+        raise ConfigError("principal moments of inertia must be > 0 and none above the sum of the other two, "
+                          f"got {moments} kg m^2.")
+
+
+def _numbers(value: Any) -> np.ndarray:
+    """Of a number, an array, or a tensor on any device."""
+    return np.asarray(value.detach().cpu() if hasattr(value, "detach") else value, dtype=np.float64)

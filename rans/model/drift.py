@@ -1,0 +1,134 @@
+"""How a free point moves: what W pulls at every spacecraft with when no thruster does.
+
+Written over fields (`rans.model.fields`). A drift is given by its exact motion, not by its accelerations, so
+that the thrust's quadrature stays exact in it (`rans.model.dynamics.advance`).
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Any, ClassVar, TypeVar
+
+from rans.errors import ConfigError
+from rans.model.fields import Field, Vec2, Vec3, sin
+
+Vector = TypeVar("Vector", Vec2, Vec3)
+
+
+class Drift(ABC):
+    """The motion of a free point."""
+
+    name: ClassVar[str]
+    """What configurations call it; its parameters are its fields."""
+    straight: ClassVar[bool]
+    """Whether the difference between two free points grows evenly, so that pushes may be summed before they
+    are carried. A drift of which this does not hold is linear: it leaves a point at rest at W's origin."""
+
+    @abstractmethod
+    def carry(self, p: Vector, v: Vector, t: Field) -> tuple[Vector, Vector]:
+        """Position and velocity after a time.
+
+        Args:
+            p: position in W, m.
+            v: velocity in W, m/s.
+            t: s; a number, or a CasADi symbol.
+        """
+
+
+@dataclass(frozen=True)
+class FreeFlight(Drift):
+    """Nothing pulls: in free space, or on an even floor."""
+
+    name: ClassVar[str] = "free-flight"
+    straight: ClassVar[bool] = True
+
+    def carry(self, p: Vector, v: Vector, t: Field) -> tuple[Vector, Vector]:
+        """Along a straight line."""
+        return p + v.scale(t), v
+
+
+@dataclass(frozen=True)
+class UniformGravity(Drift):
+    """The same acceleration everywhere: near a surface, or on a tilted floor.
+
+    Raises:
+        ConfigError: the acceleration is not two or three finite numbers.
+    """
+
+    acceleration: tuple[float, ...]
+    """In W, m/s^2: two numbers in the plane, three in space."""
+    name: ClassVar[str] = "uniform-gravity"
+    straight: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        given = self.acceleration
+        if not isinstance(given, tuple) or len(given) not in (2, 3) or not all(map(_finite, given)):
+            raise ConfigError("the acceleration of uniform gravity must be two (plane) or three (space) "
+                              f"finite numbers in m/s^2, got {given!r}.")
+
+    def carry(self, p: Vector, v: Vector, t: Field) -> tuple[Vector, Vector]:
+        """Along a parabola.
+
+        Raises:
+            ConfigError: the acceleration is of the other dimension.
+        """
+        if len(self.acceleration) != len(p.columns()):
+            raise ConfigError(f"uniform gravity of {len(self.acceleration)} components, {self.acceleration}, "
+                              f"does not fit a spacecraft of dimension {len(p.columns())}.")
+        g = type(p)(*self.acceleration)
+        return p + v.scale(t) + g.scale(0.5 * t * t), v + g.scale(t)
+
+
+@dataclass(frozen=True)
+class ClohessyWiltshire(Drift):
+    """Near a target on a circular orbit: W is its Hill frame, x radial outwards, y along the track, z across.
+
+    x'' = 3 n^2 x + 2 n y', y'' = -2 n x', z'' = -n^2 z, to first order in the distance over the orbit's
+    radius; the plane has x and y. Source: W. H. Clohessy and R. S. Wiltshire, "Terminal guidance system for
+    satellite rendezvous", Journal of the Aerospace Sciences 27(9), 1960.
+
+    Raises:
+        ConfigError: the mean motion is not a finite number > 0.
+    """
+
+    mean_motion: float
+    """n, rad/s: 0.00113 at 400 km above the Earth."""
+    name: ClassVar[str] = "clohessy-wiltshire"
+    straight: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        if not _finite(self.mean_motion) or self.mean_motion <= 0:
+            raise ConfigError("the mean motion of a Clohessy-Wiltshire frame must be a finite number > 0 "
+                              f"rad/s, got {self.mean_motion!r}; without an orbit it is free flight.")
+
+    def carry(self, p: Vector, v: Vector, t: Field) -> tuple[Vector, Vector]:
+        """Along the closed form, without 1 - cos, which would lose digits in short times."""
+        n = self.mean_motion
+        s, half = _sine(n * t), _sine(0.5 * n * t)
+        rise = 2.0 * half * half
+        """1 - cos(n t)."""
+        x = p.x * (1.0 + 3.0 * rise) + v.x * (s / n) + v.y * (2.0 * rise / n)
+        y = p.y + p.x * (6.0 * (s - n * t)) - v.x * (2.0 * rise / n) + v.y * (4.0 * s / n - 3.0 * t)
+        v_x = p.x * (3.0 * n * s) + v.x * (1.0 - rise) + v.y * (2.0 * s)
+        v_y = v.y * (1.0 - 4.0 * rise) - p.x * (6.0 * n * rise) - v.x * (2.0 * s)
+        if isinstance(p, Vec2) or isinstance(v, Vec2):
+            return Vec2(x, y), Vec2(v_x, v_y)
+        z, v_z = p.z * (1.0 - rise) + v.z * (s / n), v.z * (1.0 - rise) - p.z * (n * s)
+        return Vec3(x, y, z), Vec3(v_x, v_y, v_z)
+
+
+FREE = FreeFlight()
+
+DRIFTS: dict[str, type[Drift]] = {
+    drift.name: drift for drift in (FreeFlight, UniformGravity, ClohessyWiltshire)}
+
+
+def _sine(angle: Field) -> Field:
+    """A plain number of a plain number: NumPy's own would make float64 of float32 arrays."""
+    return float(sin(angle)) if isinstance(angle, float) else sin(angle)
+
+
+def _finite(x: Any) -> bool:
+    return isinstance(x, int | float) and not isinstance(x, bool) and math.isfinite(x)

@@ -1,0 +1,62 @@
+"""Translation under a thrust that turns with the craft, by quadrature through a drift."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+
+from rans.model.drift import Drift
+from rans.model.fields import Field
+
+Rule = tuple[tuple[float, float], ...]
+InWorld = Callable[..., Any]
+
+
+def _gauss_legendre(count: int) -> Rule:
+    """Nodes and weights on [0, 1]."""
+    nodes, weights = np.polynomial.legendre.leggauss(count)
+    return tuple((float(n + 1) / 2, float(w) / 2) for n, w in zip(nodes, weights, strict=True))
+
+
+RULES = {count: _gauss_legendre(count) for count in range(1, 9)}
+"""Made beforehand: torch cannot trace NumPy's polynomials."""
+
+
+def moved(p: Any, v: Any, h: Field, drift: Drift, rule: Rule, pushes: Iterator[Any], in_world: InWorld,
+          steady: Any = None) -> tuple[Any, Any]:
+    """Position and velocity after h.
+
+    The thrust's acceleration a(t) is a kick w_i h a(s_i h) at every node s_i of weight w_i, which the
+    drift carries for the rest of the time. Where kicks travel straight they are summed first:
+    v(h) = v + h sum w_i a(s_i h) and p(h) = p + v h + h^2 sum w_i (1 - s_i) a(s_i h), and a disturbance's
+    share is exact, as its force does not turn.
+
+    Args:
+        p: position in W at the start, m.
+        v: velocity in W, m/s.
+        h: s.
+        drift: how a free point moves.
+        rule: nodes and weights.
+        pushes: the acceleration at each node, in any form of which sums can be made.
+        in_world: of pairs of that form and a scalar makes vectors in W, times the scalar.
+        steady: a second acceleration, constant in W, m/s^2.
+    """
+    if not drift.straight:
+        p, v = drift.carry(p, v, h)
+        for (node, weight), push in zip(rule, pushes, strict=True):
+            (kick,) = in_world((push, weight * h))
+            kick = kick if steady is None else kick + steady.scale(weight * h)
+            q, u = drift.carry(kick.scale(0.0), kick, (1 - node) * h)
+            p, v = p + q, v + u
+        return p, v
+    speed: Any = type(p)(*(0.0,) * len(p.columns()))
+    way = speed
+    for (node, weight), push in zip(rule, pushes, strict=True):
+        speed, way = speed + push.scale(weight), way + push.scale(weight * (1 - node))
+    gained, moved = in_world((speed, h), (way, h * h))
+    if steady is not None:
+        gained, moved = gained + steady.scale(h), moved + steady.scale(0.5 * h * h)
+    p, v = drift.carry(p, v, h)
+    return p + moved, v + gained

@@ -1,0 +1,128 @@
+"""What the judge's plant is assembled from: inertias, nozzles, pulses, and the pull of an orbit.
+
+Like the plant it takes nothing of RANS but descriptions: values that say what there is, not how it moves.
+"""
+
+# Drake's stubs write NumPy's array types with their two parameters exchanged.
+# pyright: reportArgumentType=false, reportCallIssue=false
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.multibody.tree import RotationalInertia, SpatialInertia
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
+
+from rans.errors import ConfigError
+from rans.model.actuators import Actuators, Pulsed
+from rans.model.body import Body
+from rans.model.drift import ClohessyWiltshire, Drift, FreeFlight, UniformGravity
+from rans.model.spacecraft import Spacecraft, Thruster
+
+
+def spatial_inertia(craft: Spacecraft, body: Body, index: int) -> SpatialInertia:
+    """Mass, centre of mass and inertia of one of many spacecraft, in the author's frame G.
+
+    In the plane only the moment about z counts; the others are the craft's in the same proportion.
+
+    Raises:
+        ConfigError: Drake refuses them.
+    """
+    def own(values: Iterable[Any]) -> np.ndarray:
+        return np.array([x if np.ndim(x) == 0 else x[index] for x in values])
+
+    if craft.dimension == 2:
+        moments = np.array(craft.inertia)[np.triu_indices(3)] * (own(body.inertia) / craft.inertia[2][2])
+        shift = np.append(own(body.centre or (0.0, 0.0)), 0.0)
+    else:
+        moments, shift = own(body.inertia), own(body.centre or (0.0,) * 3)
+    xx, xy, xz, yy, yz, zz = moments
+    try:
+        return SpatialInertia.MakeFromCentralInertia(
+            own([body.mass])[0], np.array(craft.centre_of_mass) + shift,
+            RotationalInertia(xx, yy, zz, xy, xz, yz))
+    except RuntimeError as error:
+        reason = str(error).partition("\n")[0]
+        raise ConfigError(f"spacecraft {craft.name!r}: Drake refuses its inertia "
+                          f"{craft.inertia}: {reason}") from error
+
+
+def thruster_health(craft: Spacecraft, body: Body, count: int) -> list[np.ndarray]:
+    """Gains and leaks, (N, thrusters) each."""
+    return [np.column_stack([np.broadcast_to(x, count) for x in given or (usual,) * len(craft.thrusters)])
+            for given, usual in ((body.gain, 1.0), (body.leak, 0.0))]
+
+
+def pose(thruster: Thruster) -> RigidTransform:
+    """Pose in G of a frame whose z axis is the thrust's direction."""
+    R_GP = RotationMatrix.MakeFromOneVector(np.array(thruster.direction), axis_index=2)
+    return RigidTransform(R_GP, np.array(thruster.position))
+
+
+def pieces(actuators: Actuators, commands: np.ndarray, duration: float) -> list[tuple[float, np.ndarray]]:
+    """Until when (s) which valves are how far open: a new piece where any valve of any spacecraft shuts.
+
+    Args:
+        actuators: how commands are taken.
+        commands: (N, thrusters), 0 to 1.
+        duration: of the whole command, s.
+    """
+    if not isinstance(actuators, Pulsed):
+        return [(duration, commands)]
+    counts = np.floor(commands * actuators.counts + 0.5)
+    shut_at = np.where(counts < actuators.least, 0.0, counts / actuators.counts) * duration
+    ends = np.unique(np.append(shut_at[shut_at > 0.0], duration))
+    begins = [0.0, *ends[:-1]]
+    return [(end, (shut_at > begun).astype(float)) for begun, end in zip(begins, ends, strict=True)]
+
+
+def gravity(drift: Drift) -> np.ndarray:
+    """The field for Drake's own gravity, (3,) m/s^2.
+
+    Raises:
+        ConfigError: Drake is not told how this drift pulls.
+    """
+    if isinstance(drift, UniformGravity):
+        return np.append(drift.acceleration, 0.0)[:3]
+    if not isinstance(drift, FreeFlight | ClohessyWiltshire):
+        raise ConfigError("Drake knows free flight, uniform gravity and Clohessy-Wiltshire frames, got "
+                          f"{drift!r}.")
+    return np.zeros(3)
+
+
+class Orbit(LeafSystem):
+    """Adds the pseudo-forces of a Hill frame, at every spacecraft's present place and velocity.
+
+    They are m (3 n^2 x + 2 n v_y, -2 n v_x, -n^2 z), for x radial, y along the track, z across.
+
+    Args:
+        mean_motion: n, rad/s.
+        masses: (N,), kg.
+        places: (N, 2 or 3), where each spacecraft's place stands among the plant's positions.
+        speeds: (N, 2 or 3), where its velocity stands among the plant's velocities, and its force among the
+            generalised forces.
+        positions: how many the plant has.
+    """
+
+    def __init__(self, mean_motion: float, masses: np.ndarray, places: np.ndarray, speeds: np.ndarray,
+                 positions: int) -> None:
+        super().__init__()
+        self._n, self._masses, self._positions = mean_motion, masses, positions
+        self._places, self._speeds = places, speeds
+        count = len(masses) * (3 if places.shape[1] == 2 else 6)
+        self.state = self.DeclareVectorInputPort("state", positions + count)
+        self.others = self.DeclareVectorInputPort("others", count)
+        self.total = self.DeclareVectorOutputPort("total", count, self._pull)
+
+    def _pull(self, context: Context, output: BasicVector) -> None:
+        n, state, total = self._n, np.array(self.state.Eval(context)), np.array(self.others.Eval(context))
+        place, speed = state[self._places], state[self._positions + self._speeds]
+        pull = np.zeros_like(place)
+        pull[:, 0] = 3.0 * n * n * place[:, 0] + 2.0 * n * speed[:, 1]
+        pull[:, 1] = -2.0 * n * speed[:, 0]
+        pull[:, 2:] = -n * n * place[:, 2:]
+        total[self._speeds] += self._masses[:, None] * pull
+        output.SetFromVector(total)

@@ -1,0 +1,60 @@
+"""The shipped ATMOS by hand: what its makers' allocation says of every thruster, and one pulse of it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rans.model.actuators import Pulsed
+from rans.model.body import Body
+from rans.model.dynamics import PlanarState, held, wrench
+from rans.model.fields import Heading, Vec2, leaves
+from rans.model.spacecraft_file import load_spacecraft
+from rans.model.timing import Timing
+from rans.reference.plant import Plant
+
+ATMOS = load_spacecraft("atmos")
+PERIOD = 0.1
+"""s, of the valves' 10 Hz."""
+
+BY_HAND = [
+    # Signed pairs u0..u3 of thrusters (0, 1), (2, 3), (4, 5), (6, 7), x forward and y left:
+    # F_x = u0 + u1, F_y = -u2 - u3, tau = 0.12 m (-u0 + u1 - u2 + u3), each of 1.5 N.
+    (1.5, 0.0, -0.18), (-1.5, 0.0, 0.18), (1.5, 0.0, 0.18), (-1.5, 0.0, -0.18),
+    (0.0, -1.5, -0.18), (0.0, 1.5, 0.18), (0.0, -1.5, 0.18), (0.0, 1.5, -0.18),
+]
+
+
+def test_every_thruster_pushes_where_its_makers_say() -> None:
+    assert np.array(ATMOS.wrench_map) == pytest.approx(np.array(BY_HAND), abs=1e-15)
+    assert Plant(ATMOS).thruster_wrenches() == pytest.approx(np.array(BY_HAND), abs=1e-15)
+
+
+def test_its_strength() -> None:
+    """3 N along an axis by two thrusters, 0.72 N m by the four that turn one way."""
+    table = np.array(ATMOS.wrench_map)
+    assert table.clip(min=0).sum(axis=0) == pytest.approx([3.0, 3.0, 0.72], abs=1e-15)
+    assert leaves(wrench(ATMOS, (1.0, 0.0) * 2 + (0.0,) * 4)) == pytest.approx((3.0, 0.0, 0.0), abs=1e-15)
+
+
+@pytest.mark.parametrize("thruster", range(8))
+def test_one_pulse_of_each_thruster(thruster: int) -> None:
+    """Open for all 0.1 s: 1.5 N on 17.8 kg are 8.43 mm/s, 0.18 N m on 0.315 kg m^2 are 0.0571 rad/s."""
+    after = pulsed([float(k == thruster) for k in range(8)])
+    assert np.hypot(after.v.x, after.v.y) == pytest.approx(0.1 * 1.5 / 17.8, rel=1e-6)  # turned by 3 mrad
+    assert after.w == pytest.approx(np.sign(BY_HAND[thruster][2]) * 0.018 / 0.315, abs=1e-15)
+
+
+def test_a_short_pulse_comes_first_and_in_whole_counts() -> None:
+    """Thrusters 0 and 2 for a duty of 0.25004 are open for 2,500 counts, 25 ms, then the craft coasts 75 ms:
+    3 N / 17.8 kg for 25 ms give the speed, half that time and the rest at that speed the way."""
+    after = pulsed([0.25004, 0.0, 0.25004, *[0.0] * 5])
+    speed = 3.0 / 17.8 * 0.025
+    assert after.v.x == pytest.approx(speed, abs=1e-16)
+    assert after.p.x == pytest.approx(speed * (0.0125 + 0.075), abs=1e-16)
+
+
+def pulsed(command: list[float]) -> PlanarState:
+    assert ATMOS.actuators == Pulsed(10_000)
+    rest = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
+    return held(rest, ATMOS, Body.of(ATMOS), command, Timing(control_period=PERIOD))
