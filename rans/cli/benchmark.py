@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING, Any
 from rans.errors import ConfigError
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
+    from rans.terminal import Terminal
     from validation.peers.runner import PeerResult
     from validation.speed.measurement import Measurement
     from validation.speed.ratios import Ratio
@@ -49,10 +48,10 @@ class Benchmark:
     def run(self) -> int:
         """Print ratios first, then every figure behind them."""
         import torch
-        from rich.console import Console
 
         from rans.fast.learn.trainer import check_device
         from rans.files import ready_folder
+        from rans.terminal import Terminal
 
         if self.output is not None and self.output.suffix != ".json":
             raise ConfigError(f"--output must end in .json, got {str(self.output)!r}.")
@@ -62,7 +61,7 @@ class Benchmark:
         check_device(device)
         if not (device.startswith("cuda") or self.quick):
             _check_compiler()
-        console = Console()
+        console = Terminal()
         measured = self._measure(console, device)
         shares, peers, ratios = self._compare(console, device, measured)
         about = _about(device)
@@ -73,7 +72,7 @@ class Benchmark:
             self._write(self.output, about, measured, shares, peers, ratios)
         return 0
 
-    def _measure(self, console: Console, device: str) -> list[Measurement]:
+    def _measure(self, console: Terminal, device: str) -> list[Measurement]:
         from rans.model.spacecraft_file import load_spacecraft
         from rans.tasks import TASKS
         from validation.speed.suite import effort, measurements
@@ -93,7 +92,7 @@ class Benchmark:
             return (1024,)
         return (16_384, 262_144, 4_194_304) if device.startswith("cuda") else (1024, 16_384, 262_144)
 
-    def _compare(self, console: Console, device: str, measured: list[Measurement],
+    def _compare(self, console: Terminal, device: str, measured: list[Measurement],
                  ) -> tuple[list[Ratio], list[PeerResult], list[Ratio]]:
         """Shares of bounds, peers, and ratios over them."""
         from validation.peers.runner import default_folder

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 _ARROWS = "→↗↑↖←↙↓↘"
 _TOWARDS, _AWAY = "⊙", "⊗"
+_WIDEST = 3.0
+"""The farthest thruster in a picture is so many units away: of the outer radius, or longer ones."""
 _COLUMNS = ("column", "what", "unit", "frame")
 
 
@@ -38,9 +40,9 @@ class List:
 
     def run(self) -> int:
         """Print; 0 unless the name or the picture's file is wrong, which raises `ConfigError`."""
-        from rich.console import Console
+        from rans.terminal import Terminal
 
-        console = Console(markup=False, highlight=False)
+        console = Terminal()
         for part in self._parts():
             console.print(part, soft_wrap=isinstance(part, str))
         return 0
@@ -103,18 +105,20 @@ def layout_text(craft: Spacecraft) -> str:
     Each thruster is its index with the direction of its force: an arrow, or ⊙ towards the viewer and
     ⊗ away; + is the centre of mass and the dots are the outer radius.
     """
+    arms = [[p - c for p, c in zip(t.position, craft.centre_of_mass, strict=True)] for t in craft.thrusters]
+    unit = max(craft.radius, *(math.hypot(x, y) / _WIDEST for x, y, _ in arms))
     cells: dict[tuple[int, int], str] = {}
     for angle in range(0, 360, 6):
-        outline = (math.cos(math.radians(angle)), math.sin(math.radians(angle)))
+        radius = craft.radius / unit
+        outline = (radius * math.cos(math.radians(angle)), radius * math.sin(math.radians(angle)))
         cells[_cell(outline, 1.0)] = "·"
     _put(cells, (0.0, 0.0), "+")
-    for index, thruster in enumerate(craft.thrusters):
-        (dx, dy, dz), position = thruster.direction, thruster.position
-        place = [(p - c) / craft.radius for p, c in zip(position, craft.centre_of_mass, strict=True)]
+    for index, (thruster, (x, y, _)) in enumerate(zip(craft.thrusters, arms, strict=True)):
+        dx, dy, dz = thruster.direction
         mark = _ARROWS[round(math.atan2(dy, dx) / (math.pi / 4)) % 8]
         if abs(dz) > math.hypot(dx, dy):
             mark = _TOWARDS if dz > 0 else _AWAY
-        _put(cells, (place[0] + 0.35 * dx, place[1] + 0.35 * dy), f"{index}{mark}")
+        _put(cells, (x / unit + 0.35 * dx, y / unit + 0.35 * dy), f"{index}{mark}")
     rows, columns = zip(*cells, strict=True)
     return "\n".join(
         "".join(cells.get((row, column), " ") for column in range(min(columns) - 2, max(columns) + 1))
@@ -122,7 +126,7 @@ def layout_text(craft: Spacecraft) -> str:
 
 
 def _cell(place: Sequence[float], width: float) -> tuple[int, int]:
-    """Row and first column of a text centred at a place given in outer radii; characters are 1 x 2."""
+    """Row and first column of a text centred at a place given in units; characters are 1 x 2."""
     return round(-8.0 * place[1]), round(16.0 * place[0] - (width - 1) / 2)
 
 
@@ -192,6 +196,8 @@ def _solved(card: dict[str, Any]) -> str:
 
 
 def _agent_details(name: str) -> Iterable[str | Table]:
+    from rans.evaluation.measure.statistics import figure
+    from rans.files import number
     from rans.pretrained import pretrained_card, pretrained_folder
 
     card = pretrained_card(name)
@@ -203,12 +209,9 @@ def _agent_details(name: str) -> Iterable[str | Table]:
     for protocol, parts in card["evaluation"].items():
         for part, values in parts.items():
             yield _table(f"Protocol {protocol} {part}".rstrip(), ("metric", "value", "95 % interval"), [
-                (metric, f"{_or_never(value)} {unit}".rstrip(), f"{_or_never(low)} to {_or_never(high)}")
+                (metric, f"{figure(number(value))} {unit}".rstrip(),
+                 f"{figure(number(low))} to {figure(number(high))}")
                 for metric, (value, low, high, unit) in values.items()])
-
-
-def _or_never(value: float | None) -> str:
-    return "never" if value is None else f"{value:.3g}"
 
 
 def _spacecraft_details(craft: Spacecraft) -> Iterable[str | Table]:
