@@ -209,9 +209,9 @@ def _agent_details(name: str) -> Iterable[str | Table]:
     for protocol, parts in card["evaluation"].items():
         for part, values in parts.items():
             yield _table(f"Protocol {protocol} {part}".rstrip(), ("metric", "value", "95 % interval"), [
-                (metric, f"{figure(number(value))} {unit}".rstrip(),
-                 f"{figure(number(low))} to {figure(number(high))}")
-                for metric, (value, low, high, unit) in values.items()])
+                (metric, f"{figure(value)} {unit if math.isfinite(value) else ''}".rstrip(),
+                 f"{figure(low)} to {figure(high)}")
+                for metric, (*numbers, unit) in values.items() for value, low, high in [map(number, numbers)]])
 
 
 def _spacecraft_details(craft: Spacecraft) -> Iterable[str | Table]:
