@@ -211,7 +211,7 @@ def _agent_details(name: str) -> Iterable[str | Table]:
             yield _table(f"Protocol {protocol} {part}".rstrip(), ("metric", "value", "95 % interval"), [
                 (metric, f"{figure(value)} {unit if math.isfinite(value) else ''}".rstrip(),
                  f"{figure(low)} to {figure(high)}")
-                for metric, (*numbers, unit) in values.items() for value, low, high in [map(number, numbers)]])
+                for metric, (*three, unit) in values.items() for value, low, high in [map(number, three)]])
 
 
 def _spacecraft_details(craft: Spacecraft) -> Iterable[str | Table]:

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import rans.fast.episode
 import rans.flight
 import rans.model.dynamics
 import validation.dynamics
@@ -210,6 +211,34 @@ def stale_command(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(module, "rollout", late)
 
 
+def late_in(module: Any, only_full: bool = False) -> Patch:
+    """Commands act one period late in a layer's flights only, or only where most thrusters fire."""
+    def patch(monkeypatch: pytest.MonkeyPatch) -> None:
+        true = module.rollout
+
+        def late(craft: Any, start: Any, commands: Any, *rest: Any) -> Any:
+            shifted = np.concatenate([commands[:1], commands[:-1]])
+            return true(craft, start, commands if only_full and commands.mean() < 0.45 else shifted, *rest)
+
+        monkeypatch.setattr(module, "rollout", late)
+
+    return patch
+
+
+def two_nodes_in_space(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Order four instead of six: with validation's substeps as exact as anything that Drake sees."""
+    rules, nodes = rans.model.dynamics._RULES, rans.model.dynamics._SPATIAL_NODES
+    monkeypatch.setitem(rules, nodes, rules[2])
+
+
+def engine_in_another_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Only the engine's periods are longer, by a millionth."""
+    true = rans.fast.episode.advance
+    monkeypatch.setattr(rans.fast.episode, "advance",
+                        lambda state, load, body, period, *rest, **more:
+                        true(state, load, body, period * (1 + 1e-6), *rest, **more))
+
+
 def half_the_spin_up(monkeypatch: pytest.MonkeyPatch) -> None:
     true = rans.model.dynamics.wrench
 
@@ -249,6 +278,10 @@ MUTATIONS: list[tuple[Spacecraft, Patch, str]] = [
     (SPACE, step(disturbance_in_body), "disturbances"),
     (PLANE, disturbance_forgotten, "disturbances"),
     # Single periods have one command: only flights have a later one.
+    (SPACE, two_nodes_in_space, "invariants"),
+    (PLANE, late_in(validation.flights), "flights"),
+    (PLANE, late_in(validation.flights, only_full=True), "bang-bang"),
+    (PLANE, engine_in_another_time, "engine"),
     (PLANE, stale_command, "oracles"),
     (SPACE, stale_command, "oracles"),
 ]
