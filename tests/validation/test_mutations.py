@@ -218,7 +218,7 @@ def late_in(module: Any, only_full: bool = False) -> Patch:
 
         def late(craft: Any, start: Any, commands: Any, *rest: Any) -> Any:
             shifted = np.concatenate([commands[:1], commands[:-1]])
-            return true(craft, start, commands if only_full and commands.mean() < 0.45 else shifted, *rest)
+            return true(craft, start, commands if only_full and commands.mean() < 0.2 else shifted, *rest)
 
         monkeypatch.setattr(module, "rollout", late)
 
