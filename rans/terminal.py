@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+from rich.table import Table
 from rich.text import Text
 
 from rans.errors import legible
@@ -30,6 +32,17 @@ class Terminal(Console):
     def render_str(self, text: str, **options: Any) -> Text:
         """Every text of a table or a sentence passes here."""
         return super().render_str(legible(text, _LONGEST), **options)
+
+
+def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> Table:
+    """A table whose first column never breaks, and in which no end of a long word is lost."""
+    made = Table(*columns, title=title or None, title_justify="left")
+    made.columns[0].no_wrap = True
+    for column in made.columns[1:]:
+        column.overflow = "fold"
+    for row in rows:
+        made.add_row(*row)
+    return made
 
 
 def progress() -> Progress:

@@ -71,20 +71,18 @@ class Compare:
 
 
 def _write(comparison: Comparison, folder: Path, console: Terminal) -> None:
-    from rich.table import Table
-
     from rans.files import write_json
     from rans.show.comparison_page import TEXT, page
     from rans.show.comparison_tables import scoreboard, to_json
+    from rans.terminal import table
 
     board = scoreboard(comparison)
-    table = Table("", *board, title=comparison.protocol.title(), title_justify="left")
-    for key in dict.fromkeys(key for row in board.values() for key in row):
-        table.add_row(key, *(row[key].text() for row in board.values()))
     write_json(folder / "compare.json", to_json(comparison, TEXT))
     page(comparison).write(folder / "compare.html")
     if board:
-        console.print(table)
+        keys = dict.fromkeys(key for row in board.values() for key in row)
+        console.print(table(comparison.protocol.title(), ("", *board),
+                            [(key, *(row[key].text() for row in board.values())) for key in keys]))
     for sentence in (*comparison.notes, *comparison.failures):
         console.print(sentence, soft_wrap=True)
     console.print(f"Written to {folder / 'compare.html'} and compare.json.")

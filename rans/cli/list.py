@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from tyro import conf
 
 from rans.errors import ConfigError
+from rans.terminal import Terminal, table
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -40,8 +41,6 @@ class List:
 
     def run(self) -> int:
         """Print; 0 unless the name or the picture's file is wrong, which raises `ConfigError`."""
-        from rans.terminal import Terminal
-
         console = Terminal()
         for part in self._parts():
             console.print(part, soft_wrap=isinstance(part, str))
@@ -146,7 +145,7 @@ def _all_spacecraft() -> Table:
         c = SPACECRAFT[name].craft
         return _space(c), f"{c.mass:g} kg", f"{len(c.thrusters)} x {_forces(c)}", c.thrust_sharing
 
-    return _table("Spacecraft", ("name", "moves in", "mass", "thrusters", "thrust sharing"), [
+    return table("Spacecraft", ("name", "moves in", "mass", "thrusters", "thrust sharing"), [
         (_named(SPACECRAFT, name), *_or_why_not(row, name)) for name in SPACECRAFT])
 
 
@@ -156,7 +155,7 @@ def _all_tasks() -> Table:
     def row(name: str) -> tuple[str, ...]:
         return _flag(TASKS[name]), _summary(TASKS[name])
 
-    return _table("Tasks", ("name, Gymnasium ids", "flag", "what"), [
+    return table("Tasks", ("name, Gymnasium ids", "flag", "what"), [
         ("\n  ".join((_named(TASKS, name), *gymnasium_ids(name))), *_or_why_not(row, name))
         for name in TASKS])
 
@@ -184,7 +183,7 @@ def _all_agents() -> Table:
     from rans.pretrained import pretrained_card, pretrained_names
 
     cards = [pretrained_card(name) for name in pretrained_names()]
-    return _table("Agents (pretrained:NAME)", ("name", "spacecraft", "solved"), [
+    return table("Agents (pretrained:NAME)", ("name", "spacecraft", "solved"), [
         (card["name"], card["spacecraft"], _solved(card)) for card in cards])
 
 
@@ -208,7 +207,7 @@ def _agent_details(name: str) -> Iterable[str | Table]:
            f"seed {card['evaluation_seed']}.")
     for protocol, parts in card["evaluation"].items():
         for part, values in parts.items():
-            yield _table(f"Protocol {protocol} {part}".rstrip(), ("metric", "value", "95 % interval"), [
+            yield table(f"Protocol {protocol} {part}".rstrip(), ("metric", "value", "95 % interval"), [
                 (metric, f"{figure(value)} {unit if math.isfinite(value) else ''}".rstrip(),
                  f"{figure(low)} to {figure(high)}")
                 for metric, (*three, unit) in values.items() for value, low, high in [map(number, three)]])
@@ -217,14 +216,14 @@ def _agent_details(name: str) -> Iterable[str | Table]:
 def _spacecraft_details(craft: Spacecraft) -> Iterable[str | Table]:
     axes = craft.dimension
     moments = "\n".join(_vector(row, 4) for row in craft.inertia)
-    yield _table(craft.name, ("property", "value"), [
+    yield table(craft.name, ("property", "value"), [
         ("moves in", _space(craft)),
         ("mass", f"{craft.mass:g} kg"),
         ("inertia about the centre of mass, kg m²", moments),
         ("centre of mass, m", _vector(craft.centre_of_mass[:axes], 4)),
         ("outer radius", f"{craft.radius:g} m"),
         ("thrust sharing", craft.thrust_sharing)])
-    yield _table("Thrusters", ("", "position, m", "direction", "force, N", "torque, N m"), [
+    yield table("Thrusters", ("", "position, m", "direction", "force, N", "torque, N m"), [
         (str(i), *(_vector(v) for v in (t.position[:axes], t.direction[:axes], (t.force,), w[axes:])))
         for i, (t, w) in enumerate(zip(craft.thrusters, craft.wrench_map, strict=True))])
     yield f"\n{layout_text(craft)}\n"
@@ -238,11 +237,11 @@ def _task_details(name: str) -> Iterable[str | Table]:
     yield f"{name}: {_summary(TASKS[name])}"
     yield f"Gymnasium: {', '.join(gymnasium_ids(name))}; task flag: {_flag(task)}"
     meanings = _field_meanings(TASKS[name])
-    yield _table("Settings", ("name", "default", "meaning"), [
+    yield table("Settings", ("name", "default", "meaning"), [
         (f.name, _setting(getattr(task, f.name)), meanings.get(f.name, ""))
         for f in dataclasses.fields(task)])
-    yield _table("Observation in the plane", _COLUMNS, _numbered(observation_columns(task, 2)))
-    yield _table("Observation in space", _COLUMNS, _numbered(observation_columns(task, 3)))
+    yield table("Observation in the plane", _COLUMNS, _numbered(observation_columns(task, 2)))
+    yield table("Observation in space", _COLUMNS, _numbered(observation_columns(task, 3)))
 
 
 def _flag(task: object) -> str:
@@ -271,18 +270,6 @@ def _setting(value: object) -> str:
     if isinstance(value, tuple):
         return ", ".join(_setting(x) for x in value)
     return f"{value:.4g}" if isinstance(value, float) else str(value)
-
-
-def _table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]]) -> Table:
-    from rich.table import Table
-
-    table = Table(*columns, title=title, title_justify="left")
-    table.columns[0].no_wrap = True
-    for column in table.columns[1:]:
-        column.overflow = "fold"  # no end of a long word is lost
-    for row in rows:
-        table.add_row(*row)
-    return table
 
 
 def _space(craft: Spacecraft) -> str:

@@ -28,6 +28,7 @@ class Validate:
 
         from rans.files import ready_folder
         from rans.terminal import Terminal, verdict
+        from validation.page import page
 
         console = Terminal()
         if self.output is not None:
@@ -42,7 +43,8 @@ class Validate:
         total, seconds = len(report.checks), report.settings["seconds"]
         console.print(f"{total - len(failed)} of {total} checks passed in {seconds} s.")
         if self.output is not None:
-            self._write(report, self.output)
+            report.write(self.output / "validation.json")
+            page(report, self.spacecraft).write(self.output / "validation.html")
             console.print(f"Written to {self.output / 'validation.json'} and validation.html.")
         return 1 if failed else 0
 
@@ -60,12 +62,6 @@ class Validate:
                 bars.update(bar, total=count, completed=done + 1, description=name)
 
             return study(craft, self.seed, self.quick, self.layer, show)
-
-    def _write(self, report: Any, folder: Path) -> None:
-        from validation.page import page
-
-        report.write(folder / "validation.json")
-        page(report, self.spacecraft).write(folder / "validation.html")
 
 
 COMMAND = Validate

@@ -134,9 +134,8 @@ def _flights(comparison: Comparison, k: int) -> Iterator[tuple[str, Flight, int]
 
 
 def _errors(comparison: Comparison) -> Section:
-    picture = Picture.of(figures.final_error_curves(comparison.entries),
-                       "Distribution of final errors over all starts.")
-    return Section("Final errors", "", (), [picture])
+    return Section("Final errors", pictures=[Picture.of(
+        figures.final_error_curves(comparison.entries), "Distribution of final errors over all starts.")])
 
 
 def _returns(comparison: Comparison) -> Section:

@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-
 import rans.fast.episode
+
 import rans.flight
 import rans.model.dynamics
 import validation.dynamics
