@@ -14,11 +14,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-import rans.fast.episode
 
 import rans.flight
 import rans.model.dynamics
 import validation.dynamics
+import validation.engines
 import validation.flights
 import validation.oracles
 import validation.sampling
@@ -231,12 +231,11 @@ def two_nodes_in_space(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(rules, nodes, rules[2])
 
 
-def engine_in_another_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Only the engine's periods are longer, by a millionth."""
-    true = rans.fast.episode.advance
-    monkeypatch.setattr(rans.fast.episode, "advance",
-                        lambda state, load, body, period, *rest, **more:
-                        true(state, load, body, period * (1 + 1e-6), *rest, **more))
+def engine_of_another_mass(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Only the engine's craft is heavier, by a millionth."""
+    true = validation.engines.Engine
+    monkeypatch.setattr(validation.engines, "Engine", lambda craft, *rest, **more: true(
+        replace(craft, mass=craft.mass * (1 + 1e-6)), *rest, **more))
 
 
 def half_the_spin_up(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -281,7 +280,7 @@ MUTATIONS: list[tuple[Spacecraft, Patch, str]] = [
     (SPACE, two_nodes_in_space, "invariants"),
     (PLANE, late_in(validation.flights), "flights"),
     (PLANE, late_in(validation.flights, only_full=True), "bang-bang"),
-    (PLANE, engine_in_another_time, "engine"),
+    (PLANE, engine_of_another_mass, "engine"),
     (PLANE, stale_command, "oracles"),
     (SPACE, stale_command, "oracles"),
 ]
