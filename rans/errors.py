@@ -1,6 +1,12 @@
 """What can go wrong, as sentences a user can act on."""
 
 
+def legible(text: str, longest: int = 2000) -> str:
+    """A text without control characters, which could command a terminal, and cut where it is too long."""
+    shown = text if len(text) <= longest else f"{text[:longest]} ... ({len(text):,} characters)"
+    return "".join(c if c.isprintable() or c == "\n" else ascii(c)[1:-1] for c in shown)
+
+
 class RansError(Exception):
     """Base of every error RANS raises on purpose; its text is one sentence for the user."""
 

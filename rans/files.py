@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import os
 import platform
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -68,8 +69,22 @@ def write_text(file: Path, text: str) -> None:
 
 
 def write_json(file: Path, value: Any) -> None:
-    """`replace_file` for JSON; NaN and infinity are refused, as JSON has none."""
-    write_text(file, json.dumps(value, indent=2, allow_nan=False) + "\n")
+    """`replace_file` for JSON; numbers it has no word for are texts, see `plain`."""
+    write_text(file, json.dumps(plain(value), indent=2, allow_nan=False) + "\n")
+
+
+def plain(value: Any) -> Any:
+    """A value as JSON can hold it: what is not finite becomes "inf", "-inf" or "nan", see `number`."""
+    if isinstance(value, Mapping):
+        return {key: plain(inner) for key, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(inner) for inner in value]
+    return str(value) if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def number(value: float | str | None) -> float:
+    """A number that `plain` may have made a text; null, as older files say, is infinite too."""
+    return math.inf if value is None else float(value)
 
 
 def read_json(file: Path) -> Any:
@@ -86,11 +101,11 @@ def read_json(file: Path) -> Any:
         raise ConfigError(f"{file} is damaged, it is not valid JSON: {error}.") from error
 
 
-def read_json_lines(file: Path) -> list[Any]:
-    """The values in a file of one JSON value a line, up to a line cut off by an interruption.
+def read_json_lines(file: Path) -> list[dict[str, Any]]:
+    """The objects in a file of one a line, up to a line cut off by an interruption.
 
     Raises:
-        ConfigError: it cannot be read.
+        ConfigError: it cannot be read, or a line is something else.
     """
     try:
         lines = file.read_text("utf-8", "replace").splitlines()
@@ -99,6 +114,9 @@ def read_json_lines(file: Path) -> list[Any]:
     values: list[Any] = []
     with contextlib.suppress(ValueError):
         values.extend(map(json.loads, lines))  # keeps what came before the line that is cut off
+    for line, value in enumerate(values, 1):
+        if not isinstance(value, dict):
+            raise ConfigError(f"{file} is damaged: line {line} must be an object, {{...}}.")
     return values
 
 

@@ -1,10 +1,12 @@
 from __future__ import annotations
 
+import math
 import os
 import subprocess
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from rans import files
@@ -14,6 +16,7 @@ from rans.files import (
     environment,
     first_line,
     git_revision,
+    number,
     read_json,
     read_json_lines,
     ready_folder,
@@ -97,9 +100,17 @@ def test_json(tmp_path: Path) -> None:
     value = {"a": [1, 2.5, None, True], "ä": "ö"}
     write_json(file, value)
     assert read_json(file) == value
-    with pytest.raises(ValueError, match="not JSON compliant"):
-        write_json(file, float("nan"))
-    assert read_json(file) == value
+
+
+def test_json_has_texts_for_what_is_not_finite(tmp_path: Path) -> None:
+    """Wherever they are; and null, which files had before, was an infinity."""
+    file, far = tmp_path / "x.json", math.inf
+    write_json(file, {"a": (far, -far, 1.5), "b": [{"c": math.nan}], "d": np.float64(far), "e": None})
+    read = read_json(file)
+    assert read == {"a": ["inf", "-inf", 1.5], "b": [{"c": "nan"}], "d": "inf", "e": None}
+    assert [number(x) for x in read["a"]] == [far, -far, 1.5]
+    assert number(read["e"]) == far
+    assert math.isnan(number(read["b"][0]["c"]))
 
 
 def test_json_that_cannot_be_read(tmp_path: Path) -> None:
@@ -117,9 +128,16 @@ def test_json_lines(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"cannot read .*x\.jsonl"):
         read_json_lines(file)
     for content, expected in ((b"", []), (b'{"a": 1}\n{"a": 2}\n', [{"a": 1}, {"a": 2}]),
-                              (b'{"a": 1}\n{"a":', [{"a": 1}]), (b"1\n\xff\xfe\n3\n", [1])):
+                              (b'{"a": 1}\n{"a":', [{"a": 1}]), (b"{}\n\xff\xfe\n{}\n", [{}])):
         file.write_bytes(content)
         assert read_json_lines(file) == expected
+
+
+@pytest.mark.parametrize("line", ["[1]", "1", "null", '"a"'])
+def test_a_line_of_something_else_is_a_sentence(tmp_path: Path, line: str) -> None:
+    (tmp_path / "x.jsonl").write_text('{"a": 1}\n' + line + "\n")
+    with pytest.raises(ConfigError, match=r"x\.jsonl is damaged: line 2 must be an object"):
+        read_json_lines(tmp_path / "x.jsonl")
 
 
 def test_first_line() -> None:

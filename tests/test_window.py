@@ -13,6 +13,7 @@ import pytest
 from PIL import Image
 
 from rans.window import Window, tiled
+from tests.processes import PATIENCE
 
 
 @pytest.fixture
@@ -38,10 +39,10 @@ def next_frame(film: HTTPResponse) -> np.ndarray:
 
 
 def test_frames_reach_the_browser(window: Window, capsys: pytest.CaptureFixture[str]) -> None:
-    with urllib.request.urlopen(window.url, timeout=10) as page:
+    with urllib.request.urlopen(window.url, timeout=PATIENCE) as page:
         assert b'<img src="/film"' in page.read()
     window.show(flat((200, 30, 30)))
-    with urllib.request.urlopen(f"{window.url}/film", timeout=10) as film:
+    with urllib.request.urlopen(f"{window.url}/film", timeout=PATIENCE) as film:
         # Whoever comes late sees the newest frame at once. The format, JPEG, rounds colours.
         for colour in ((200, 30, 30), (30, 200, 30)):
             np.testing.assert_allclose(next_frame(film).mean(axis=(0, 1)), colour, atol=5.0)
@@ -59,12 +60,12 @@ def test_the_film_ends_with_the_window(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("DISPLAY", raising=False)
     window = Window(fps=100.0)
     window.show(flat((9, 9, 9)))
-    with urllib.request.urlopen(f"{window.url}/film", timeout=10) as film:
+    with urllib.request.urlopen(f"{window.url}/film", timeout=PATIENCE) as film:
         next_frame(film)
         window.close()
         assert film.read() in (b"", b"\r\n")
     with pytest.raises(OSError, match="refused"):
-        urllib.request.urlopen(window.url, timeout=10)
+        urllib.request.urlopen(window.url, timeout=PATIENCE)
 
 
 @pytest.mark.parametrize(("count", "rows", "columns"), [(1, 1, 1), (2, 1, 2), (3, 2, 2), (5, 2, 3)])

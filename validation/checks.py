@@ -1,15 +1,16 @@
-"""Checks and the reports they make up."""
+"""Checks and the studies they make up."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 from rich.table import Table
+from rich.text import Text
 
 from rans.files import environment, write_json
+from rans.terminal import verdict
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,7 @@ class Curve:
 
 
 @dataclass(frozen=True)
-class Report:
+class Study:
     """The checks of one study."""
 
     title: str
@@ -88,28 +89,24 @@ class Report:
         table.add_column("unit")
         table.add_column("verdict")
         for check in self.checks:
-            verdict = "[green]pass[/]" if check.passed else "[bold red]FAIL[/]"
             numbers = (f"{check.value:.1e}", f"{check.tolerance:.1e}")
-            table.add_row(check.name, *numbers, check.unit, verdict)
+            table.add_row(check.name, *numbers, check.unit, verdict(check.passed))
         for skipped in self.skipped:
-            table.add_row(skipped.name, "", "", "", "[yellow]not run[/]")
+            table.add_row(skipped.name, "", "", "", Text("not run", "yellow"))
         return table
 
-    def as_dict(self) -> dict[str, Any]:
-        """The report as plain JSON values; a value that is not finite is null, which JSON can hold."""
-        checks = []
-        for check in self.checks:
-            value = check.value if math.isfinite(check.value) else None
-            checks.append(asdict(check) | {"value": value, "passed": check.passed})
+    def to_json(self) -> dict[str, Any]:
+        """For `rans.files.write_json`."""
         return {"title": self.title, "passed": self.passed, "settings": self.settings,
-                "environment": environment(), "checks": checks,
+                "environment": environment(),
+                "checks": [asdict(check) | {"passed": check.passed} for check in self.checks],
                 "skipped": [asdict(skipped) for skipped in self.skipped],
                 "curves": [asdict(curve) for curve in self.curves]}
 
     def write(self, file: Path) -> None:
-        """Write the report as a JSON file, its folder made where missing.
+        """Write the study as a JSON file, its folder made where missing.
 
         Raises:
             ConfigError: the disk refused.
         """
-        write_json(file, self.as_dict())
+        write_json(file, self.to_json())

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from rans.errors import ConfigError
-from rans.evaluation.measure.engines import compare_engines
+from rans.evaluation.measure.agreement import compare_engines
 from rans.flight import fly
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing

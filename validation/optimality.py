@@ -23,7 +23,7 @@ from rans.optimal.certificate.lattice import Lattice
 from rans.processes import submitted
 from rans.scenario import EVALUATION_SEED, Scenario, scenarios
 from rans.tasks import GoToPose
-from validation.checks import Check, Report
+from validation.checks import Check, Study
 
 _HEADINGS = "start    dual   lower   upper    gap   nodes  seconds"
 
@@ -46,7 +46,7 @@ class Optimality:
     workers: int | None = None
     """Processes; by default one per processor."""
 
-    def run(self) -> Report:
+    def run(self) -> Study:
         """Print a line per start as it is done, and return the checks."""
         craft = load_spacecraft(self.spacecraft)
         if self.starts < 1:
@@ -77,7 +77,7 @@ def certificate(craft: Spacecraft, period: float, quantity: Literal["fuel", "tim
     return solve(lattice, start, goal, steps, effort=effort)  # type: ignore[arg-type]
 
 
-def report(quantity: Literal["fuel", "time"], horizon: float, answers: list[Certificate]) -> Report:
+def report(quantity: Literal["fuel", "time"], horizon: float, answers: list[Certificate]) -> Study:
     """Mean gap and share of starts not proven optimal, against what the project promises."""
     gaps = np.array([answer.gap for answer in answers])
     open_share = float(np.mean(gaps > 1e-9))
@@ -89,7 +89,7 @@ def report(quantity: Literal["fuel", "time"], horizon: float, answers: list[Cert
               "Promised; more seconds prove more."),
     )
     seconds = sum(answer.seconds for answer in answers)
-    return Report(f"least {quantity} of {len(answers)} starts", checks,
+    return Study(f"least {quantity} of {len(answers)} starts", checks,
                   {"seconds per start": round(seconds / len(answers), 1)})
 
 

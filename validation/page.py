@@ -11,11 +11,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from rans.files import environment
-from rans.show import report as pages
-from rans.show.figures import data_uri, styled, svg
+from rans.show.figures import styled
+from rans.show.page import Page, Picture, Section, Table, header
 from rans.show.panels import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, RED, SKY, label
-from rans.show.report import Finding, Picture, Section, Table
-from validation.checks import Check, Curve, Report
+from rans.show.report import validation_section
+from validation.checks import Check, Curve, Study
 
 _COLOURS = (BLUE, ORANGE, GREEN, RED, PURPLE, SKY, GREY, INK)
 _SMALLEST = 1e-17
@@ -42,64 +42,39 @@ _SECTIONS = (
 )
 
 
-def page(report: Report, spacecraft: str) -> pages.Report:
+def page(study: Study, spacecraft: str) -> Page:
     """The page of a study.
 
     Args:
-        report: what was found.
+        study: what was found.
         spacecraft: its name or file, as the command line takes it.
     """
-    command = _command(report, spacecraft)
     sections = [
-        Section("Checks", "Every value must stay within its tolerance.", [_checks_table(report)],
-                findings=_findings(report)),
+        validation_section(study.to_json()),
         Section("Closest to the bound", "For each group the check with the least margin, and the command "
-                "that repeats it with the same random numbers.", [_worst_table(report, spacecraft)]),
-        *(section for section in map(lambda s: _figures(report, *s), _SECTIONS) if section),
+                "that repeats it with the same random numbers.", [_worst_table(study, spacecraft)]),
+        *filter(None, (_figures(study, *section) for section in _SECTIONS)),
     ]
-    machine = ("system", "processor", "cores")
-    about = environment()
-    header = {
-        "command": command,
-        "spacecraft": spacecraft,
-        "seed": report.settings["seed"],
-        "sample": f"{report.settings['states']} states, {report.settings['flights']} flights of 25 s",
-        "time": f"{report.settings['seconds']:.0f} s",
-        "hardware": ", ".join(about[key] for key in machine) + " cores",
-        "versions": ", ".join(f"{key} {value}" for key, value in about.items() if key not in machine),
-    }
-    return pages.Report(f"Validation: {report.title}", sections, header)
+    settings = study.settings
+    return Page(f"Validation: {study.title}", sections, header({
+        "command": _command(study, spacecraft), "spacecraft": spacecraft, "seed": settings["seed"],
+        "sample": f"{settings['states']} states, {settings['flights']} flights of 25 s",
+        "time": f"{settings['seconds']:.0f} s", "environment": environment()}))
 
 
-def _command(report: Report, spacecraft: str, layer: str = "") -> str:
-    words = ["rans", "validate", "--spacecraft", spacecraft, "--seed", str(report.settings["seed"])]
-    words += ["--quick"] if report.settings["quick"] else []
+def _command(study: Study, spacecraft: str, layer: str = "") -> str:
+    words = ["rans", "validate", "--spacecraft", spacecraft, "--seed", str(study.settings["seed"])]
+    words += ["--quick"] if study.settings["quick"] else []
     words += ["--layer", layer] if layer else []
     return shlex.join(words)
 
 
-def _findings(report: Report) -> list[Finding]:
-    failed = [Finding(f"{check.name}: {check.value:.1e} {check.unit}, tolerance {check.tolerance:.1e}.",
-                      False) for check in report.checks if not check.passed]
-    good = len(report.checks) - len(failed)
-    share = f"{good} of {len(report.checks)} checks within tolerance."
-    skipped = [Finding(f"Not run: {skipped.name}. {skipped.reason}") for skipped in report.skipped]
-    return [*failed, Finding(share, None if failed else True), *skipped]
-
-
-def _checks_table(report: Report) -> Table:
-    rows = [(c.name, f"{c.value:.1e}", f"{c.tolerance:.1e}", c.unit, c.passed, c.reason)
-            for c in report.checks]
-    rows += [(s.name, None, None, None, "not run", s.reason) for s in report.skipped]
-    return Table(("check", "value", "tolerance", "unit", "verdict", "why this tolerance"), rows)
-
-
-def _worst_table(report: Report, spacecraft: str) -> Table:
+def _worst_table(study: Study, spacecraft: str) -> Table:
     rows = []
-    for layer, checks in groupby(report.checks, key=lambda check: check.layer):
+    for layer, checks in groupby(study.checks, key=lambda check: check.layer):
         worst = max(checks, key=_margin)
         rows.append((worst.name, f"{_margin(worst):.1e}", worst.worst,
-                     _command(report, spacecraft, layer)))
+                     _command(study, spacecraft, layer)))
     return Table(("check", "share of tolerance", "found at", "repeat with"), rows)
 
 
@@ -109,11 +84,11 @@ def _margin(check: Check) -> float:
     return share if share == share else np.inf
 
 
-def _figures(report: Report, title: str, names: Iterable[str], text: str) -> Section | None:
-    found = {name: [curve for curve in report.curves if curve.figure == name] for name in names}
+def _figures(study: Study, title: str, names: Iterable[str], text: str) -> Section | None:
+    found = {name: [curve for curve in study.curves if curve.figure == name] for name in names}
     if not any(found.values()):
         return None
-    picture = Picture(data_uri(svg(_figure(found))), f"{title}: {report.title}.")
+    picture = Picture.of(_figure(found), f"{title}: {study.title}.")
     return Section(title, text, _points(found), [picture])
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 from rans.errors import ConfigError
 from rans.model.spacecraft import Spacecraft
-from validation.checks import Check, Curve, Report, Skipped
+from validation.checks import Check, Curve, Skipped, Study
 from validation.closed_loop import closed_loop_checks
 from validation.discretisation import discretisation_checks, order_curves
 from validation.dynamics import (
@@ -70,7 +70,7 @@ FULL_LAYERS: dict[str, Layer] = LAYERS | {
 
 
 def study(craft: Spacecraft, seed: int = 0, quick: bool = False, layer: str | None = None,
-          progress: Callable[[str, int], object] = lambda _name, _count: None) -> Report:
+          progress: Callable[[str, int], object] = lambda _name, _count: None) -> Study:
     """Compare the engine's motion of a spacecraft with Drake and with the laws of mechanics.
 
     Args:
@@ -96,7 +96,7 @@ def study(craft: Spacecraft, seed: int = 0, quick: bool = False, layer: str | No
     settings = {"spacecraft": craft.name, "seed": seed, "quick": quick, "states": scope.states,
                 "flights": scope.flights, "seconds": round(time.perf_counter() - started, 2),
                 "layers": seconds}
-    return Report(f"Dynamics of {craft.name} ({craft.degrees_of_freedom}DoF)",
+    return Study(f"Dynamics of {craft.name} ({craft.degrees_of_freedom}DoF)",
                   tuple(x for x in found if isinstance(x, Check)), settings,
                   tuple(x for x in found if isinstance(x, Skipped)),
                   tuple(x for x in found if isinstance(x, Curve)))

@@ -9,7 +9,8 @@ import time
 import warnings
 from typing import Any, Protocol
 
-from rans.errors import RansError
+from rans.errors import ConfigError, RansError, legible
+from rans.files import first_line
 
 STARTED = time.monotonic()
 """When this process began to work, s: commands state their wall time from here."""
@@ -52,8 +53,22 @@ def main(arguments: list[str] | None = None) -> int:
         return 1
     except OSError as error:
         return _end(f"rans: {error}.", 2)
-    except MemoryError as error:
-        return _end(f"rans: out of memory, fewer at once may do: {error}.", 2)
+    except OverflowError as error:
+        return _end(f"rans: a number is too large to compute with: {error}.", 2)
+    except (MemoryError, RuntimeError) as error:
+        if isinstance(error, RuntimeError) and "allocate" not in str(error):  # as torch says it
+            raise
+        return _end(f"rans: out of memory, fewer at once may do: {first_line(error)}.", 2)
+
+
+def check_count(option: str, value: int | None) -> None:
+    """Refuse what is no number of flights or processes, which 31 bits number; None is left to others.
+
+    Raises:
+        ConfigError: it is less than 1 or too large.
+    """
+    if value is not None and not 1 <= value < 2**31:
+        raise ConfigError(f"{option} must be >= 1 and < 2^31, got {value}.")
 
 
 def _run(arguments: list[str]) -> int:
@@ -78,10 +93,10 @@ def _parse(arguments: list[str]) -> Any:
 
 
 def _end(sentence: str, code: int) -> int:
-    print(sentence, file=sys.stderr)
+    print(legible(sentence), file=sys.stderr)
     return code
 
 
 def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
     """Say what a warning says, without the line of code it comes from."""
-    print(f"rans: warning: {' '.join(str(message).split())}", file=sys.stderr)
+    print(legible(f"rans: warning: {' '.join(str(message).split())}"), file=sys.stderr)

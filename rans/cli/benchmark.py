@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING, Any
 from rans.errors import ConfigError
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
+    from rans.terminal import Terminal
     from validation.peers.runner import PeerResult
     from validation.speed.measurement import Measurement
     from validation.speed.ratios import Ratio
@@ -49,10 +48,10 @@ class Benchmark:
     def run(self) -> int:
         """Print ratios first, then every figure behind them."""
         import torch
-        from rich.console import Console
 
         from rans.fast.learn.trainer import check_device
         from rans.files import ready_folder
+        from rans.terminal import Terminal, table
 
         if self.output is not None and self.output.suffix != ".json":
             raise ConfigError(f"--output must end in .json, got {str(self.output)!r}.")
@@ -62,18 +61,22 @@ class Benchmark:
         check_device(device)
         if not (device.startswith("cuda") or self.quick):
             _check_compiler()
-        console = Console()
+        console = Terminal()
         measured = self._measure(console, device)
         shares, peers, ratios = self._compare(console, device, measured)
         about = _about(device)
-        console.print(_ratio_table([*ratios, *shares], _hardware(about)), _table(measured))
+        console.print(
+            table(_hardware(about), ("ratio", "value", "of"),
+                  [(r.name, f"{r.value:,.3g}", r.note) for r in (*ratios, *shares)]),
+            table("", ("", "measurement", "value", "unit", "warm-up", "note"), map(_measured, measured)))
         if peers:
-            console.print(_peer_table(peers))
+            console.print(table("", ("peer", "version", "environments", "M steps/s", "task", "command"),
+                                map(_peer, peers)))
         if self.output is not None:
             self._write(self.output, about, measured, shares, peers, ratios)
         return 0
 
-    def _measure(self, console: Console, device: str) -> list[Measurement]:
+    def _measure(self, console: Terminal, device: str) -> list[Measurement]:
         from rans.model.spacecraft_file import load_spacecraft
         from rans.tasks import TASKS
         from validation.speed.suite import effort, measurements
@@ -93,7 +96,7 @@ class Benchmark:
             return (1024,)
         return (16_384, 262_144, 4_194_304) if device.startswith("cuda") else (1024, 16_384, 262_144)
 
-    def _compare(self, console: Console, device: str, measured: list[Measurement],
+    def _compare(self, console: Terminal, device: str, measured: list[Measurement],
                  ) -> tuple[list[Ratio], list[PeerResult], list[Ratio]]:
         """Shares of bounds, peers, and ratios over them."""
         from validation.peers.runner import default_folder
@@ -139,35 +142,16 @@ def _hardware(about: dict[str, str]) -> str:
             f"threads), torch {about['torch']}, rans {about['rans']}")
 
 
-def _ratio_table(ratios: list[Ratio], title: str) -> Any:
-    from rich.table import Table
-
-    table = Table("ratio", "value", "of", title=title, title_justify="left")
-    for r in ratios:
-        table.add_row(r.name, f"{r.value:,.3g}", r.note)
-    return table
+def _measured(m: Measurement) -> tuple[str, ...]:
+    value = "-" if m.value is None else f"{m.value:,.4g}"
+    return m.kind, m.name, value, m.unit, f"{m.warm_up:.1f} s" if m.warm_up else "", m.note
 
 
-def _table(measured: list[Measurement]) -> Any:
-    from rich.table import Table
-
-    table = Table("", "measurement", "value", "unit", "warm-up", "note")
-    for m in measured:
-        value = "-" if m.value is None else f"{m.value:,.4g}"
-        table.add_row(m.kind, m.name, value, m.unit, f"{m.warm_up:.1f} s" if m.warm_up else "", m.note)
-    return table
-
-
-def _peer_table(peers: list[PeerResult]) -> Any:
-    from rich.table import Table
-
-    table = Table("peer", "version", "environments", "M steps/s", "task", "command")
-    for p in peers:
-        theirs = p.figures
-        rate = theirs.get("steps_per_s") or theirs.get("trained_steps_per_s")
-        table.add_row(p.package, theirs.get("version", "-"), f"{theirs['num_envs']:,}" if theirs else "-",
-                      f"{rate / 1e6:,.4g}" if rate else "-", theirs.get("task") or p.reason, p.command)
-    return table
+def _peer(p: PeerResult) -> tuple[str, ...]:
+    theirs = p.figures
+    rate = theirs.get("steps_per_s") or theirs.get("trained_steps_per_s")
+    return (p.package, theirs.get("version", "-"), f"{theirs['num_envs']:,}" if theirs else "-",
+            f"{rate / 1e6:,.4g}" if rate else "-", theirs.get("task") or p.reason, p.command)
 
 
 def _check_compiler() -> None:

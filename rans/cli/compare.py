@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
+from rans.cli import check_count
 from rans.evaluation.fly.controllers import BESIDE, CONTROLLERS
 from rans.scenario import EVALUATION_SEED
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from rans.evaluation.compare.run import Comparison
+    from rans.terminal import Terminal
 
 
 @dataclass(frozen=True)
@@ -44,14 +44,12 @@ class Compare:
 
     def run(self) -> int:
         """Print the table of scores."""
-        from rich.console import Console
-        from rich.progress import Progress
-
         from rans.errors import ConfigError
         from rans.evaluation.compare.roster import protocol_of
         from rans.evaluation.compare.run import Comparison, fill
         from rans.evaluation.fly.contestants import output_folder
         from rans.files import ready_folder
+        from rans.terminal import Terminal, progress
 
         if not self.contestants:
             raise ConfigError("name at least one contestant, for example a run folder.")
@@ -59,36 +57,34 @@ class Compare:
             CONTROLLERS[name]  # a wrong name is told before anybody flies
         if self.certified < 0:
             raise ConfigError(f"--certified must be >= 0, got {self.certified}.")
+        check_count("--episodes", self.episodes)
         comparison = Comparison(protocol_of(self.contestants[0], self.episodes, self.seed, self.engine))
         folder = ready_folder(self.output or output_folder(self.contestants[0]))
-        terminal = Console(stderr=True)
         try:
-            with Progress(console=terminal, transient=True, disable=not terminal.is_terminal) as progress:
+            with progress() as bars:
                 fill(comparison, self.contestants, self.beside, self.certified,
                      folder / "compare-bounds.json",
-                     lambda what, count: partial(progress.advance, progress.add_task(what, total=count)))
+                     lambda what, count: partial(bars.advance, bars.add_task(what, total=count)))
         finally:  # also after Ctrl-C: what is finished is kept
-            _write(comparison, folder, Console())
+            _write(comparison, folder, Terminal())
         return 1 if comparison.failures else 0
 
 
-def _write(comparison: Comparison, folder: Path, console: Console) -> None:
-    from rich.table import Table
-
+def _write(comparison: Comparison, folder: Path, console: Terminal) -> None:
     from rans.files import write_json
     from rans.show.comparison_page import TEXT, page
     from rans.show.comparison_tables import scoreboard, to_json
+    from rans.terminal import table
 
     board = scoreboard(comparison)
-    table = Table("", *board, title=comparison.protocol.title(), title_justify="left")
-    for key in dict.fromkeys(key for row in board.values() for key in row):
-        table.add_row(key, *(row[key].text() for row in board.values()))
-    if board:
-        console.print(table)
-    for sentence in (*comparison.notes, *comparison.failures):
-        console.print(sentence, markup=False, soft_wrap=True)
     write_json(folder / "compare.json", to_json(comparison, TEXT))
     page(comparison).write(folder / "compare.html")
+    if board:
+        keys = dict.fromkeys(key for row in board.values() for key in row)
+        console.print(table(comparison.protocol.title(), ("", *board),
+                            [(key, *(row[key].text() for row in board.values())) for key in keys]))
+    for sentence in (*comparison.notes, *comparison.failures):
+        console.print(sentence, soft_wrap=True)
     console.print(f"Written to {folder / 'compare.html'} and compare.json.")
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from tyro.conf import Positional, arg
 
-from rans.errors import ConfigError
+from rans.cli import check_count
 from rans.scenario import EVALUATION_SEED
 
 if TYPE_CHECKING:
@@ -46,27 +46,23 @@ class Evaluate:
         """Print the tables of metrics; a multi-task agent is judged on each of its tasks."""
         from rans.evaluation.fly.contestants import judged_separately
 
-        if self.episodes < 1:
-            raise ConfigError(f"--episodes must be >= 1, got {self.episodes}.")
+        check_count("--episodes", self.episodes)
         passed = [replace(self, contestant=spec).judge() for spec in judged_separately(self.contestant)]
         return 0 if all(passed) else 1
 
     def judge(self) -> bool:
         """Evaluate on one task; whether the engines agree, where both were asked for."""
-        from rich.console import Console
-
         from rans.evaluation.fly.contestants import contestant, output_folder
-        from rans.evaluation.measure.engines import compare_engines
-        from rans.evaluation.measure.summary import ROOM, measure
+        from rans.evaluation.measure.aggregate import ROOM, measure
+        from rans.evaluation.measure.agreement import compare_engines
         from rans.files import ready_folder
+        from rans.terminal import Terminal
 
         run = contestant(self.contestant, self.protocol)
         ready_folder(output_folder(self.contestant))
         flights = self._fly(run)
         measured = {name: measure(flight) for name, flight in flights.items()}
-        console = Console()
-        if not console.is_terminal:
-            console.width = max(console.width, ROOM)  # files have room
+        console = Terminal(room=ROOM)
         for metrics in measured.values():
             console.print(metrics.table(console.width))
         results: dict[str, Any] = {name: metrics.to_json() for name, metrics in measured.items()}
@@ -80,23 +76,20 @@ class Evaluate:
 
     def _fly(self, run: LoadedRun) -> dict[str, Flight]:
         """The flights by engine."""
-        from rich.console import Console
-        from rich.progress import Progress
-
-        from rans.evaluation.fly.judge import Engine, flown
+        from rans.evaluation.fly.judge import EngineName, flown
         from rans.evaluation.fly.protocols import Setup
+        from rans.terminal import progress
 
-        engines: tuple[Engine, ...] = ("fast", "drake") if self.engine == "both" else (self.engine,)
+        engines: tuple[EngineName, ...] = ("fast", "drake") if self.engine == "both" else (self.engine,)
         setup, flights = Setup(run.craft, run.task.for_evaluation(), run.timing), {}
-        console = Console(stderr=True)
-        with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
+        with progress() as bars:
             for engine in engines:
-                step = partial(progress.advance, progress.add_task(f"{engine} engine", total=self.episodes))
+                step = partial(bars.advance, bars.add_task(f"{engine} engine", total=self.episodes))
                 flights[engine], stopped = flown(run.controller, setup, self.seed, self.episodes,
                                                  engine, progress=step)
                 if stopped:
-                    console.print(f"rans: warning: {run.controller.name}'s solver stopped {stopped} times; "
-                                  "the plan before was flown on.", markup=False)
+                    bars.console.print(f"rans: warning: {run.controller.name}'s solver stopped {stopped} "
+                                       "times; the plan before was flown on.", soft_wrap=True)
         return flights
 
     def _write(self, results: dict[str, Any], flight: Flight) -> Path:

@@ -8,6 +8,8 @@ from typing import Annotated
 
 from tyro.conf import Positional, arg
 
+from rans.cli import check_count
+
 
 @dataclass(frozen=True)
 class Export:
@@ -29,8 +31,7 @@ class Export:
         from rans.errors import ConfigError
         from rans.pretrained import pretrained_folder
 
-        if self.episodes < 1:
-            raise ConfigError(f"--episodes must be >= 1, got {self.episodes}.")
+        check_count("--episodes", self.episodes)
         kind, _, name = str(self.run_folder).partition(":")
         if kind == "pretrained":
             raise ConfigError(f"{name} comes with RANS as an export writes it, in {pretrained_folder(name)}.")

@@ -7,6 +7,7 @@ from typing import Annotated
 
 from tyro.conf import Positional, arg
 
+from rans.cli import check_count
 from rans.scenario import EVALUATION_SEED
 
 
@@ -34,23 +35,20 @@ class Follow:
 
     def run(self) -> int:
         """Print a table of how well the flights followed."""
-        from rich.console import Console
-
-        from rans.errors import ConfigError
         from rans.evaluation.fly.contestants import contestant, output_folder
         from rans.evaluation.fly.follow import follow
         from rans.evaluation.fly.paths import LookAhead, find_path
         from rans.files import ready_folder, write_json, write_text
         from rans.show.figures import svg
         from rans.show.path_figures import following_figure
+        from rans.terminal import Terminal
 
-        if self.flights < 1:
-            raise ConfigError(f"--flights must be at least 1, got {self.flights}.")
+        check_count("--flights", self.flights)
         planner = LookAhead(find_path(self.path), self.speed, self.look_ahead)
         tracker, craft, task, timing = contestant(self.contestant)
         file = ready_folder(output_folder(self.contestant)) / f"follow-{planner.path.name}.json"
         following = follow(craft, task, tracker, planner, timing, self.seed, self.flights)
-        Console().print(following.table())
+        Terminal().print(following.table())
         write_json(file, following.to_json() | {"seed": self.seed})
         write_text(file.with_suffix(".svg"), svg(following_figure(following)))
         print(f"Written to {file}.")

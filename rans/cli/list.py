@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from tyro import conf
 
 from rans.errors import ConfigError
+from rans.terminal import Terminal, table
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -24,6 +25,8 @@ if TYPE_CHECKING:
 
 _ARROWS = "→↗↑↖←↙↓↘"
 _TOWARDS, _AWAY = "⊙", "⊗"
+_WIDEST = 3.0
+"""The farthest thruster in a picture is so many units away: of the outer radius, or longer ones."""
 _COLUMNS = ("column", "what", "unit", "frame")
 
 
@@ -38,9 +41,7 @@ class List:
 
     def run(self) -> int:
         """Print; 0 unless the name or the picture's file is wrong, which raises `ConfigError`."""
-        from rich.console import Console
-
-        console = Console(markup=False, highlight=False)
+        console = Terminal()
         for part in self._parts():
             console.print(part, soft_wrap=isinstance(part, str))
         return 0
@@ -103,18 +104,20 @@ def layout_text(craft: Spacecraft) -> str:
     Each thruster is its index with the direction of its force: an arrow, or ⊙ towards the viewer and
     ⊗ away; + is the centre of mass and the dots are the outer radius.
     """
+    arms = [[p - c for p, c in zip(t.position, craft.centre_of_mass, strict=True)] for t in craft.thrusters]
+    unit = max(craft.radius, *(math.hypot(x, y) / _WIDEST for x, y, _ in arms))
     cells: dict[tuple[int, int], str] = {}
     for angle in range(0, 360, 6):
-        outline = (math.cos(math.radians(angle)), math.sin(math.radians(angle)))
+        radius = craft.radius / unit
+        outline = (radius * math.cos(math.radians(angle)), radius * math.sin(math.radians(angle)))
         cells[_cell(outline, 1.0)] = "·"
     _put(cells, (0.0, 0.0), "+")
-    for index, thruster in enumerate(craft.thrusters):
-        (dx, dy, dz), position = thruster.direction, thruster.position
-        place = [(p - c) / craft.radius for p, c in zip(position, craft.centre_of_mass, strict=True)]
+    for index, (thruster, (x, y, _)) in enumerate(zip(craft.thrusters, arms, strict=True)):
+        dx, dy, dz = thruster.direction
         mark = _ARROWS[round(math.atan2(dy, dx) / (math.pi / 4)) % 8]
         if abs(dz) > math.hypot(dx, dy):
             mark = _TOWARDS if dz > 0 else _AWAY
-        _put(cells, (place[0] + 0.35 * dx, place[1] + 0.35 * dy), f"{index}{mark}")
+        _put(cells, (x / unit + 0.35 * dx, y / unit + 0.35 * dy), f"{index}{mark}")
     rows, columns = zip(*cells, strict=True)
     return "\n".join(
         "".join(cells.get((row, column), " ") for column in range(min(columns) - 2, max(columns) + 1))
@@ -122,7 +125,7 @@ def layout_text(craft: Spacecraft) -> str:
 
 
 def _cell(place: Sequence[float], width: float) -> tuple[int, int]:
-    """Row and first column of a text centred at a place given in outer radii; characters are 1 x 2."""
+    """Row and first column of a text centred at a place given in units; characters are 1 x 2."""
     return round(-8.0 * place[1]), round(16.0 * place[0] - (width - 1) / 2)
 
 
@@ -142,7 +145,7 @@ def _all_spacecraft() -> Table:
         c = SPACECRAFT[name].craft
         return _space(c), f"{c.mass:g} kg", f"{len(c.thrusters)} x {_forces(c)}", c.thrust_sharing
 
-    return _table("Spacecraft", ("name", "moves in", "mass", "thrusters", "thrust sharing"), [
+    return table("Spacecraft", ("name", "moves in", "mass", "thrusters", "thrust sharing"), [
         (_named(SPACECRAFT, name), *_or_why_not(row, name)) for name in SPACECRAFT])
 
 
@@ -152,7 +155,7 @@ def _all_tasks() -> Table:
     def row(name: str) -> tuple[str, ...]:
         return _flag(TASKS[name]), _summary(TASKS[name])
 
-    return _table("Tasks", ("name, Gymnasium ids", "flag", "what"), [
+    return table("Tasks", ("name, Gymnasium ids", "flag", "what"), [
         ("\n  ".join((_named(TASKS, name), *gymnasium_ids(name))), *_or_why_not(row, name))
         for name in TASKS])
 
@@ -180,7 +183,7 @@ def _all_agents() -> Table:
     from rans.pretrained import pretrained_card, pretrained_names
 
     cards = [pretrained_card(name) for name in pretrained_names()]
-    return _table("Agents (pretrained:NAME)", ("name", "spacecraft", "solved"), [
+    return table("Agents (pretrained:NAME)", ("name", "spacecraft", "solved"), [
         (card["name"], card["spacecraft"], _solved(card)) for card in cards])
 
 
@@ -192,6 +195,8 @@ def _solved(card: dict[str, Any]) -> str:
 
 
 def _agent_details(name: str) -> Iterable[str | Table]:
+    from rans.evaluation.measure.statistics import figure
+    from rans.files import number
     from rans.pretrained import pretrained_card, pretrained_folder
 
     card = pretrained_card(name)
@@ -202,26 +207,23 @@ def _agent_details(name: str) -> Iterable[str | Table]:
            f"seed {card['evaluation_seed']}.")
     for protocol, parts in card["evaluation"].items():
         for part, values in parts.items():
-            yield _table(f"Protocol {protocol} {part}".rstrip(), ("metric", "value", "95 % interval"), [
-                (metric, f"{_or_never(value)} {unit}".rstrip(), f"{_or_never(low)} to {_or_never(high)}")
-                for metric, (value, low, high, unit) in values.items()])
-
-
-def _or_never(value: float | None) -> str:
-    return "never" if value is None else f"{value:.3g}"
+            yield table(f"Protocol {protocol} {part}".rstrip(), ("metric", "value", "95 % interval"), [
+                (metric, f"{figure(value)} {unit if math.isfinite(value) else ''}".rstrip(),
+                 f"{figure(low)} to {figure(high)}")
+                for metric, (*three, unit) in values.items() for value, low, high in [map(number, three)]])
 
 
 def _spacecraft_details(craft: Spacecraft) -> Iterable[str | Table]:
     axes = craft.dimension
     moments = "\n".join(_vector(row, 4) for row in craft.inertia)
-    yield _table(craft.name, ("property", "value"), [
+    yield table(craft.name, ("property", "value"), [
         ("moves in", _space(craft)),
         ("mass", f"{craft.mass:g} kg"),
         ("inertia about the centre of mass, kg m²", moments),
         ("centre of mass, m", _vector(craft.centre_of_mass[:axes], 4)),
         ("outer radius", f"{craft.radius:g} m"),
         ("thrust sharing", craft.thrust_sharing)])
-    yield _table("Thrusters", ("", "position, m", "direction", "force, N", "torque, N m"), [
+    yield table("Thrusters", ("", "position, m", "direction", "force, N", "torque, N m"), [
         (str(i), *(_vector(v) for v in (t.position[:axes], t.direction[:axes], (t.force,), w[axes:])))
         for i, (t, w) in enumerate(zip(craft.thrusters, craft.wrench_map, strict=True))])
     yield f"\n{layout_text(craft)}\n"
@@ -235,11 +237,11 @@ def _task_details(name: str) -> Iterable[str | Table]:
     yield f"{name}: {_summary(TASKS[name])}"
     yield f"Gymnasium: {', '.join(gymnasium_ids(name))}; task flag: {_flag(task)}"
     meanings = _field_meanings(TASKS[name])
-    yield _table("Settings", ("name", "default", "meaning"), [
+    yield table("Settings", ("name", "default", "meaning"), [
         (f.name, _setting(getattr(task, f.name)), meanings.get(f.name, ""))
         for f in dataclasses.fields(task)])
-    yield _table("Observation in the plane", _COLUMNS, _numbered(observation_columns(task, 2)))
-    yield _table("Observation in space", _COLUMNS, _numbered(observation_columns(task, 3)))
+    yield table("Observation in the plane", _COLUMNS, _numbered(observation_columns(task, 2)))
+    yield table("Observation in space", _COLUMNS, _numbered(observation_columns(task, 3)))
 
 
 def _flag(task: object) -> str:
@@ -268,18 +270,6 @@ def _setting(value: object) -> str:
     if isinstance(value, tuple):
         return ", ".join(_setting(x) for x in value)
     return f"{value:.4g}" if isinstance(value, float) else str(value)
-
-
-def _table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]]) -> Table:
-    from rich.table import Table
-
-    table = Table(*columns, title=title, title_justify="left")
-    table.columns[0].no_wrap = True
-    for column in table.columns[1:]:
-        column.overflow = "fold"  # no end of a long word is lost
-    for row in rows:
-        table.add_row(*row)
-    return table
 
 
 def _space(craft: Spacecraft) -> str:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
+from rans.cli import check_count
 from rans.errors import ConfigError
 from rans.scenario import EVALUATION_SEED
 
@@ -64,13 +65,12 @@ class Optimal:
 
     def run(self) -> int:
         """Print a table of the starts."""
-        from rich.console import Console
-
         from rans.evaluation.compare.optima import optima, table, write
         from rans.files import ready_folder
         from rans.model.spacecraft_file import load_spacecraft
         from rans.scenario import scenarios
         from rans.tasks import TASKS
+        from rans.terminal import Terminal
 
         self._check()
         task, craft = TASKS[self.task]().for_evaluation(), load_spacecraft(self.spacecraft)
@@ -80,12 +80,12 @@ class Optimal:
         answers = self._with_progress("optimal trajectories", lambda tick: optima(
             craft, task, objective, starts, self.guesses, self.workers, tick))
         title = f"{objective.name}: {self.task} with {craft.name}, thrust between 0 and 1"
-        Console().print(table(title, objective, answers))
+        Terminal().print(table(title, objective, answers))
         about: dict[str, Any] = {"task": self.task, "spacecraft": craft.name, "objective": objective.name,
                                  "measure": objective.measure, "ending": objective.ending, "seed": self.seed}
         write(folder, about, answers)  # bounds can take long: an interrupt must not lose these
         if self.certify:
-            about["bounds"] = [b.to_json() for b in self._bounds(craft, task, objective, starts, answers)]
+            about["bounds"] = [asdict(b) for b in self._bounds(craft, task, objective, starts, answers)]
             write(folder, about, answers)
         lost = sum(not answer.good for answer in answers)
         print(f"{len(answers) - lost} of {len(answers)} solved and flown in Drake. Written to "
@@ -94,9 +94,7 @@ class Optimal:
 
     def _check(self) -> None:
         for name in ("episodes", "guesses", "workers"):
-            value = getattr(self, name)
-            if value is not None and value < 1:
-                raise ConfigError(f"--{name} must be >= 1, got {value}.")
+            check_count(f"--{name}", getattr(self, name))
         if not self.certify_seconds > 0:
             raise ConfigError(f"--certify-seconds must be > 0, got {self.certify_seconds:g}.")
         if self.horizon is not None and self.objective == "time":
@@ -124,8 +122,6 @@ class Optimal:
         """Print them too."""
         import math
 
-        from rich.console import Console
-
         from rans.evaluation.compare.bounds import (
             CERTIFIED,
             Question,
@@ -137,6 +133,7 @@ class Optimal:
         from rans.optimal.certificate.certificate import Effort
         from rans.optimal.trajectory.arrival import aims
         from rans.optimal.trajectory.pool import each
+        from rans.terminal import Terminal
 
         wanted, period = tuple(sorted(aims(task))), self.control_period
         horizon = None if self.objective == "time" else objective.intervals * period
@@ -147,17 +144,15 @@ class Optimal:
         reason = no_certificate(craft, wanted, period)
         sentence = f"No on/off certificate: {reason}" if reason else CERTIFIED
         costs = [answer.trajectory.cost if answer.good else math.nan for answer in answers]
-        Console().print(table(sentence, objective.measure, found, costs))
+        Terminal().print(table(sentence, objective.measure, found, costs))
         return found
 
     def _with_progress(self, what: str, work: Callable[[Callable[[], object]], Any]) -> Any:
-        from rich.console import Console
-        from rich.progress import Progress
+        from rans.terminal import progress
 
-        terminal = Console(stderr=True)
-        with Progress(console=terminal, transient=True, disable=not terminal.is_terminal) as progress:
-            bar = progress.add_task(what, total=self.episodes)
-            return work(lambda: progress.advance(bar))
+        with progress() as bars:
+            bar = bars.add_task(what, total=self.episodes)
+            return work(lambda: bars.advance(bar))
 
 
 COMMAND = Optimal

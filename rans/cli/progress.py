@@ -6,8 +6,9 @@ import sys
 import time
 from typing import TYPE_CHECKING, Any
 
-from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
+
+from rans.terminal import Terminal
 
 if TYPE_CHECKING:
     from rans.fast.learn.config import TrainConfig
@@ -25,7 +26,7 @@ class TrainingProgress:
 
     def __init__(self, config: TrainConfig) -> None:
         self._total = config.total_timesteps
-        console = Console(file=sys.stderr)
+        console = Terminal(stderr=True)
         self._live = Progress(
             TextColumn("training"), BarColumn(bar_width=20), TextColumn("{task.description}"),
             console=console, disable=not console.is_terminal)

@@ -18,13 +18,12 @@ class Report:
 
     def run(self) -> int:
         """Write report.html into the run folder and print a summary."""
-        from rich.console import Console
-
         from rans.show.report import report_from_run
+        from rans.terminal import Terminal
 
         report, file = report_from_run(self.run_folder), self.run_folder / "report.html"
         report.write(file)
-        Console().print(report.summary())
+        Terminal().print(report.summary())
         print(f"The report is {file}.")
         return 0
 

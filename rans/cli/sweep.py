@@ -56,9 +56,8 @@ class Sweep:
 
     def run(self) -> int:
         """Train with progress and print a table; 130 when it was stopped early."""
-        from rich.console import Console
-
         from rans.fast.learn.sweep import Sweep as Trainings
+        from rans.terminal import Terminal
 
         compile_in_this_process()
         sweep = Trainings(list(self._configs()))
@@ -66,7 +65,7 @@ class Sweep:
         with StopGently() as stop:
             sweep.train(_Progress(sweep).show, lambda: stop.asked)
         _save(sweep, folder)
-        Console().print(_table(sweep))
+        Terminal().print(_table(sweep))
         solved = sum(member.solved for member in sweep.members)
         rate = sweep.timed_steps / max(sweep.seconds, 1e-9)
         print(f"{'Stopped' if stop.asked else 'Done'}: {solved} of {len(sweep.members)} members solved, "
@@ -105,13 +104,13 @@ def _changes(text: str) -> list[str]:
 
 
 def _save(sweep: Trainings, folder: Path) -> None:
-    from rans.files import environment, write_json, write_text
+    from rans.files import environment, plain, write_json, write_text
     from rans.show.figures import svg
     from rans.show.sweep_figure import sweep_figure
 
     command, best = shlex.join(["rans", *sys.argv[1:]]), sweep.best()
     rows = [{"member": number} | row for number, member in enumerate(sweep.members) for row in member.rows]
-    write_text(folder / "metrics.jsonl", "".join(json.dumps(row) + "\n" for row in rows))
+    write_text(folder / "metrics.jsonl", "".join(json.dumps(plain(row)) + "\n" for row in rows))
     write_json(folder / "sweep.json", {
         "command": command, "environment": environment(), "seconds": sweep.seconds,
         "best": sweep.members.index(best), "members": sweep.results()})

@@ -24,50 +24,44 @@ class Validate:
 
     def run(self) -> int:
         """Print the table of checks."""
-        from rich.console import Console
+        from rich.text import Text
 
         from rans.files import ready_folder
+        from rans.terminal import Terminal, verdict
+        from validation.page import page
 
-        console = Console()
+        console = Terminal()
         if self.output is not None:
             ready_folder(self.output)
         report = self._study()
         console.print(report.table())
         failed = [check for check in report.checks if not check.passed]
         for check in failed:
-            console.print(f"[bold red]FAIL[/] {check.name} ({check.worst}). Its tolerance: {check.reason}")
+            console.print(verdict(False), f"{check.name} ({check.worst}). Its tolerance: {check.reason}")
         for skipped in report.skipped:
-            console.print(f"[yellow]not run[/] {skipped.name}: {skipped.reason}")
+            console.print(Text("not run", "yellow"), f"{skipped.name}: {skipped.reason}")
         total, seconds = len(report.checks), report.settings["seconds"]
         console.print(f"{total - len(failed)} of {total} checks passed in {seconds} s.")
         if self.output is not None:
-            self._write(report, self.output)
+            report.write(self.output / "validation.json")
+            page(report, self.spacecraft).write(self.output / "validation.html")
             console.print(f"Written to {self.output / 'validation.json'} and validation.html.")
         return 1 if failed else 0
 
     def _study(self) -> Any:
-        from rich.console import Console
-        from rich.progress import Progress
-
         from rans.model.spacecraft_file import load_spacecraft
+        from rans.terminal import progress
         from validation.study import study
 
         craft = load_spacecraft(self.spacecraft)
-        console = Console(stderr=True)
-        with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
-            bar = progress.add_task("validating", total=None)
+        with progress() as bars:
+            bar = bars.add_task("validating", total=None)
 
             def show(name: str, count: int) -> None:
-                done = progress.tasks[0].completed if progress.tasks[0].total else -1
-                progress.update(bar, total=count, completed=done + 1, description=name)
+                done = bars.tasks[0].completed if bars.tasks[0].total else -1
+                bars.update(bar, total=count, completed=done + 1, description=name)
 
             return study(craft, self.seed, self.quick, self.layer, show)
-
-    def _write(self, report: Any, folder: Path) -> None:
-        from validation.page import page
-
-        report.write(folder / "validation.json")
-        page(report, self.spacecraft).write(folder / "validation.html")
 
 
 COMMAND = Validate

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
+from rans.cli import check_count
 from rans.errors import ConfigError
 from rans.scenario import EVALUATION_SEED
 
@@ -42,8 +43,7 @@ class View:
         """Serve the page, or write what was asked for."""
         if not self.contestants:
             raise ConfigError("say who flies, such as `rans view runs/first`.")
-        if self.episodes < 1:
-            raise ConfigError(f"--episodes must be >= 1, got {self.episodes}.")
+        check_count("--episodes", self.episodes)
         if self.save is not None and self.save.suffix != ".html":
             raise ConfigError(f"--save writes a page, whose name must end in .html, got {str(self.save)!r}.")
         flights = [self._fly(spec) for spec in self.contestants]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import math
 import zipfile
 from datetime import UTC, datetime
 from pathlib import Path
@@ -15,7 +14,7 @@ from rans.errors import ConfigError
 from rans.evaluation.fly.agent import load_agent
 from rans.evaluation.fly.contestants import contestant, judged_separately
 from rans.evaluation.fly.protocols import ProtocolName, fitting_protocols
-from rans.evaluation.measure.summary import Metrics, measure
+from rans.evaluation.measure.aggregate import Metrics, measure
 from rans.fast.learn.config import to_table
 from rans.fast.learn.run_folder import RunFolder
 from rans.files import read_json, replace_file, write_json, write_text
@@ -101,9 +100,6 @@ def _training(run: RunFolder) -> dict[str, Any]:
 
 
 def _values(metrics: Metrics) -> dict[str, Any]:
-    """Value, ends of the 95 % interval and unit of every metric; null where it is infinite."""
-    def finite(value: float) -> float | None:
-        return float(f"{value:.5g}") if math.isfinite(value) else None
-
-    return {row.name: [finite(row.value), finite(row.low), finite(row.high), row.unit]
+    """Value, ends of the 95 % interval and unit of every metric."""
+    return {row.name: [*(float(f"{x:.5g}") for x in (row.value, row.low, row.high)), row.unit]
             for row in metrics.rows}

@@ -9,13 +9,12 @@ from typing import Any
 import numpy as np
 
 from rans.evaluation.compare.run import Comparison
-from rans.evaluation.measure.statistics import Estimate
 from rans.files import environment
 from rans.flight import Flight, fly
 from rans.show import comparison_figures as figures
 from rans.show import comparison_tables as tables
-from rans.show.figures import data_uri, svg
-from rans.show.report import Finding, Picture, Report, Section, Table
+from rans.show.page import Finding, Page, Picture, Section, Table, header
+from rans.show.report import comparison_section
 
 TEXT = (
     "All fly from the same starts, at the same rate, and open or shut whole thrusters. Arrival is the first "
@@ -43,34 +42,24 @@ class _Script:
         return self._commands[self._step - 1:self._step]
 
 
-def page(comparison: Comparison) -> Report:
+def page(comparison: Comparison) -> Page:
     """Whatever the comparison holds, failures on top."""
-    sections = [_summary(comparison)]
+    sections, protocol = [_summary(comparison)], comparison.protocol
     if comparison.entries:
         sections += [_plane(comparison), *_gaps(comparison), *_starts(comparison), _errors(comparison),
                      _returns(comparison), *_differences(comparison)]
     if comparison.relaxed:
         sections.append(_relaxed(comparison))
-    return Report(f"Comparison: {comparison.protocol.title()}", sections, _header(comparison))
-
-
-def _header(comparison: Comparison) -> dict[str, Any]:
-    about = environment()
-    protocol = comparison.protocol
-    return {"task": type(protocol.task).__name__, "spacecraft": protocol.craft.name,
-            "motion by": protocol.engine,
-            "versions": ", ".join(f"{key} {about[key]}" for key in ("rans", "revision", "torch", "casadi",
-                                                                    "drake")),
-            "processor": f"{about['processor']}, {about['cores']} cores"}
+    return Page(f"Comparison: {protocol.title()}", sections, header({
+        "task": type(protocol.task).__name__, "spacecraft": protocol.craft.name, "motion by": protocol.engine,
+        "environment": environment()}))
 
 
 def _summary(comparison: Comparison) -> Section:
-    findings = [Finding(text, False) for text in comparison.failures]
+    board = tables.scoreboard(comparison)
+    findings = [*comparison_section(tables.outcome(comparison, board)).findings]
     if comparison.certified_starts():
         findings.append(Finding("No flight beats a certified bound.", not comparison.impossible()))
-    findings += [Finding(text) for text in comparison.notes]
-    board = tables.scoreboard(comparison)
-    findings += [Finding(_told(name, row)) for name, row in board.items()]
     headings = dict.fromkeys(key for row in board.values() for key in row)
     rows = [[key, *(row[key].text() for row in board.values())] for key in headings]
     made = [[e.name, e.contestant.knows, e.contestant.tuning] for e in comparison.entries]
@@ -79,20 +68,13 @@ def _summary(comparison: Comparison) -> Section:
     return Section("Contestants", TEXT, found, (), findings)
 
 
-def _told(name: str, row: tables.Scores) -> str:
-    settling = row["settling time, s"]
-    median = f"median {settling.text()} s, " if np.isfinite(settling.value) else ""
-    return (f"{name} settles from {row['settled, %'].value:.3g} % of the starts, {median}"
-            f"with {row['thrust-time of the episode, N s'].text()} N s.")
-
-
 def _plane(comparison: Comparison) -> Section:
     text = (
         "Left of the line no controller's median can be. The bars are medians of what each start needs at "
         "least to be there at the marked time: from no start does less suffice, but who is quick from some "
         "starts and late from others may have a median below a bar. The dotted line only guides the eye."
     ) if comparison.certified_starts() else ""
-    return Section("Time and thrust", text, (), [_picture(
+    return Section("Time and thrust", text, (), [Picture.of(
         figures.plane(comparison), "Time and thrust-time to the goal set, with 95 % intervals.")])
 
 
@@ -117,7 +99,7 @@ def _gaps(comparison: Comparison) -> Iterator[Section]:
         Table(("contestant", *gaps), rows, "Median multiple of the bound"),
         Table(("question", "certified bound, median", "best found, median", "proven optimal"), bounds,
               "The bounds (s and N s)")],
-        [_picture(figures.gap_histograms(gaps, shown), "Flights from each start over the certified bound.")])
+        [Picture.of(figures.gap_histograms(gaps, shown), "Flights from each start over the bound.")])
 
 
 def _middle(ratios: np.ndarray | None) -> str | None:
@@ -132,7 +114,7 @@ def _starts(comparison: Comparison) -> Iterator[Section]:
     candidates = comparison.certified_starts() or list(range(comparison.protocol.episodes))
     ranking = sorted(candidates, key=lambda k: comparison.entries[0].arrival[k])
     chosen = dict.fromkeys((ranking[(len(ranking) - 1) // 2], ranking[-1]))
-    pictures = [_picture(figures.side_by_side([*_flights(comparison, k)]), f"Start {k}.") for k in chosen]
+    pictures = [Picture.of(figures.side_by_side([*_flights(comparison, k)]), f"Start {k}.") for k in chosen]
     text = f"The median and the slowest start of {comparison.entries[0].name}, everybody side by side."
     yield Section("Paths", text, (), pictures)
 
@@ -152,9 +134,8 @@ def _flights(comparison: Comparison, k: int) -> Iterator[tuple[str, Flight, int]
 
 
 def _errors(comparison: Comparison) -> Section:
-    picture = _picture(figures.final_error_curves(comparison.entries),
-                       "Distribution of final errors over all starts.")
-    return Section("Final errors", "", (), [picture])
+    return Section("Final errors", pictures=[Picture.of(
+        figures.final_error_curves(comparison.entries), "Distribution of final errors over all starts.")])
 
 
 def _returns(comparison: Comparison) -> Section:
@@ -165,7 +146,7 @@ def _returns(comparison: Comparison) -> Section:
         title, known = "Return and latency", np.isfinite(optimum)
         text += (f" The return is the task's own reward, from {known.sum()} of {len(known)} starts; 100 % is "
                  "its relaxed optimum from there, which may throttle.")
-    picture = _picture(figures.shares_and_latency(tables.scoreboard(comparison)), f"{title}.")
+    picture = Picture.of(figures.shares_and_latency(tables.scoreboard(comparison)), f"{title}.")
     return Section(title, text, (), [picture])
 
 
@@ -174,15 +155,11 @@ def _differences(comparison: Comparison) -> Iterator[Section]:
     if not between:
         return
     first = comparison.entries[0].name
-    rows = [[name, *(_signed(estimate) for estimate in row.values())] for name, row in between.items()]
+    rows = [[name, *(estimate.text("+.3g") for estimate in row.values())] for name, row in between.items()]
     yield Section("Paired differences", f"Everybody less {first} from the same start: median over starts, "
                   f"with its interval; 0 where neither gets there, never where only {first} does, -never "
                   f"where only {first} does not.",
                   [Table(("contestant", *tables.DIFFERENCES), rows)])
-
-
-def _signed(estimate: Estimate) -> str:
-    return estimate.text("+.3g")
 
 
 def _relaxed(comparison: Comparison) -> Section:
@@ -190,7 +167,3 @@ def _relaxed(comparison: Comparison) -> Section:
                "largest replay error, m", "solve time, s")
     return Section("Relaxed optima", "Flown in Drake before they are reported; medians.",
                    [Table(columns, tables.relaxed_rows(comparison))])
-
-
-def _picture(figure: Any, caption: str) -> Picture:
-    return Picture(data_uri(svg(figure)), caption)

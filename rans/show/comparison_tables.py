@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from dataclasses import asdict, astuple
 from typing import Any
 
 import numpy as np
@@ -40,12 +41,11 @@ def scores(entry: Entry, bootstrap: Bootstrap, optimum: np.ndarray | None = None
         bootstrap: over N starts.
         optimum: see `best_returns`.
     """
-    settled = share(np.isfinite(entry.settling))
-    found = {"settled, %": _scaled(settled, 100.0)}
+    found = {"settled, %": share(np.isfinite(entry.settling)).scaled(100.0)}
     for name in ("settling time, s", "arrival, s", "thrust-time to arrive, N s"):
         found[name] = bootstrap.median(DIFFERENCES[name](entry))
     found["thrust-time of the episode, N s"] = bootstrap.mean(entry.thrust)
-    found["failed, %"] = _scaled(share(entry.flight.failed()), 100.0)
+    found["failed, %"] = share(entry.flight.failed()).scaled(100.0)
     found["duty, %"] = bootstrap.mean(100.0 * entry.duty)
     for name, error in entry.errors.items():
         factor, unit = DISPLAY[name]
@@ -53,7 +53,7 @@ def scores(entry: Entry, bootstrap: Bootstrap, optimum: np.ndarray | None = None
     if optimum is not None:
         known = np.isfinite(optimum)
         ratio = Bootstrap(int(known.sum())).ratio(entry.returns[known], optimum[known])
-        found[RETURN] = _scaled(ratio, 100.0)
+        found[RETURN] = ratio.scaled(100.0)
     found["latency, ms"] = _latency(entry)
     return found
 
@@ -61,10 +61,6 @@ def scores(entry: Entry, bootstrap: Bootstrap, optimum: np.ndarray | None = None
 def _latency(entry: Entry) -> Estimate:
     """Median, and the middle 90 % of the actions."""
     return Estimate(*(1e3 * float(np.quantile(entry.latencies, q)) for q in (0.5, 0.05, 0.95)))
-
-
-def _scaled(estimate: Estimate, factor: float) -> Estimate:
-    return Estimate(factor * estimate.value, factor * estimate.low, factor * estimate.high)
 
 
 def scoreboard(comparison: Comparison) -> dict[str, Scores]:
@@ -132,14 +128,12 @@ def _median(rows: list[Relaxed], key: str) -> float | None:
 
 
 def to_json(comparison: Comparison, text: str) -> dict[str, Any]:
-    """Plain values; infinities and NaN become null."""
-    if not comparison.entries:
-        return {"title": comparison.protocol.title(), "failures": comparison.failures}
-    table, between = scoreboard(comparison), differences(comparison)
-    found = {
-        "title": comparison.protocol.title(), "text": text, "engine": comparison.protocol.engine,
-        "summary": [*_summary(comparison, table), *_bound_summary(comparison)],
-        "estimates": _estimates(table), "differences_from_first": _estimates(between),
+    """For `rans.files.write_json`."""
+    board = scoreboard(comparison)
+    found = outcome(comparison, board)
+    return found if not comparison.entries else found | {
+        "text": text, "engine": comparison.protocol.engine,
+        "estimates": _estimates(board), "differences_from_first": _estimates(differences(comparison)),
         "contestants": {e.name: {"knows": e.contestant.knows, "tuning": e.contestant.tuning}
                         for e in comparison.entries},
         "certified": {"starts": comparison.certified_starts(), "horizons": comparison.horizons(),
@@ -149,20 +143,26 @@ def to_json(comparison: Comparison, text: str) -> dict[str, Any]:
                       "lqr_weights": {e.name: list(_starts(e)) for e in comparison.curve},
                       "relaxed": {name: [_relaxed_row(row) for row in rows]
                                   for name, rows in comparison.relaxed.items()},
-                      "certified": [one.to_json() for one in comparison.certified]},
-        "notes": comparison.notes, "failures": comparison.failures, "environment": environment(),
+                      "certified": [asdict(one) for one in comparison.certified]},
+        "environment": environment(),
     }
-    return _finite(found)
 
 
-def _estimates(table: dict[str, Scores]) -> dict[str, dict[str, list[float | None]]]:
-    return {name: {key: estimate.to_json() for key, estimate in row.items()} for name, row in table.items()}
+def outcome(comparison: Comparison, board: dict[str, Scores]) -> dict[str, Any]:
+    """What `rans.show.report.comparison_section` reads: who got there, and what went wrong."""
+    return {"title": comparison.protocol.title(),
+            "summary": [*_summary(comparison, board), *_bound_summary(comparison)],
+            "notes": comparison.notes, "failures": comparison.failures}
 
 
-def _summary(comparison: Comparison, table: dict[str, Scores]) -> Iterator[dict[str, Any]]:
-    """A row per contestant, with what `rans.show.report.comparison_section` reads."""
+def _estimates(table: dict[str, Scores]) -> dict[str, dict[str, tuple[float, ...]]]:
+    return {name: {key: astuple(estimate) for key, estimate in row.items()} for name, row in table.items()}
+
+
+def _summary(comparison: Comparison, board: dict[str, Scores]) -> Iterator[dict[str, Any]]:
+    """A row per contestant."""
     for entry in comparison.entries:
-        count, row = len(entry.settling), table[entry.name]
+        count, row = len(entry.settling), board[entry.name]
         yield {"contestant": entry.name, "kind": "controller", "starts": count, "flown": count,
                "settled": int(np.isfinite(entry.settling).sum()),
                "median_settling_time": row["settling time, s"].value,
@@ -190,12 +190,3 @@ def _starts(entry: Entry) -> Iterator[dict[str, Any]]:
 def _relaxed_row(row: Relaxed) -> dict[str, Any]:
     return {key: getattr(row, key) for key in ("start", "status", "arrival", "settling", "thrust", "total",
                                                "replay_error", "seconds")}
-
-
-def _finite(value: Any) -> Any:
-    """JSON has no infinities."""
-    if isinstance(value, dict):
-        return {key: _finite(inner) for key, inner in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(inner) for inner in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -94,21 +94,14 @@ def learning_curve(rows: Sequence[Mapping[str, Any]]) -> Figure:
     return figure
 
 
-def save_flight_figures(flight: Flight, folder: Path, suffix: str = "") -> tuple[Path, ...]:
-    """Write the figures of a flight where `rans.show.report.report_from_run` finds them.
-
-    Returns:
-        ``evaluation.svg`` of all episodes and ``episode.svg`` of the first, in this folder, the suffix
-        before the dot.
+def save_flight_figures(flight: Flight, folder: Path, suffix: str = "") -> None:
+    """Write ``evaluation.svg`` and, of the first episode, ``episode.svg``, the suffix before the dot.
 
     Raises:
         ConfigError: the disk refused.
     """
-    figures = {f"evaluation{suffix}.svg": evaluation_figure(flight),
-               f"episode{suffix}.svg": episode_figure(flight)}
-    for name, figure in figures.items():
-        write_text(folder / name, svg(figure))
-    return tuple(folder / name for name in figures)
+    for name, draw in (("evaluation", evaluation_figure), ("episode", episode_figure)):
+        write_text(folder / f"{name}{suffix}.svg", svg(draw(flight)))
 
 
 def svg(figure: Figure) -> str:

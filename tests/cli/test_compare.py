@@ -48,7 +48,7 @@ def test_interrupted_it_still_writes(tmp_path: Path, monkeypatch: pytest.MonkeyP
     ([IDLE], "knows no task"),
     (["lqr:go-to-pose-2d", "--certified", "-1"], "--certified must be >= 0, got -1"),
     (["lqr:go-to-pose-2d", "--output", "/dev/null/x"], "cannot write into /dev/null/x: Not a directory"),
-    (["lqr:go-to-pose-2d", "--episodes", "0"], "--episodes must be at least 1, got 0"),
+    (["lqr:go-to-pose-2d", "--episodes", "0"], "--episodes must be >= 1 and < 2^31, got 0"),
 ])
 def test_mistakes_end_in_a_sentence(arguments: list[str], sentence: str,
                                     capsys: pytest.CaptureFixture[str]) -> None:

@@ -83,7 +83,7 @@ def test_the_seed_decides(run_folder: Path) -> None:
 
 
 def test_wrong_arguments(capsys: pytest.CaptureFixture[str], run_folder: Path, tmp_path: Path) -> None:
-    assert "--episodes must be >= 1, got 0" in refused(capsys, str(run_folder), "--episodes", "0")
+    assert "--episodes must be >= 1 and < 2^31, got 0" in refused(capsys, str(run_folder), "--episodes", "0")
     assert "is not a run folder" in refused(capsys, str(tmp_path / "nowhere"))
     (run_folder / "policy.zip").write_bytes(b"rubbish")
     assert "policy.zip is damaged" in refused(capsys, str(run_folder))

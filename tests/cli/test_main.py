@@ -94,6 +94,12 @@ def test_a_misspelt_option_is_told_the_near_ones(capsys: pytest.CaptureFixture[s
     (ConfigError("the mass must be > 0 kg, got -1."), 2, "rans: the mass must be > 0 kg, got -1.\n"),
     (OSError(28, "No space left on device", "metrics.jsonl"), 2,
      "rans: [Errno 28] No space left on device: 'metrics.jsonl'.\n"),
+    (OverflowError("int too large to convert to float"), 2,
+     "rans: a number is too large to compute with: int too large to convert to float.\n"),
+    (RuntimeError("can't allocate memory:\nyou tried"), 2,
+     "rans: out of memory, fewer at once may do: can't allocate memory:.\n"),
+    (ConfigError("\x1b[31m" + "x" * 10**7), 2,
+     "rans: \\x1b[31m" + "x" * (2000 - 11) + " ... (10,000,011 characters)\n"),
     (MemoryError("no 373 GiB"), 2, "rans: out of memory, fewer at once may do: no 373 GiB.\n"),
     (KeyboardInterrupt(), 130, "\nrans: interrupted; what was written is kept.\n"),
 ])
@@ -105,9 +111,10 @@ def test_ends_with_a_sentence(error: BaseException, code: int, said: str, monkey
 
 
 def test_a_mistake_of_ours_is_not_hidden(monkeypatch: pytest.MonkeyPatch) -> None:
-    broken(monkeypatch, ZeroDivisionError())
-    with pytest.raises(ZeroDivisionError):
-        main(["list"])
+    for error in (ZeroDivisionError(), RuntimeError("shapes differ")):
+        broken(monkeypatch, error)
+        with pytest.raises(type(error)):
+            main(["list"])
 
 
 @pytest.mark.filterwarnings("default")

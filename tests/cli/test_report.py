@@ -6,14 +6,14 @@ from pathlib import Path
 import pytest
 
 from rans.cli import main
-from validation.checks import Check, Report
+from validation.checks import Check, Study
 
 
 @pytest.fixture
 def run(tmp_path: Path) -> Path:
     """A run folder in which only checks were written."""
     checks = (Check("force", 1e-16, 1e-12, "N", "Rounding."), Check("way", 1.0, 1e-9, "m", "Planted."))
-    Report("Dynamics", checks).write(tmp_path / "validation.json")
+    Study("Dynamics", checks).write(tmp_path / "validation.json")
     return tmp_path
 
 

@@ -5,9 +5,6 @@ import os
 import re
 import shlex
 import signal
-import subprocess
-import sys
-import time
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +17,8 @@ from rans.cli import main
 from rans.cli.train import compile_in_this_process
 from rans.fast.learn.run_folder import RunFolder, read_config
 from tests.fast.training import weights
+from tests.processes import PATIENCE, command
 
-ROOT = Path(__file__).parents[2]
 TINY = {"ppo.n_envs": 16, "ppo.n_steps": 8, "ppo.batch_size": 64, "ppo.layers": [16, 16],
         "timing.episode_steps": 20, "solved_share": None}
 
@@ -164,23 +161,14 @@ def test_nan_is_said_in_a_sentence(capsys: pytest.CaptureFixture[str]) -> None:
     assert Path("run/nonfinite.pt").exists()
 
 
-def command(*arguments: str, **environment: str) -> subprocess.Popen[str]:
-    """The command in a process of its own, which hears Ctrl-C as in a terminal even if this one does not."""
-    code = ("import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "
-            f"sys.path.insert(0, {str(ROOT)!r}); from rans.cli import main; sys.exit(main())")
-    return subprocess.Popen([sys.executable, "-c", code, *arguments], text=True, stdout=subprocess.PIPE,
-                            stderr=subprocess.PIPE, env=os.environ | {"OMP_NUM_THREADS": "1"} | environment)
-
-
-def stopped(process: subprocess.Popen[str], number: int) -> str:
-    """Wait until it trains, send the signal, and return what it then printed."""
-    assert process.stderr is not None
-    first = process.stderr.readline()
-    assert first.startswith("training: "), first + process.stderr.read()
-    process.send_signal(number)
-    asked = time.monotonic()
-    out, errors = process.communicate(timeout=60)
-    assert time.monotonic() - asked < 20  # 2 s, most of it the picture; tests share the machine
+def stopped(number: int, *arguments: str) -> str:
+    """Start a command, wait until it trains, send the signal, and return what it then printed."""
+    with command(*arguments) as process:
+        assert process.stderr is not None
+        first = process.stderr.readline()
+        assert first.startswith("training: "), first + process.stderr.read()
+        process.send_signal(number)
+        out, errors = process.communicate(timeout=PATIENCE)
     assert process.returncode == 130
     assert "Traceback" not in errors
     return out
@@ -189,7 +177,7 @@ def stopped(process: subprocess.Popen[str], number: int) -> str:
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=["SIGINT", "SIGTERM"])
 def test_signals_stop_it_gently(number: int) -> None:
     """Nothing is lost, and the command it prints goes on from there."""
-    out = stopped(command(*tiny(total_timesteps=10**9), "--run", "run with space"), number)
+    out = stopped(number, *tiny(total_timesteps=10**9), "--run", "run with space")
     assert out.startswith("Stopped after ")
     run = Path("run with space")
     assert {"policy.zip", "learning_curve.svg", "checkpoint.pt"} <= {file.name for file in run.iterdir()}
@@ -204,8 +192,9 @@ def test_signals_stop_it_gently(number: int) -> None:
 
 
 def test_training_needs_no_compiler_and_no_git() -> None:
-    process = command(*tiny(), "--total-timesteps", "300", "--run", "run", PATH="/nowhere", CXX="nothing")
-    _, errors = process.communicate(timeout=60)
+    arguments = [*tiny(), "--total-timesteps", "300", "--run", "run"]
+    with command(*arguments, PATH="/nowhere", CXX="nothing") as process:
+        _, errors = process.communicate(timeout=PATIENCE)
     assert process.returncode == 0, errors
     assert Path("run/policy.zip").exists()
 

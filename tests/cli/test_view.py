@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import re
 import signal
 import subprocess
-import time
 import urllib.request
-from collections.abc import Callable
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from rans.cli import main
-from tests.cli.test_train import command, tiny
+from tests.cli.test_train import tiny
+from tests.processes import PATIENCE, command, wait_until
 
 needs_proc = pytest.mark.skipif(not Path("/proc").is_dir(), reason="finds child processes in Linux's /proc")
 
@@ -37,24 +38,21 @@ def test_a_replay_is_saved(engine: str, capsys: pytest.CaptureFixture[str]) -> N
 
 def test_it_serves_until_it_is_interrupted() -> None:
     with command("view", "lqr:go-to-pose-2d") as process:
-        try:
-            assert process.stdout is not None
-            line = process.stdout.readline()
-            url = re.search(r"LQR \(grey\): to be seen at (http://localhost:\d+) until Ctrl-C\.", line)
-            assert url is not None, line
-            with urllib.request.urlopen(url[1], timeout=10) as page:
-                assert b"meshcat" in page.read()
-            process.send_signal(signal.SIGINT)
-            _, errors = process.communicate(timeout=30)
-            assert (process.returncode, errors) == (0, "")
-        finally:
-            process.kill()
+        assert process.stdout is not None
+        line = process.stdout.readline()
+        url = re.search(r"LQR \(grey\): to be seen at (http://localhost:\d+) until Ctrl-C\.", line)
+        assert url is not None, line
+        with urllib.request.urlopen(url[1], timeout=PATIENCE) as page:
+            assert b"meshcat" in page.read()
+        process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=PATIENCE)
+        assert (process.returncode, errors) == (0, "")
 
 
 @pytest.mark.parametrize(("arguments", "said"), [
     ([], "say who flies"),
     (["nowhere"], "nowhere is not a run folder"),
-    (["lqr:go-to-pose-2d", "--episodes", "0"], "--episodes must be >= 1, got 0"),
+    (["lqr:go-to-pose-2d", "--episodes", "0"], "--episodes must be >= 1 and < 2^31, got 0"),
     (["lqr:go-to-pose-2d", "--frames", "frames.xyz"], "use .png"),
     (["lqr:go-to-pose-2d", "--save", ""], "must end in .html, got '.'"),
 ])
@@ -68,14 +66,14 @@ def test_wrong_use_is_a_sentence(arguments: list[str], said: str, capsys: pytest
 @needs_proc
 def test_training_survives_its_watcher() -> None:
     """The process of the page is killed, but training goes on and ends as ever."""
-    process, watcher = watched_training()
-    os.kill(watcher, signal.SIGKILL)
-    metrics = Path("run/metrics.jsonl")
-    wait_until(metrics.exists)
-    rows = metrics.read_text().count("\n")
-    wait_until(lambda: metrics.read_text().count("\n") > rows)
-    process.send_signal(signal.SIGINT)
-    out, errors = process.communicate(timeout=60)
+    with watched_training() as (process, watcher):
+        os.kill(watcher, signal.SIGKILL)
+        metrics = Path("run/metrics.jsonl")
+        wait_until(metrics.exists)
+        rows = metrics.read_text().count("\n")
+        wait_until(lambda: metrics.read_text().count("\n") > rows)
+        process.send_signal(signal.SIGINT)
+        out, errors = process.communicate(timeout=PATIENCE)
     assert process.returncode == 130
     assert out.startswith("Stopped after ")
     assert "Traceback" not in errors
@@ -84,23 +82,23 @@ def test_training_survives_its_watcher() -> None:
 @needs_proc
 def test_the_watcher_ends_with_the_training() -> None:
     """Even with one that is killed and cannot say farewell."""
-    process, watcher = watched_training()
-    process.kill()
-    process.communicate(timeout=60)
+    with watched_training() as (process, watcher):
+        process.kill()
     wait_until(lambda: "spawn_main" not in cmdline(watcher))
 
 
-def watched_training() -> tuple[subprocess.Popen[str], int]:
+@contextlib.contextmanager
+def watched_training() -> Iterator[tuple[subprocess.Popen[str], int]]:
     """A training that trains, and the number of the process that shows it."""
-    process = command(*tiny(total_timesteps=10**9), "--run", "run", "--view")
-    assert process.stderr is not None
-    first = process.stderr.readline()
-    assert re.search(r"seen at http://localhost:\d+ from the first checkpoint on", first), first
-    children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
-    wait_until(lambda: any("spawn_main" in cmdline(int(pid)) for pid in children.read_text().split()))
-    watcher, = (int(pid) for pid in children.read_text().split() if "spawn_main" in cmdline(int(pid)))
-    assert process.stderr.readline().startswith("training: ")
-    return process, watcher
+    with command(*tiny(total_timesteps=10**9), "--run", "run", "--view") as process:
+        assert process.stderr is not None
+        first = process.stderr.readline()
+        assert re.search(r"seen at http://localhost:\d+ from the first checkpoint on", first), first
+        children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
+        wait_until(lambda: any("spawn_main" in cmdline(int(pid)) for pid in children.read_text().split()))
+        watcher, = (int(pid) for pid in children.read_text().split() if "spawn_main" in cmdline(int(pid)))
+        assert process.stderr.readline().startswith("training: ")
+        yield process, watcher
 
 
 def cmdline(pid: int) -> str:
@@ -109,11 +107,3 @@ def cmdline(pid: int) -> str:
         return Path(f"/proc/{pid}/cmdline").read_text()
     except OSError:
         return ""
-
-
-def wait_until(holds: Callable[[], bool]) -> None:
-    """For a minute: the machine may be busy, and a watcher has the lowest priority."""
-    deadline = time.monotonic() + 60.0
-    while not holds():
-        assert time.monotonic() < deadline
-        time.sleep(0.05)

@@ -25,6 +25,7 @@ from rans.fast.learn.trainer import make_ppo
 from tests.cli.test_train import tiny
 from tests.fast.engines import NEAR, PLATFORM, SHORT
 from tests.fast.training import TINY, weights
+from tests.processes import PATIENCE, python
 
 ROOT = Path(__file__).parents[2]
 SETTINGS = replace(TINY, max_grad_norm=0.1, learning_rate=2.0**-9)
@@ -146,7 +147,8 @@ def test_a_lost_process_leaves_a_sentence_and_a_checkpoint(
     command = [sys.executable, "-m", "torch.distributed.run", "--nproc-per-node", "2", "--", "mortal.py",
                *tiny(total_timesteps=10**9), "--run", "run"]
     environment = os.environ | {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
-    ended = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120, check=False)
+    ended = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=PATIENCE,
+                           check=False)
     assert ended.returncode != 0
     sentence = "rans: another process of this training is gone;"
     assert ended.stderr.count(sentence) == 1, ended.stderr
@@ -162,12 +164,11 @@ def test_who_waits_forever_hears_a_signal() -> None:
     """As where the GPU waits for a process that is gone: Python's own handlers then never run."""
     code = ("import signal, threading; from rans.fast.distributed import leave_when_stuck; "
             "signal.signal(signal.SIGTERM, lambda *_: None); leave_when_stuck(patience=0.1); "
-            "print('waiting', flush=True); import time; time.sleep(60)")
-    process = subprocess.Popen([sys.executable, "-c", code], cwd=ROOT, text=True, stdout=subprocess.PIPE,
-                               stderr=subprocess.PIPE)
-    assert process.stdout is not None
-    assert process.stdout.readline() == "waiting\n"
-    process.send_signal(signal.SIGTERM)
-    _, errors = process.communicate(timeout=30)
+            "print('waiting', flush=True); import time; time.sleep(10**6)")
+    with python("-c", code, cwd=ROOT) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "waiting\n"
+        process.send_signal(signal.SIGTERM)
+        _, errors = process.communicate(timeout=PATIENCE)
     assert process.returncode == 1
     assert errors.startswith("rans: told to stop while waiting for another process")

@@ -22,6 +22,7 @@ from rans.model.timing import Timing
 from rans.scenario import scenario
 from rans.tasks import GoToPose
 from tests.fast.engines import NEAR, actions
+from tests.processes import PATIENCE
 
 PLANE, SPACE = "rans/GoToPose2D-v0", "rans/GoToPose3D-v0"
 QUICK = Timing(control_period=0.02, episode_steps=6)
@@ -36,7 +37,7 @@ def _no_browser(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def seen(env: Any) -> bytes:
     """The page of the window that an environment has open."""
-    with urllib.request.urlopen(env._window.url, timeout=10) as page:
+    with urllib.request.urlopen(env._window.url, timeout=PATIENCE) as page:
         return page.read()
 
 

@@ -172,8 +172,11 @@ def test_data_uri_holds_the_picture() -> None:
 
 
 def test_figures_are_saved(tmp_path: Path) -> None:
-    files = save_flight_figures(two_episodes(), tmp_path)
-    assert [file.name for file in files] == ["evaluation.svg", "episode.svg"]
+    save_flight_figures(two_episodes(), tmp_path)
+    save_flight_figures(two_episodes(), tmp_path, "-paper")
+    files = sorted(tmp_path.iterdir())
+    assert [file.name for file in files] == [
+        "episode-paper.svg", "episode.svg", "evaluation-paper.svg", "evaluation.svg"]
     for file in files:
         ET.parse(file)
 

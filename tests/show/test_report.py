@@ -11,17 +11,9 @@ import pytest
 from rich.console import Console
 
 from rans.errors import ConfigError
-from rans.evaluation.measure.summary import measure
-from rans.show.report import (
-    Finding,
-    Report,
-    Section,
-    Table,
-    comparison_section,
-    evaluation_section,
-    report_from_run,
-    validation_section,
-)
+from rans.evaluation.measure.aggregate import measure
+from rans.show.page import Finding, Page, Section, Table
+from rans.show.report import comparison_section, evaluation_section, report_from_run, validation_section
 from tests.evaluation.flights import two_episodes
 from tests.show.test_figures import ROWS
 
@@ -30,7 +22,7 @@ CHECK = {"name": "force", "value": 1e-16, "tolerance": 1e-12, "unit": "N", "reas
 LATE = CHECK | {"name": "rollout", "value": 2e-3, "tolerance": 1e-9, "unit": "m", "passed": False}
 
 
-class Page(HTMLParser):
+class Read(HTMLParser):
     """What a page says and what it loads."""
 
     def __init__(self, html: str) -> None:
@@ -72,7 +64,7 @@ def run(tmp_path: Path) -> Path:
 
 
 def test_report_from_run_holds_everything(run: Path) -> None:
-    page = Page(report_from_run(run).html())
+    page = Read(report_from_run(run).html())
     headings = ["Validation", "Training", "Evaluation", "Comparison", "Configuration"]
     assert [text for text in page.text if text in headings] == headings * 2  # in the links and above
     for text in ("rans train go-to-pose", "rans 0.1.0, revision abc1234", "timing.control_period",
@@ -83,7 +75,7 @@ def test_report_from_run_holds_everything(run: Path) -> None:
 
 def test_report_loads_nothing_from_elsewhere(run: Path) -> None:
     html = report_from_run(run).html()
-    page = Page(html)
+    page = Read(html)
     assert page.links
     assert all(link.startswith(("data:", "#")) or link == "compare.html" for link in page.links)
     assert not {"script", "link", "iframe"} & set(page.tags)
@@ -103,10 +95,10 @@ def test_how_it_was_made_is_on_top(run: Path) -> None:
 
 
 def test_failures_come_first(run: Path) -> None:
-    text = Page(report_from_run(run).html()).text
+    text = Read(report_from_run(run).html()).text
     marks = [mark for mark in text[:20] if mark in ("pass", "FAIL", "note")]
     assert text[3] == "Something has failed."
-    assert marks == ["FAIL", "FAIL", "note"]
+    assert marks == ["FAIL", "FAIL", "note", "note"]
     assert "rollout: 0.002 m, tolerance 1e-09." in text[:20]
 
 
@@ -115,7 +107,7 @@ def test_what_is_missing_is_left_out(run: Path, kept: str) -> None:
     for file in run.iterdir():
         if file.name != kept:
             file.unlink()
-    page = Page(report_from_run(run).html())
+    page = Read(report_from_run(run).html())
     assert page.tags.count("section") == 1
 
 
@@ -158,14 +150,14 @@ def test_summary_tells_the_essence(run: Path) -> None:
 
 def test_text_is_escaped() -> None:
     table = Table(("<b>",), [("<script>alert(1)</script>",)], "<i>")
-    page = Page(Report("a < b", [Section("<h1>", "<img src=x>", [table])]).html())
+    page = Read(Page("a < b", [Section("<h1>", "<img src=x>", [table])]).html())
     assert not {"script", "b", "i", "img"} & set(page.tags)
     assert "<script>alert(1)</script>" in page.text
 
 
 def test_cells() -> None:
     row = (1.23456e-7, float("inf"), None, True, False, 12, "text")
-    page = Page(Report("cells", [Section("one", tables=[Table("abcdefg", [row])])]).html())
+    page = Read(Page("cells", [Section("one", tables=[Table("abcdefg", [row])])]).html())
     assert page.text[-8:-1] == ["1.235e-07", "never", "–", "pass", "FAIL", "12", "text"]  # noqa: RUF001
 
 
@@ -173,14 +165,14 @@ def test_verdict() -> None:
     notes = Section("notes", findings=[Finding("noted")])
     good = Section("good", findings=[Finding("fine", True)])
     bad = Section("bad", findings=[Finding("broken", False)])
-    assert Report("x", [notes, good]).passed
-    report = Report("x", [notes, good, bad])
+    assert Page("x", [notes, good]).passed
+    report = Page("x", [notes, good, bad])
     assert not report.passed
     assert [finding.text for finding in report.findings] == ["broken", "fine", "noted"]
 
 
 def test_validation_findings() -> None:
-    assert [f.passed for f in validation_section({"checks": [CHECK, LATE]}).findings] == [False]
+    assert [f.passed for f in validation_section({"checks": [CHECK, LATE]}).findings] == [False, None]
     assert [f.passed for f in validation_section({"checks": [CHECK]}).findings] == [True]
     # A value that is not finite comes as null.
     broken = LATE | {"value": None}
@@ -216,6 +208,6 @@ def test_a_failed_write_keeps_the_old_report(tmp_path: Path, monkeypatch: pytest
 
     monkeypatch.setattr(os, "replace", full_disk)
     with pytest.raises(ConfigError, match=r"cannot write .*report\.html.*no space left"):
-        Report("new", []).write(path)
+        Page("new", []).write(path)
     assert [file.name for file in tmp_path.iterdir()] == ["report.html"]
     assert path.read_text() == "old"

@@ -21,6 +21,7 @@ from PIL import Image
 from rans.errors import ConfigError
 from rans.model.fields import leaves
 from rans.show.view import View
+from tests.processes import PATIENCE
 from tests.reference.flights import TRACKING, drifting, lqr_flight
 
 TIMES = (0.0, 2.5, 6.0)
@@ -59,7 +60,7 @@ def browse(page: Path) -> str:
         [browser, "--headless", "--no-sandbox", "--disable-background-networking", "--use-gl=angle",
          "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--host-resolver-rules=MAP * ~NOTFOUND",
          f"--user-data-dir={page.parent / 'profile'}", "--virtual-time-budget=10000", "--window-size=640,480",
-         "--dump-dom", page.as_uri()], capture_output=True, text=True, timeout=60, check=True)
+         "--dump-dom", page.as_uri()], capture_output=True, text=True, timeout=PATIENCE, check=True)
     return run.stdout
 
 
@@ -109,7 +110,7 @@ def test_several_flights_and_episodes_are_on_one_page(tmp_path: Path) -> None:
                  b"/flights/2 LQR/episode 1/goal", b"/flights/floor"):
         assert path in text
     assert b"/flights/0 LQR/episode 0/velocity" not in text
-    with urllib.request.urlopen(view.url, timeout=10) as page:
+    with urllib.request.urlopen(view.url, timeout=PATIENCE) as page:
         assert b"meshcat" in page.read()
 
 

@@ -8,7 +8,7 @@ import math
 import pytest
 from rich.console import Console
 
-from validation.checks import Check, Report
+from validation.checks import Check, Study
 
 
 def check(value: float) -> Check:
@@ -26,20 +26,20 @@ def test_beyond_the_tolerance_or_undefined_fails(value: float) -> None:
 
 
 def test_a_report_passes_only_if_all_of_at_least_one_check_do() -> None:
-    assert Report("one", (check(0.0),)).passed
-    assert not Report("two", (check(0.0), check(1.0))).passed
-    assert not Report("none", ()).passed
+    assert Study("one", (check(0.0),)).passed
+    assert not Study("two", (check(0.0), check(1.0))).passed
+    assert not Study("none", ()).passed
 
 
 def test_report_as_json_holds_everything_and_no_nan(tmp_path) -> None:
     file = tmp_path / "new" / "report.json"
-    Report("mixed", (check(5e-4), check(math.nan)), {"seed": 3}).write(file)
+    Study("mixed", (check(5e-4), check(math.nan)), {"seed": 3}).write(file)
     read = json.loads(file.read_text("utf-8"), parse_constant=pytest.fail)
     assert read["title"] == "mixed"
     assert not read["passed"]
     assert read["settings"] == {"seed": 3}
     assert [c["passed"] for c in read["checks"]] == [True, False]
-    assert [c["value"] for c in read["checks"]] == [5e-4, None]
+    assert [c["value"] for c in read["checks"]] == [5e-4, "nan"]
     assert read["checks"][0]["reason"] == "A millimetre is what a ruler shows."
     assert {"drake", "torch", "numpy", "python", "processor", "cores"} <= read["environment"].keys()
 
@@ -48,7 +48,7 @@ def test_table_shows_every_check_and_its_verdict() -> None:
     console = Console(width=100, record=True, quiet=True)
     console.quiet = False
     with console.capture() as capture:
-        console.print(Report("mixed", (check(5e-4), check(2.0))).table())
+        console.print(Study("mixed", (check(5e-4), check(2.0))).table())
     lines = [line for line in capture.get().splitlines() if "way flown" in line]
     assert ["pass" in line for line in lines] == [True, False]
     assert ["FAIL" in line for line in lines] == [False, True]

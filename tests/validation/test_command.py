@@ -11,7 +11,7 @@ import validation.study
 from rans.cli import main
 from rans.model.spacecraft_file import load_spacecraft
 from tests.crafts import to_toml
-from validation.checks import Check, Report
+from validation.checks import Check, Study
 
 
 def test_quick_validation_passes_and_is_written(tmp_path, capsys) -> None:
@@ -72,7 +72,7 @@ def test_what_could_not_be_checked_is_said(monkeypatch, capsys) -> None:
 
 def test_a_failed_check_ends_with_code_1(monkeypatch, capsys) -> None:
     broken = Check("way flown", 1.0, 1e-9, "m", "Planted.")
-    report = Report("broken", (broken,), {"seconds": 0.0})
+    report = Study("broken", (broken,), {"seconds": 0.0})
     monkeypatch.setattr(validation.study, "study", lambda *_: report)
     assert main(["validate"]) == 1
     assert "FAIL" in capsys.readouterr().out

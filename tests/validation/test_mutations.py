@@ -18,6 +18,7 @@ import pytest
 import rans.model.dynamics
 import rans.model.spin
 import validation.dynamics
+import validation.engines
 import validation.flights
 import validation.oracles
 import validation.sampling
@@ -211,6 +212,33 @@ def stale_command(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(module, "rollout", late)
 
 
+def late_in(module: Any, only_full: bool = False) -> Patch:
+    """Commands act one period late in a layer's flights only, or only where most thrusters fire."""
+    def patch(monkeypatch: pytest.MonkeyPatch) -> None:
+        true = module.rollout
+
+        def late(craft: Any, start: Any, commands: Any, *rest: Any) -> Any:
+            shifted = np.concatenate([commands[:1], commands[:-1]])
+            return true(craft, start, commands if only_full and commands.mean() < 0.2 else shifted, *rest)
+
+        monkeypatch.setattr(module, "rollout", late)
+
+    return patch
+
+
+def two_nodes_in_space(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Order four instead of six: with validation's substeps as exact as anything that Drake sees."""
+    rules, nodes = rans.model.dynamics._RULES, rans.model.dynamics._SPATIAL_NODES
+    monkeypatch.setitem(rules, nodes, rules[2])
+
+
+def engine_of_another_mass(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Only the engine's craft is heavier, by a millionth."""
+    true = validation.engines.Engine
+    monkeypatch.setattr(validation.engines, "Engine", lambda craft, *rest, **more: true(
+        replace(craft, mass=craft.mass * (1 + 1e-6)), *rest, **more))
+
+
 def half_the_spin_up(monkeypatch: pytest.MonkeyPatch) -> None:
     true = rans.model.dynamics.wrench
 
@@ -250,6 +278,10 @@ MUTATIONS: list[tuple[Spacecraft, Patch, str]] = [
     (SPACE, step(disturbance_in_body), "disturbances"),
     (PLANE, disturbance_forgotten, "disturbances"),
     # Single periods have one command: only flights have a later one.
+    (SPACE, two_nodes_in_space, "invariants"),
+    (PLANE, late_in(validation.flights), "flights"),
+    (PLANE, late_in(validation.flights, only_full=True), "bang-bang"),
+    (PLANE, engine_of_another_mass, "engine"),
     (PLANE, stale_command, "oracles"),
     (SPACE, stale_command, "oracles"),
 ]

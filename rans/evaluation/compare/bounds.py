@@ -9,8 +9,8 @@ import math
 from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import asdict, dataclass
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import NamedTuple
 
 from rich.table import Table
 
@@ -76,11 +76,6 @@ class Bound:
     def best(self) -> float:
         """What no on/off controller beats, by whichever proof there is."""
         return self.hull if self.lower is None else self.lower
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain values; what is missing or infinite is null."""
-        return {k: None if isinstance(x, float) and not math.isfinite(x) else x
-                for k, x in asdict(self).items()}
 
 
 def goal_set(task: Task) -> GoalSet:

@@ -11,7 +11,7 @@ from typing import Any
 from rans.errors import ConfigError
 from rans.evaluation.compare.bounds import Bound, Question, bounds, goal_set
 from rans.evaluation.compare.protocol import Protocol
-from rans.files import read_json, write_json
+from rans.files import number, read_json, write_json
 from rans.optimal.certificate.certificate import Effort
 from rans.optimal.trajectory.arrival import aims
 from rans.optimal.trajectory.pool import each
@@ -50,7 +50,7 @@ def certify(protocol: Protocol, count: int, horizons: tuple[float, ...], cache: 
     for k, answer in searched:
         known[asked[k][0]] = answer
         if cache:
-            write_json(cache, {key: _plain(one) for key, one in known.items()})
+            write_json(cache, {key: asdict(one) for key, one in known.items()})
         yield answer
 
 
@@ -65,13 +65,8 @@ def _questions(protocol: Protocol, count: int,
 _NUMBERS = ("hull", "lower", "upper")
 
 
-def _plain(answer: Bound) -> dict[str, Any]:
-    """For JSON, which has no infinity: the texts that ``float`` reads back."""
-    return {key: str(x) if key in _NUMBERS and x is not None else x for key, x in asdict(answer).items()}
-
-
 def _revived(row: dict[str, Any]) -> Bound:
-    numbers: dict[str, Any] = {key: float(row[key]) for key in _NUMBERS if row[key] is not None}
+    numbers: dict[str, Any] = {key: number(row[key]) for key in _NUMBERS if row[key] is not None}
     return Bound(**row | numbers)
 
 

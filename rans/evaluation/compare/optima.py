@@ -68,13 +68,12 @@ class Optimum:
         return "solved" if self.good else "solved, but Drake flies elsewhere"
 
     def to_json(self) -> dict[str, Any]:
-        """Plain values; what is missing is null."""
+        """For `rans.files.write_json`; what is missing is NaN."""
         path = self.trajectory
         found = 1.0 if path.solved else math.nan
-        values = {"cost": found * path.cost, "time": found * path.control_period * len(path.commands),
-                  "replay_error": self.replay_error, "seconds": path.seconds}
         return {"start": self.start, "status": path.status, "good": self.good, "sentence": self.sentence,
-                **{k: x if math.isfinite(x) else None for k, x in values.items()},
+                "cost": found * path.cost, "time": found * path.control_period * len(path.commands),
+                "replay_error": self.replay_error, "seconds": path.seconds,
                 "iterations": path.iterations, "attempts": path.attempts, "errors": self.errors}
 
 

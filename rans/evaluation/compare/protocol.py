@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from rans.evaluation.compare.bounds import REST_SPEED, REST_SPIN
-from rans.evaluation.fly.judge import Engine, Flown, flown
+from rans.evaluation.fly.judge import EngineName, Flown, flown
 from rans.evaluation.fly.protocols import Setup
 from rans.evaluation.measure.metrics import final_errors, settling_times
 from rans.flight import Controller, Flight, fly
@@ -37,7 +37,7 @@ class Protocol:
     seed: int
     episodes: int
     """Starts: scenarios 0 to N - 1 of the seed."""
-    engine: Engine = "fast"
+    engine: EngineName = "fast"
     """What computes the motion of the contestants."""
 
     @cached_property

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
 
 from rans.errors import ConfigError
 from rans.evaluation.compare.protocol import Contestant, Protocol
 from rans.evaluation.fly.agent import LoadedRun
 from rans.evaluation.fly.contestants import contestant, is_controller
 from rans.evaluation.fly.controllers import CONTROLLERS, controller
+from rans.evaluation.fly.judge import EngineName
 from rans.evaluation.fly.user_policies import is_user_policy
 from rans.fast.learn.run_folder import RunFolder
 from rans.files import read_json
@@ -22,7 +22,7 @@ _UNTUNED = "none: default settings"
 
 
 def protocol_of(spec: str, episodes: int, seed: int = EVALUATION_SEED,
-                engine: Literal["fast", "drake"] = "fast") -> Protocol:
+                engine: EngineName = "fast") -> Protocol:
     """The conditions of the first contestant, under which all others fly too.
 
     Raises:

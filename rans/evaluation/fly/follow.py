@@ -154,10 +154,10 @@ class Following:
         return table
 
     def to_json(self) -> dict[str, Any]:
-        """Plain values for a JSON file; null is the duration of a flight that never arrived."""
+        """For `rans.files.write_json`; infinite is the duration of a flight that never arrived."""
         planner = self.planner
-        rows = [{"name": name, "meaning": meaning, "unit": unit, "mean": _json(values.mean()),
-                 "worst": _json(values.max()), "flights": [_json(x) for x in values]}
+        rows = [{"name": name, "meaning": meaning, "unit": unit, "mean": float(values.mean()),
+                 "worst": float(values.max()), "flights": values.tolist()}
                 for name, meaning, unit, values in self.quantities()]
         return {"title": self.title(), "path": planner.path.name, "length": planner.path.length,
                 "closed": planner.path.closed, "speed": planner.speed, "look_ahead": planner.radius,
@@ -221,7 +221,3 @@ def _long_enough(planner: LookAhead, timing: Timing) -> Timing:
 
 def _text(value: float, unit: str) -> str:
     return f"{value:.3g} {unit}" if math.isfinite(value) else "never"
-
-
-def _json(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None

@@ -17,7 +17,7 @@ from rans.model.fields import map_leaves
 from rans.processes import submitted
 from rans.scenario import scenarios
 
-Engine = Literal["fast", "drake"]
+EngineName = Literal["fast", "drake"]
 
 _SHARE = 64
 """Episodes a process flies at once in Drake: from here on more of them take no less time each."""
@@ -34,7 +34,7 @@ class Flown(NamedTuple):
 
 
 def flown(controller: Controller, setup: Setup, seed: int, episodes: int,
-          engine: Engine = "fast", workers: int | None = None,
+          engine: EngineName = "fast", workers: int | None = None,
           progress: Callable[[int], object] = lambda _: None) -> Flown:
     """Fly from the task's starts.
 
@@ -85,7 +85,7 @@ def _work(seed: int, first: int, count: int) -> Flown:
     return _flown(controller, setup, engine, seed, first, count)
 
 
-def _flown(controller: Controller, setup: Setup, engine: Engine, seed: int, first: int,
+def _flown(controller: Controller, setup: Setup, engine: EngineName, seed: int, first: int,
            count: int) -> Flown:
     craft, task, timing = setup
     starts = scenarios(task, craft, seed, count, first)

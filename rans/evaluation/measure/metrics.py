@@ -1,4 +1,4 @@
-"""What is measured on every single episode; `rans.evaluation.measure.summary` makes statistics of it.
+"""What is measured on every single episode; `rans.evaluation.measure.aggregate` makes statistics of it.
 
 "Steps" are the T states that follow the commands; the start is nobody's merit and is left out. The
 "last fifth" is the last T/5 of them, rounded down but at least one.

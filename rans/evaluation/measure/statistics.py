@@ -1,4 +1,4 @@
-"""Estimates with 95 % bootstrap intervals, of everybody over the same resampled starts."""
+"""Estimates with 95 % intervals, all of them over the same resampled episodes."""
 
 from __future__ import annotations
 
@@ -9,8 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from rans.evaluation.measure.engines import wilson
-from rans.evaluation.measure.summary import RESAMPLES
+RESAMPLES = 1000
+"""Bootstrap resamples: the ends of a 95 % interval then rest on 25 resamples each."""
+
+_TAILS = (0.025, 0.975)
+"""Between these quantiles lie 95 %."""
+_NORMAL_95 = 1.959964
+"""97.5 % quantile of the standard normal distribution."""
 
 
 @dataclass(frozen=True)
@@ -23,27 +28,30 @@ class Estimate:
 
     def text(self, digits: str = ".3g") -> str:
         """As tables show it."""
-        value, low, high = (_text(x, digits) for x in (self.value, self.low, self.high))
+        value, low, high = (figure(x, digits) for x in (self.value, self.low, self.high))
         return value if value == low == high else f"{value} ({low} to {high})"
 
-    def to_json(self) -> list[float | None]:
-        """Value, low and high; null where infinite."""
-        return [x if math.isfinite(x) else None for x in (self.value, self.low, self.high)]
+    def scaled(self, factor: float) -> Estimate:
+        """In another unit."""
+        return Estimate(factor * self.value, factor * self.low, factor * self.high)
 
 
-def _text(value: float, digits: str) -> str:
+def figure(value: float, digits: str = ".3g") -> str:
+    """A number as tables show it: "never" for an infinite time, a dash for what is not known."""
     if math.isnan(value):
         return "-"
     return ("never" if value > 0 else "-never") if math.isinf(value) else format(value, digits)
 
 
 class Bootstrap:
-    """Percentile bootstrap over starts (Efron and Tibshirani, 1993, section 13.3).
+    """Percentile bootstrap over episodes (Efron and Tibshirani, 1993, section 13.3).
 
-    All estimates of one comparison draw the same starts, so that they stay paired.
+    All estimates of one evaluation or comparison draw the same episodes, so that they stay paired. An
+    interval has no width where all episodes agree; N of N successes then still leave about 3/N of failures
+    possible at 95 % (rule of three).
 
     Args:
-        count: of starts.
+        count: of episodes.
         seed: of the draws; the same seed gives the same intervals.
     """
 
@@ -52,11 +60,11 @@ class Bootstrap:
 
     def median(self, values: np.ndarray) -> Estimate:
         """Of (N,) values; infinity is a value like any other, and larger than all."""
-        return self._of(np.median, values)
+        return self.of(np.median, values)
 
     def mean(self, values: np.ndarray) -> Estimate:
         """Of (N,) finite values."""
-        return self._of(np.mean, values)
+        return self.of(np.mean, values)
 
     def ratio(self, values: np.ndarray, reference: np.ndarray) -> Estimate:
         """Mean of (N,) values as a share of the mean of the reference from the same starts."""
@@ -69,18 +77,24 @@ class Bootstrap:
         with np.errstate(invalid="ignore"):
             return self.median(np.where(both, 0.0, values - reference))
 
-    def _of(self, centre: Callable[..., Any], values: np.ndarray) -> Estimate:
+    def of(self, centre: Callable[..., Any], values: np.ndarray) -> Estimate:
+        """``np.mean`` or ``np.median`` of (N,) values."""
         with np.errstate(invalid="ignore"):  # the median between infinities of both signs
             return _interval(float(centre(values)), centre(values[self._picks], axis=1))
 
 
 def share(successes: np.ndarray) -> Estimate:
-    """Share of successes, (N,) truth values, with Wilson's score interval."""
-    value = float(np.mean(successes))
-    return Estimate(value, *wilson(value, len(successes)))
+    """Share of successes, (N,) truth values, with Wilson's score interval.
+
+    It has a width even at 0 and 1 (Wilson, JASA 22, 1927).
+    """
+    value, count, z2 = float(np.mean(successes)), len(successes), _NORMAL_95**2
+    centre, whole = value + z2 / (2 * count), 1 + z2 / count
+    half = _NORMAL_95 * math.sqrt(value * (1 - value) / count + z2 / (4 * count**2))
+    return Estimate(value, max(0.0, (centre - half) / whole), min(1.0, (centre + half) / whole))
 
 
 def _interval(value: float, draws: np.ndarray) -> Estimate:
     # "inverted_cdf" takes an order statistic: interpolating between two infinities gives NaN.
-    low, high = np.quantile(draws, (0.025, 0.975), method="inverted_cdf")
+    low, high = np.quantile(draws, _TAILS, method="inverted_cdf")
     return Estimate(value, float(low), float(high))

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import io
 import json
 import math
 from dataclasses import replace
@@ -10,11 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
-from rich.console import Console
 from scipy import stats
 
+from rans.evaluation.measure.aggregate import Metrics, measure
 from rans.evaluation.measure.metrics import final_errors, impulses, on_times, settling_times
-from rans.evaluation.measure.summary import Metrics, measure
+from rans.files import plain
 from rans.flight import Flight, fly
 from rans.model.fields import Vec2
 from rans.model.spacecraft import Spacecraft
@@ -179,7 +178,7 @@ def test_same_seed_same_intervals() -> None:
 
 def test_json_round_trip_with_infinite_values() -> None:
     measured = measure(two_episodes())
-    text = json.dumps(measured.to_json(), allow_nan=False)
+    text = json.dumps(plain(measured.to_json()), allow_nan=False)
     assert Metrics.from_json(json.loads(text)) == measured
 
 
@@ -190,27 +189,39 @@ def test_nan_states_are_never_successes() -> None:
     assert measured["solved"].value == 50.0
     assert measured["settled"].value == 50.0
     assert math.isnan(measured["position error"].value)
-    json.dumps(measured.to_json(), allow_nan=False)
 
 
-def test_table_reads_without_a_terminal() -> None:
-    console = Console(file=io.StringIO(), width=100)
-    console.print(measure(two_episodes()).table())
-    text = console.file.getvalue()  # type: ignore[attr-defined]
-    assert "by hand: 2 episodes of 5 s with floating-platform" in text
-    assert "settling time" in text
-    assert "never" in text
-    assert "85 / 25 / 15 %" in text  # PT5, PT2 and PT1 share a line
+@pytest.mark.parametrize(("name", "value"), [
+    ("held 10 cm/s 20 deg/s", 100.0), ("held 5 cm/s 10 deg/s", 0.0), ("held 2 cm/s 5 deg/s", 0.0),
+    ("velocity error", 6.0), ("spin error", math.degrees(0.1)), ("speed", 0.06), ("spin", 0.1)])
+def test_grades_of_holding_a_speed(name: str, value: float) -> None:
+    """6 cm/s and 5.7 degrees/s all the time."""
+    flight = flight_of(np.ones((11, 1)), 0.0, speed=(0.06, 0.0), spin=-0.1, task=TrackNothing())
+    assert measure(flight)[name].value == pytest.approx(value)
 
 
-def test_a_narrow_terminal_breaks_no_figure() -> None:
-    console = Console(file=io.StringIO(), width=80)
-    console.print(measure(two_episodes()).table(console.width))
-    text = console.file.getvalue()  # type: ignore[attr-defined]
-    assert "85 / 25 / 15 %" in text
-    assert "…" not in text
-    assert "within all tolerances" not in text
-    assert "A terminal of 110 columns or more" in text
+def test_the_strictest_grade_of_a_spin_is_five_degrees() -> None:
+    """0.07 rad/s are 4.0 degrees/s; only 2 degrees/s are missed, which is no grade."""
+    flight = flight_of(np.ones((11, 1)), 0.0, spin=0.07, task=TrackNothing())
+    assert measure(flight)["held 2 cm/s 5 deg/s"].value == 100.0
+
+
+def test_solved_in_the_mean_by_hand() -> None:
+    """The last two of ten steps are 4 and 7 cm away, 5.5 cm in the mean, and 4 and 5.9 cm, 4.95 cm."""
+    distance = np.full((11, 2), 0.04)
+    distance[-1] = 0.07, 0.059
+    assert measure(flight_of(distance, 0.0))["solved in the mean"].value == 50.0
+
+
+def test_duty_at_rest_is_that_of_the_last_fifth() -> None:
+    """Ten steps: 8 thrusters open in the seventh and eighth, 2 of 8 in the last."""
+    commands = np.zeros((10, 1, 8))
+    commands[6:8] = 1.0
+    commands[9, 0, :2] = 1.0
+    measured = measure(flight_of(np.ones((11, 1)), 0.0, commands))
+    assert measured["duty at rest"].value == 12.5
+    assert measured["duty"].value == 22.5
+    assert measured["openings"].value == 10.0  # the first two close in between
 
 
 def test_spatial_flight() -> None:

@@ -69,5 +69,37 @@ def test_share_has_a_width_even_where_all_succeed() -> None:
     assert estimate.low == pytest.approx(0.839, abs=5e-4)
 
 
-def test_json_has_no_infinities() -> None:
-    assert Estimate(2.0, 1.0, math.inf).to_json() == [2.0, 1.0, None]
+@pytest.mark.parametrize(("successes", "count", "low", "high"), [
+    (81, 263, 0.2553, 0.3662), (0, 20, 0.0, 0.1611)])
+def test_wilsons_interval_by_hand(successes: int, count: int, low: float, high: float) -> None:
+    """Newcombe, Statistics in Medicine 17, 1998, table I, which has four digits."""
+    estimate = share(np.arange(count) < successes)
+    assert (estimate.low, estimate.high) == pytest.approx((low, high), abs=5e-5)
+
+
+def test_an_interval_called_95_percent_holds_95_percent() -> None:
+    """A mean is normal, so its interval is 1.96 standard errors wide each way; one of 90 % is 1.64."""
+    values = stats.norm.ppf((np.arange(400) + 0.5) / 400)
+    found = Bootstrap(400).mean(values)
+    # Both ends rest on 25 of 1,000 draws, which places each to 0.085 standard errors, their mean to 0.06.
+    assert (found.high - found.low) / 2 * 20 == pytest.approx(1.96, abs=0.15)
+
+
+def test_a_ratio_is_of_means_and_its_interval_too() -> None:
+    """Half of the starts give 1 of 1, half 1 of 9: 100 of 500 are 20 %, the mean of the ratios is 56 %.
+
+    The reference's mean is 5 with a standard error of 4 / sqrt(100): the ends are 1 / 5.8 and 1 / 4.2.
+    """
+    found = Bootstrap(100).ratio(np.ones(100), np.tile([1.0, 9.0], 50))
+    assert found.value == pytest.approx(0.2)
+    # A third of a standard error, as above: 0.34 x 0.4 of 5 is 3 %.
+    assert (found.low, found.high) == pytest.approx((1 / 5.78, 1 / 4.22), rel=0.035)
+
+
+def test_texts_of_estimates() -> None:
+    assert Estimate(2.0, 1.0, math.inf).text() == "2 (1 to never)"
+    assert Estimate(1.23456, 1.23456, 1.23456).text() == "1.23"
+    assert Estimate(5.0, 2.0, 2.0).text() == "5 (2 to 2)"
+    assert Estimate(-math.inf, -math.inf, -0.5).text("+.3g") == "-never (-never to -0.5)"
+    assert Estimate(math.nan, 1.0, 2.0).text() == "- (1 to 2)"
+    assert Estimate(1.0, 0.5, 2.0).scaled(100.0) == Estimate(100.0, 50.0, 200.0)

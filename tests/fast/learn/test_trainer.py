@@ -1,8 +1,8 @@
 from __future__ import annotations
 
+import contextlib
 import random
 import subprocess
-import sys
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -19,6 +19,7 @@ from rans.fast.learn.trainer import Trainer, check_device, run_path
 from rans.model.timing import Timing
 from rans.tasks import GoToPose
 from tests.fast.training import CONFIG, TINY, after, ignore, resumed, tiny_trainer, weights
+from tests.processes import python
 
 ROOT = Path(__file__).parents[2]
 EASY = GoToPose(spawn_distance=(0.5, 1.0), evaluation_distance=(0.5, 1.0), position_tolerance=9.0,
@@ -58,17 +59,16 @@ trainer.train(lambda row: print(row["steps"], flush=True))
 """A training in another process."""
 
 
-def run_script(script: str, path: Path) -> subprocess.Popen[str]:
-    return subprocess.Popen([sys.executable, "-c", script, str(path)], cwd=ROOT, text=True,
-                            stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+def run_script(script: str, path: Path) -> contextlib.AbstractContextManager[subprocess.Popen[str]]:
+    return python("-c", script, str(path), cwd=ROOT)
 
 
 def test_another_process_gets_the_same_bits(tmp_path: Path) -> None:
     RunFolder(tmp_path / "there").begin(CONFIG, "rans train")
-    process = run_script(TRAIN, tmp_path / "there")
-    trainer = tiny_trainer(tmp_path / "here")
-    trainer.train(ignore)
-    _, errors = process.communicate(timeout=60)
+    with run_script(TRAIN, tmp_path / "there") as process:
+        trainer = tiny_trainer(tmp_path / "here")
+        trainer.train(ignore)
+        _, errors = process.communicate()
     assert process.returncode == 0, errors
     assert everything(resumed(tmp_path / "there")) == everything(trainer)
 
@@ -121,13 +121,13 @@ def test_killed_at_any_moment(tmp_path: Path) -> None:
     RunFolder(tmp_path / "cut").begin(config, "rans train")
     moments = random.Random(3)
     for kill in (True, True, False):
-        process = run_script(script, tmp_path / "cut")
-        if kill:
-            assert process.stdout is not None
-            process.stdout.readline()
-            time.sleep(moments.uniform(0, 0.05))
-            process.kill()
-        _, errors = process.communicate(timeout=60)
+        with run_script(script, tmp_path / "cut") as process:
+            if kill:
+                assert process.stdout is not None
+                process.stdout.readline()
+                time.sleep(moments.uniform(0, 0.05))
+                process.kill()
+            _, errors = process.communicate()
         assert kill or process.returncode == 0, errors
     assert everything(resumed(tmp_path / "cut")) == everything(whole)
     steps = [row["steps"] for row in RunFolder(tmp_path / "cut").metrics()]

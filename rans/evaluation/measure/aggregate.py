@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 from rich.table import Table
+from rich.text import Text
 
-from rans.evaluation.measure.metrics import Sample, samples
+from rans.evaluation.measure.metrics import samples
+from rans.evaluation.measure.statistics import Bootstrap, figure
+from rans.files import number
 from rans.flight import Flight
-
-RESAMPLES = 1000
-"""Bootstrap resamples: the ends of a 95 % interval then rest on 25 resamples each."""
 
 COLUMNS = ("metric", "value", "95 % interval", "meaning")
 """Headings of `Metrics.lines`."""
@@ -65,16 +65,14 @@ class Metrics:
         return {row.name: row for row in self.rows}[name]
 
     def to_json(self) -> dict[str, Any]:
-        """Plain values for a JSON file; infinities and NaN as the texts ``float`` reads back."""
-        table = dataclasses.asdict(self)
-        table["rows"] = [{k: _jsonable(v) for k, v in row.items()} for row in table["rows"]]
-        return table
+        """For `rans.files.write_json`."""
+        return dataclasses.asdict(self)
 
     @classmethod
     def from_json(cls, table: dict[str, Any]) -> Metrics:
-        """The metrics that `to_json` wrote."""
-        numbers = ("value", "low", "high")
-        rows = [Metric(**(row | {k: float(row[k]) for k in numbers})) for row in table["rows"]]
+        """The metrics that `to_json` gave."""
+        rows = [Metric(**(row | {k: number(row[k]) for k in ("value", "low", "high")}))
+                for row in table["rows"]]
         return cls(**{**table, "rows": tuple(rows)})
 
     def title(self) -> str:
@@ -100,7 +98,7 @@ class Metrics:
         for column in table.columns[1:3]:
             column.no_wrap = True
         for group, lines in itertools.groupby(self.lines(), lambda line: line[0]):
-            table.add_row(f"[bold]{group}[/]")
+            table.add_row(Text(group, "bold"))
             for _, texts in lines:
                 table.add_row(*texts[:len(shown)])
             table.add_section()
@@ -115,24 +113,12 @@ def measure(flight: Flight, seed: int = 0) -> Metrics:
         seed: of the bootstrap's generator; the same flight and seed give the same intervals.
     """
     steps, episodes, _ = flight.commands.shape
-    picks = np.random.default_rng(seed).integers(0, episodes, (RESAMPLES, episodes))
-    rows = tuple(_metric(sample, picks) for sample in samples(flight))
+    bootstrap = Bootstrap(episodes, seed)
+    rows = tuple(Metric(s.group, s.name, s.meaning, s.unit,
+                        *dataclasses.astuple(bootstrap.of(s.centre, np.asarray(s.values))))
+                 for s in samples(flight))
     return Metrics(flight.controller, flight.engine, flight.craft.name, episodes, steps,
                    flight.timing.control_period, rows)
-
-
-def _metric(sample: Sample, picks: np.ndarray) -> Metric:
-    """Percentile bootstrap over episodes (Efron and Tibshirani, 1993, section 13.3).
-
-    The interval has no width where all episodes agree; N of N successes then still leave about 3/N
-    of failures possible at 95 % (rule of three).
-    """
-    values = np.asarray(sample.values)
-    # "inverted_cdf" takes an order statistic: interpolating between two infinities gives NaN.
-    resampled = sample.centre(values[picks], axis=1)
-    low, high = np.quantile(resampled, (0.025, 0.975), method="inverted_cdf")
-    return Metric(sample.group, sample.name, sample.meaning, sample.unit,
-                  float(sample.centre(values)), float(low), float(high))
 
 
 def _line(rows: Sequence[Metric]) -> tuple[str, str, str, str]:
@@ -140,17 +126,10 @@ def _line(rows: Sequence[Metric]) -> tuple[str, str, str, str]:
     bounds = (re.sub(r"^\D*", "", row.name) for row in rows[1:])
     name = " / ".join((first.name, *bounds))
     unit = first.unit if math.isfinite(first.value) else ""
-    value = f"{' / '.join(_text(row.value) for row in rows)} {unit}".strip()
-    interval = f"{_text(first.low)} to {_text(first.high)}"
+    value = f"{' / '.join(figure(row.value) for row in rows)} {unit}".strip()
+    interval = f"{figure(first.low)} to {figure(first.high)}"
     if len(rows) > 1:
         widest = max(max(row.high - row.value, row.value - row.low) for row in rows)
-        interval = f"up to ± {_text(widest)}"
+        interval = f"up to ± {figure(widest)}"
     return name, value, interval, first.meaning
 
-
-def _jsonable(value: Any) -> Any:
-    return str(value) if isinstance(value, float) and not math.isfinite(value) else value
-
-
-def _text(value: float) -> str:
-    return "never" if value == math.inf else f"{value:.3g}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import math
 from dataclasses import replace
@@ -10,16 +11,18 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from rans.cli import main
 from rans.evaluation.fly.agent import load_agent
 from rans.evaluation.fly.judge import flown
 from rans.evaluation.fly.protocols import Setup
-from rans.evaluation.measure.engines import compare_engines, wilson
+from rans.evaluation.measure.agreement import compare_engines
+from rans.files import write_json
 from rans.model.fields import leaves, map_leaves
 from rans.reference.flight import fly_in_drake
 from rans.scenario import scenarios
-from tests.evaluation.flights import many_episodes
+from tests.evaluation.flights import TrackNothing, flight_of, many_episodes
 
 
 def moved(flight: Any, way: Any) -> Any:
@@ -59,20 +62,53 @@ def test_fewer_solved_than_the_interval_allows_fail() -> None:
         way = np.zeros(40)
         way[:lost] = 1.0
         pair = compare_engines(flight, moved(flight, way)).pairs[0]
-        assert (pair.drake, pair.passed) == (100.0 - 2.5 * lost, passed)
+        assert (pair.drake.value, pair.passed) == (100.0 - 2.5 * lost, passed)
 
 
-def test_wilsons_interval_by_hand() -> None:
-    """81 of 263 (Newcombe, Statistics in Medicine 17, 1998, table I): 0.2553 to 0.3662."""
-    assert wilson(81 / 263, 263) == pytest.approx((0.2553, 0.3662), abs=5e-5)
-    assert wilson(0.0, 20) == pytest.approx((0.0, 0.1611), abs=5e-5)  # the same table, 0 of 20
+def test_the_table_says_who_is_where() -> None:
+    """Four flights that rest 1 cm and 3 degrees from the goal, and in Drake 1.2 cm and 3.05 degrees.
+
+    Wilson's lower end of 4 of 4 is 1 / (1 + 1.96^2 / 4), 51 %.
+    """
+    near, commands = np.full((11, 4), 0.01), np.zeros((10, 4, 8))
+    fast = flight_of(near, 3.0, commands)
+    commands = commands.copy()
+    commands[7, 2, 5] = 1.0  # one thruster in one of 40 decisions
+    comparison = compare_engines(fast, flight_of(1.2 * near, 3.05, commands))
+    assert comparison.title == "by hand: the same 4 episodes of 5 s with floating-platform in both engines"
+    console = Console(file=io.StringIO(), width=140)
+    console.print(comparison.table())
+    lines = [[cell.strip() for cell in line.replace("┃", "│").split("│")[1:-1]]
+             for line in console.file.getvalue().splitlines()]  # type: ignore[attr-defined]
+    assert [line for line in lines if line] == [
+        ["quantity", "fast (95 %)", "Drake (95 %)", "gap", "allowed", "verdict"],
+        ["solved, %", "100 (51, 100)", "100 (51, 100)", "+0.0e+00", "-49, +0", "pass"],
+        ["position error, cm", "1 (1, 1)", "1.2 (1.2, 1.2)", "+2.0e-01", "-0.1, +0.1", "FAIL"],
+        ["attitude error, deg", "3 (3, 3)", "3.05 (3.05, 3.05)", "+5.0e-02", "-0.1, +0.1", "pass"],
+        ["settling time, s", "0 (0, 0)", "0 (0, 0)", "+0.0e+00", "", ""]]
+    assert "In 97.50% of all control periods both opened the same thrusters." in console.file.getvalue()  # type: ignore[attr-defined]
 
 
-def test_json_has_no_infinity() -> None:
+@pytest.mark.parametrize(("degrees", "agrees"), [(0.09, True), (0.11, False)])
+def test_a_tenth_of_a_degree_is_the_bound_of_the_attitude(degrees: float, agrees: bool) -> None:
+    near = np.full((11, 4), 0.01)
+    assert compare_engines(flight_of(near, 3.0), flight_of(near, 3.0 + degrees)).passed is agrees
+
+
+@pytest.mark.parametrize(("task", "speed", "spin", "agrees"), [
+    (TrackNothing(), 0.9e-3, 0.0, True), (TrackNothing(), 1.1e-3, 0.0, False),
+    (TrackNothing(), 0.0, math.radians(0.09), True), (TrackNothing(), 0.0, math.radians(0.11), False)])
+def test_bounds_of_the_velocities(task: Any, speed: float, spin: float, agrees: bool) -> None:
+    """1 mm/s and 0.1 degrees/s."""
+    still = np.ones((11, 1))
+    flown = flight_of(still, 0.0, speed=(speed, 0.0), spin=spin, task=task)
+    assert compare_engines(flight_of(still, 0.0, task=task), flown).passed is agrees
+
+
+def test_json_has_no_infinity(tmp_path: Path) -> None:
     flight = many_episodes(8)
-    far = moved(flight, 5.0)
-    table = compare_engines(flight, far).to_json()
-    read = json.loads(json.dumps(table, allow_nan=False))
+    write_json(tmp_path / "x.json", compare_engines(flight, moved(flight, 5.0)).to_json())
+    read = json.loads((tmp_path / "x.json").read_text())
     assert read["passed"] is False
     settling = {pair["name"]: pair for pair in read["pairs"]}["settling time"]
     assert float(settling["drake"]) == math.inf

@@ -1,0 +1,58 @@
+"""What a terminal shows: tables and sentences in which names are neither mark-up nor commands."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+from rich.table import Table
+from rich.text import Text
+
+from rans.errors import legible
+
+_LONGEST = 20_000
+"""Characters of one cell or sentence: more than any of ours has."""
+
+
+class Terminal(Console):
+    """Shows what users and other people named as it is spelt.
+
+    Args:
+        stderr: whether progress and warnings go there, instead of results to standard output.
+        room: columns that a file gets where a terminal has its own.
+    """
+
+    def __init__(self, stderr: bool = False, room: int = 0) -> None:
+        super().__init__(stderr=stderr, markup=False, highlight=False)
+        if not self.is_terminal:
+            self.width = max(self.width, room)
+
+    def render_str(self, text: str, **options: Any) -> Text:
+        """Every text of a table or a sentence passes here."""
+        return super().render_str(legible(text, _LONGEST), **options)
+
+
+def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> Table:
+    """A table whose first column never breaks, and in which no end of a long word is lost."""
+    made = Table(*columns, title=title or None, title_justify="left")
+    made.columns[0].no_wrap = True
+    for column in made.columns[1:]:
+        column.overflow = "fold"
+    for row in rows:
+        made.add_row(*row)
+    return made
+
+
+def progress() -> Progress:
+    """Bars on a terminal while something takes long, gone when it is done."""
+    terminal = Terminal(stderr=True)
+    return Progress(TextColumn("{task.description}", markup=False), BarColumn(), TaskProgressColumn(),
+                    TimeRemainingColumn(), console=terminal, transient=True,
+                    disable=not terminal.is_terminal)
+
+
+def verdict(passed: bool) -> Text:
+    """For a table."""
+    return Text("pass", "green") if passed else Text("FAIL", "bold red")

@@ -1,0 +1,102 @@
+"""What people read of an evaluation, line by line: flights of which every figure is worked out by hand."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from rans.evaluation.measure.aggregate import ROOM, Metric, Metrics, measure
+from rans.model.fields import Vec2
+from tests.evaluation.flights import TrackNothing, flight_of, two_episodes
+
+LINES = """\
+success | solved | 50 % | 0 to 100 | within all tolerances at every step of the last fifth
+success | solved in the mean | 100 % | 100 to 100 | mean errors of the last fifth within tolerances
+success | settled | 50 % | 0 to 100 | enters all tolerances and stays
+success | settling time | never | 2.5 to never | median time to enter and stay
+success | failed | 0 % | 0 to 0 | declared failed by the task at any time
+success | held 5 cm 3 deg / 2 cm 2 deg / 1 cm 1 deg | 50 / 50 / 50 % | up to ± 50 \
+| within so much at every step of the last fifth
+position | PT10 / 5 / 2 / 1 | 90 / 85 / 25 / 15 % | up to ± 25 \
+| time steps with position error below so many cm
+position | reach 2 cm / 1 cm | 50 / 50 % | up to ± 50 | ever closer than that
+position | stay 15 cm | 50 % | 0 to 100 | once closer than 2 cm, never farther than that
+position | position error | 2.45 cm | 0.4 to 4.5 | mean over the last fifth
+attitude | OT5 / 2 / 1 | 80 / 70 / 65 % | up to ± 35 | time steps with attitude error below so many deg
+attitude | reach 5 deg / 2.5 deg | 100 / 100 % | up to ± 0 | ever closer than that
+attitude | stay 37 deg | 100 % | 100 to 100 | once closer than 5 deg, never farther than that
+attitude | attitude error | 0.25 deg | 0 to 0.5 | mean over the last fifth
+motion | speed | 0.25 m/s | 0 to 0.5 | mean linear speed (ALV)
+motion | spin | 0.1 rad/s | 0 to 0.2 | mean angular speed (AAV)
+motion | spin at rest | 0.1 rad/s | 0 to 0.2 | the same over the last fifth
+effort | duty | 2.5 % | 0 to 5 | mean share of thrusters open (AAC)
+effort | duty at rest | 0 % | 0 to 0 | the same over the last fifth
+effort | openings | 0.5 | 0 to 1 | times a thruster opens, an episode
+effort | on-time | 1 s | 0 to 2 | thruster-seconds an episode
+effort | impulse | 1 N s | 0 to 2 | thrust spent an episode
+"""
+"""Of two episodes, `tests.evaluation.flights.two_episodes`: a mean of two, resampled, is the one, the other
+or half of both, each with a quarter or more, so that intervals are from the one's to the other's."""
+
+
+def printed(measured: Metrics, width: int) -> list[list[str]]:
+    """Lines of a table, cell by cell."""
+    console = Console(file=io.StringIO(), width=width)
+    console.print(measured.table(width))
+    text = console.file.getvalue()  # type: ignore[attr-defined]
+    return [[cell.strip() for cell in line.replace("┃", "│").split("│") if cell.strip()]
+            for line in text.splitlines()]
+
+
+def test_every_line_of_two_episodes() -> None:
+    lines = [" | ".join((group, *texts)) for group, texts in measure(two_episodes()).lines()]
+    assert lines[:-1] == LINES.splitlines()
+    assert lines[-1].startswith("effort | return | ")
+
+
+def test_lines_of_a_tracker_have_their_units() -> None:
+    """Twelve steps of half a second: after 5 s only 0.25 and 0.75 m/s count."""
+    flight = flight_of(np.ones((13, 1)), 0.0, spin=-0.2, task=TrackNothing())
+    speed = np.array([9.0] * 11 + [0.25, 0.75])[:, None]
+    flight = replace(flight, states=replace(flight.states, v=Vec2(speed, 0.0 * speed)))
+    shown = {texts[0]: texts[1] for _, texts in measure(flight).lines()}
+    assert shown["velocity error"] == "50 cm/s"
+    assert shown["velocity error after 5 s"] == "0.5 m/s"
+    assert shown["spin error"] == "11.5 deg/s"
+    assert shown["spin error after 5 s"] == "0.2 rad/s"
+    assert shown["ST20 / 10 / 5 / 2 / 1"] == "100 / 0 / 0 / 0 / 0 %"
+    assert shown["VT10 / 5 / 2 / 1"] == "0 / 0 / 0 / 0 %"
+
+
+def test_the_table_is_the_lines_under_their_headings() -> None:
+    lines = printed(measure(two_episodes()), ROOM)
+    assert lines[0] == ["by hand: 2 episodes of 5 s with floating-platform (fast engine)"]
+    assert ["metric", "value", "95 % interval", "meaning"] in lines
+    assert ["position error", "2.45 cm", "0.4 to 4.5", "mean over the last fifth"] in lines
+    headings = [lines.index([group]) for group in ("success", "position", "attitude", "motion", "effort")]
+    assert headings == sorted(headings)
+
+
+def test_a_narrow_terminal_breaks_no_figure() -> None:
+    text = "\n".join(" | ".join(line) for line in printed(measure(two_episodes()), 80))
+    assert "85 / 25 / 15 %" in text
+    assert "…" not in text
+    assert "within all tolerances" not in text
+    assert "A terminal of 110 columns or more shows what each of them means." in text
+
+
+def test_the_widest_of_several_intervals_is_shown() -> None:
+    rows = tuple(Metric("g", f"P{k}", "m", "%", 50.0, 50.0 - k, 50.0 + k / 2) for k in (1, 7, 3))
+    (_, texts), = Metrics("c", "fast", "s", 1, 1, 0.2, rows).lines()
+    assert texts == ("P1 / 7 / 3", "50 / 50 / 50 %", "up to ± 7", "m")
+
+
+def test_the_same_seed_draws_the_same_intervals() -> None:
+    flight = two_episodes()
+    assert measure(flight, seed=4) == measure(flight, seed=4)
+    with pytest.raises(KeyError):
+        measure(flight)["spin error"]
