@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
@@ -45,7 +46,8 @@ class Engine:
         task: the task.
         num_envs: number of spacecraft stepped together.
         timing: control period, accuracy and length of an episode.
-        seed: decides all starts and goals, with the episode's number.
+        seed: decides all starts and goals, with the episode's number. Several are those of as many members,
+            who own the environments in equal, contiguous parts and count their episodes each from zero.
         device: torch device of the state.
         dtype: torch.float32, or torch.float64 for comparisons.
         compiled: whether a step is one compiled kernel. By default on a GPU only: a CPU step then
@@ -63,7 +65,7 @@ class Engine:
     """
 
     def __init__(self, craft: Spacecraft, task: Task, num_envs: int, timing: Timing | None = None, *,
-                 seed: int = 0, device: str | torch.device = "cpu",
+                 seed: int | Sequence[int] = 0, device: str | torch.device = "cpu",
                  dtype: torch.dtype = torch.float32, compiled: bool | None = None,
                  generated: bool = True, processes: Processes = ALONE, body: Body | None = None,
                  drift: Drift = FREE) -> None:
@@ -72,6 +74,8 @@ class Engine:
         if isinstance(num_envs, bool) or not isinstance(num_envs, int) or num_envs < 1:
             raise ConfigError(
                 f"the number of environments must be a whole number >= 1, got {num_envs!r}.")
+        if not isinstance(seed, int) and (not seed or num_envs % len(seed)):
+            raise ConfigError(f"{num_envs} environments cannot be divided among {len(seed)} members.")
         if dtype not in _NUMPY_DTYPES:
             raise ConfigError(f"dtype must be torch.float32 or torch.float64, got {dtype!r}.")
         self.craft, self.task, self.timing = craft, task, timing or Timing()
@@ -87,10 +91,12 @@ class Engine:
                             _FLOAT32_NODES if dtype == torch.float32 else NODES)
         step = step_tensors
         self._step = torch.compile(step, fullgraph=True, dynamic=False) if self.compiled else step
-        self._seed: tuple[Any, Any] = (self._int32(0), self._int32(0))
+        self.members = 1 if isinstance(seed, int) else len(seed)
+        self._each = num_envs // self.members
         self._body = in_memory(body or nominal, nominal, num_envs, self._field)
-        self._numbers = self._first_numbers(), num_envs * processes.size
-        self._episode = self._allocate(seed)
+        self._numbers = self._first_numbers(), self._each * processes.size
+        self._seed = self._words(seed)
+        self._episode = self._allocate()
         self._kernel = self._generated() if generated else None
         self.reset(seed)
 
@@ -99,8 +105,16 @@ class Engine:
         copy = torch.as_tensor(values).to(self.device, self.dtype, copy=True)
         return copy.numpy() if self._on_numpy else copy
 
-    def _int32(self, value: int) -> Any:
-        return value if self._on_numpy else torch.tensor(value, dtype=torch.int32, device=self.device)
+    def _words(self, seed: int | Sequence[int]) -> tuple[Any, Any]:
+        """A seed's two words, or every environment's own of its member's."""
+        if isinstance(seed, int):
+            low, high = seed_words(seed)
+        else:
+            low, high = np.repeat([seed_words(s) for s in seed], self._each, axis=0).astype(np.int32).T.copy()
+        if self._on_numpy:
+            return low, high
+        low, high = (torch.as_tensor(word, dtype=torch.int32, device=self.device) for word in (low, high))
+        return low, high
 
     @cached_property
     def term_names(self) -> tuple[str, ...]:
@@ -129,11 +143,11 @@ class Engine:
         """The current goals; fields that never vary are floats."""
         return self._episode.goal
 
-    def reset(self, seed: int | None = None) -> Tensor:
+    def reset(self, seed: int | Sequence[int] | None = None) -> Tensor:
         """Start a new episode everywhere.
 
         Args:
-            seed: episodes count from zero under this seed; by default they go on counting.
+            seed: episodes count from zero under this seed, or one a member; by default they go on counting.
 
         Returns:
             Observation (N, width).
@@ -142,7 +156,7 @@ class Engine:
         if seed is None:
             self._write(clock, world.next_episode(clock))
         else:
-            self._set_seed(seed_words(seed))
+            self._set_seed(self._words(seed))
             self._write(clock, 0)
         start, goal = world.begin(self._seed, world.number(clock, self._numbers), self._fields)
         now = self._episode
@@ -153,14 +167,35 @@ class Engine:
                 self._write(buffer, value)
         return self.observe()
 
-    def stagger(self, generator: torch.Generator | None = None) -> None:
-        """Pretend the episodes started at random times, so that they do not all end together."""
+    def stagger(self, *generators: torch.Generator) -> None:
+        """Pretend the episodes started at random times, so that they do not all end together.
+
+        Args:
+            generators: of the random times, each of an equal part of the batch; by default torch's own.
+        """
         limit, everywhere = self.timing.episode_steps, self.num_envs * self.processes.size
-        steps = self.processes.mine(
-            torch.randint(0, limit, (everywhere,), generator=generator, dtype=torch.int32))
+        parts = generators or (None,)
+        steps = self.processes.mine(torch.cat([
+            torch.randint(0, limit, (everywhere // len(parts),), generator=generator, dtype=torch.int32)
+            for generator in parts]))
         clock = self._episode.clock
         clock -= clock & self._world.step_mask
         clock += steps.numpy() if self._on_numpy else steps.to(self.device)
+
+    @property
+    def privileged_width(self) -> int:
+        """Columns of `privileged`."""
+        return len(leaves(self.body))
+
+    def privileged(self) -> Tensor:
+        """What a simulator knows and a robot does not, (N, p): the body's numbers over the craft's own."""
+        nominal = Body.of(self.craft)
+        scales = leaves(replace(nominal, inertia=(max(nominal.inertia),) * len(nominal.inertia),
+                                centre=(self.craft.radius,) * len(nominal.centre),
+                                leak=(1.0,) * len(nominal.leak)))
+        columns = [torch.as_tensor(own / scale, dtype=self.dtype, device=self.device).expand(self.num_envs)
+                   for own, scale in zip(leaves(self.body), scales, strict=True)]
+        return torch.stack(columns, dim=1)
 
     def observe(self) -> Tensor:
         """The current observation, (N, width)."""
@@ -195,7 +230,7 @@ class Engine:
         if self.device.type != "cuda" or not self.compiled:
             return None
         try:
-            kernel = Kernel(self._world, self._episode, self._seed, self.processes, self.dtype)
+            kernel = Kernel(self._world, self._episode, self._seed, self.processes, self.dtype, self.members)
             kernel.function(self.dtype)
         except Exception as error:  # no compiler, or a task of the user's that only torch understands
             warnings.warn(f"torch.compile makes this engine's step, which is slower: {error}", stacklevel=3)
@@ -212,7 +247,7 @@ class Engine:
     def save_state(self) -> dict[str, Any]:
         """Everything a later `load_state` needs to go on bit-identically."""
         buffers = [self.processes.whole(torch.as_tensor(b)).clone() for b in self._buffers()]
-        return {"buffers": buffers, "seed": [int(w) for w in self._seed],
+        return {"buffers": buffers, "seed": [torch.as_tensor(word).tolist() for word in self._seed],
                 "episode_steps": self.timing.episode_steps}
 
     def load_state(self, saved: dict[str, Any]) -> None:
@@ -232,25 +267,23 @@ class Engine:
                 f"{self.timing.episode_steps:,}: its clocks would be misread.")
         for buffer, value in zip(buffers, values, strict=True):
             self._write(buffer, value.cpu().numpy() if self._on_numpy else value.to(self.device))
-        self._set_seed(saved["seed"])
+        self._set_seed([np.array(word, dtype=np.int32) for word in saved["seed"]])
 
-    def _set_seed(self, words: Sequence[int]) -> None:
+    def _set_seed(self, words: Sequence[Any]) -> None:
         """Keep the seed's two words, in memory that never moves: a CUDA graph reads it."""
         if self._on_numpy:
             self._seed = (words[0], words[1])
         else:
             for tensor, word in zip(self._seed, words, strict=True):
-                tensor.fill_(word)
+                tensor.copy_(torch.as_tensor(word))
 
     def _first_numbers(self) -> Any:
-        numbers = self.processes.rank, self.num_envs * self.processes.size, self.processes.size
-        if self._on_numpy:
-            return np.arange(*numbers, dtype=np.int32)
-        return torch.arange(*numbers, dtype=torch.int32, device=self.device)
+        mine = np.arange(self.num_envs, dtype=np.int32) % self._each
+        numbers = mine * np.int32(self.processes.size) + np.int32(self.processes.rank)
+        return numbers if self._on_numpy else torch.from_numpy(numbers).to(self.device)
 
-    def _allocate(self, seed: int) -> Episode:
+    def _allocate(self) -> Episode:
         """Buffers of the right shape; their content is written by `reset`."""
-        self._set_seed(seed_words(seed))
         start, goal = self._world.begin(self._seed, self._numbers[0], self._fields)
         moved = self.task.next_goal(goal, start, self._world.drift, self.timing.control_period)
         where = {} if self._on_numpy else {"device": self.device}

@@ -31,6 +31,7 @@ class Kernel:
         seed: its two words, likewise.
         processes: whose part of the spacecraft these are.
         dtype: of reals.
+        members: each of whom has the seeds and counts the episodes of an equal part of the spacecraft.
 
     Raises:
         TypeError: the task's functions do more than arithmetic on fields, or a curriculum's numbers are of
@@ -38,10 +39,10 @@ class Kernel:
     """
 
     def __init__(self, world: World, episode: Episode, seed: tuple[Tensor, Tensor], processes: Processes,
-                 dtype: torch.dtype) -> None:
+                 dtype: torch.dtype, members: int = 1) -> None:
         self._program = trace(world, episode, dtype)
         self._inputs = [given.source for given in (*self._program.memory, *self._program.settings)]
-        self._seed, self._processes = seed, processes
+        self._seed, self._processes, self._members = seed, processes, members
         self._real, self._device = dtype, self._inputs[0].device
         self._count, self._thrusters = len(self._inputs[0]), len(world.craft.thrusters)
         self._together = 2 if self._count >= MANY and self._count % 2 == 0 else 1
@@ -55,7 +56,7 @@ class Kernel:
     def source(self, action: torch.dtype) -> str:
         """The kernel's text for actions that are bytes or reals."""
         return source(self._program, self._thrusters, _C_TYPES[action], _C_TYPES[self._real],
-                      self._together)
+                      self._together, self._members > 1)
 
     def function(self, action: torch.dtype) -> Function:
         """The compiled kernel for such actions.
@@ -92,7 +93,8 @@ class Kernel:
         return cache // (12 * THREADS * self._together * bytes_read)
 
     def _numbers(self) -> tuple[int, ...]:
-        return self._count, self._processes.rank, self._processes.size, self._ahead
+        return (self._count, self._count // self._members, self._processes.rank, self._processes.size,
+                self._ahead)
 
     def _launch(self, action: torch.dtype, pointers: list[int], numbers: tuple[int, ...]) -> None:
         with torch.cuda.device(self._device):

@@ -26,11 +26,13 @@ _FUNCTIONS = {"sin": "sine", "cos": "cosine", "exp": "exponential", "minimum": "
 _BYTES = {"unsigned char": 1, "unsigned": 4, "float": 4, "double": 8}
 
 
-def source(program: Program, thrusters: int, action: Action, real: Real, together: int) -> str:
+def source(program: Program, thrusters: int, action: Action, real: Real, together: int,
+           members: bool = False) -> str:
     """CUDA C++ of a kernel ``step``.
 
     Its arguments are the action, the seed's low and high word, the results' reals, final observations and
-    flags, the memory, the settings; the number of spacecraft, the rank of this process and the number of
+    flags, the memory, the settings; the number of spacecraft and of those of a member, the rank of this process,
+    the number of
     processes, and how many blocks ahead memory is fetched.
 
     Args:
@@ -40,18 +42,19 @@ def source(program: Program, thrusters: int, action: Action, real: Real, togethe
         real: what reals are.
         together: spacecraft of one thread; their number is a multiple of it, and every array starts at a
             multiple of the size of as many numbers.
+        members: whether several share the spacecraft, each with a seed of its own.
     """
     arguments = (
         f"const {action}* action", "const int* low_at", "const int* high_at",
         "real* reals", "real* final", "bool* flags",
         *(f"{given.type}* {given.symbol.value}_at" for given in (*program.memory, *program.settings)),
-        "const int count", "const int rank", "const int processes", "const int ahead")
+        "const int count", "const int each", "const int rank", "const int processes", "const int ahead")
     return "\n".join((
         f"typedef {real} real;",
         files("rans.fast.kernels").joinpath("functions.cuh").read_text(),
         f'extern "C" __global__ void __launch_bounds__({THREADS}) step(',
         f"    {', '.join(arguments)}) {{",
-        *_indented(_Writer(program, together).body(thrusters, action)),
+        *_indented(_Writer(program, together, members).body(thrusters, action)),
         "}\n",
     ))
 
@@ -59,12 +62,13 @@ def source(program: Program, thrusters: int, action: Action, real: Real, togethe
 class _Writer:
     """Writes lines and remembers which symbols have a name by then."""
 
-    def __init__(self, program: Program, together: int) -> None:
-        self._program, self._together = program, together
+    def __init__(self, program: Program, together: int, members: bool) -> None:
+        self._program, self._together, self._members = program, together, members
         self._names: dict[Symbol, str] = {}
         inputs = (*program.memory, *program.settings)
         self._places = {given.symbol: "[i]" if given.each else "[0]" for given in inputs}
-        self._places |= {Symbol.input(word, "int"): "[0]" for word in ("low", "high")}
+        seeds = "[i]" if members else "[0]"
+        self._places |= {Symbol.input(word, "int"): seeds for word in ("low", "high")}
         self._rare = program.rare()
         often = set(ordered([program.ended, *(store.value for store in program.always)])) - self._rare
         self._drawn = _sorted({arg for symbol in often for arg in symbol.args} & self._rare)
@@ -77,7 +81,7 @@ class _Writer:
         yield "const unsigned group = blockIdx.x * blockDim.x + threadIdx.x;"
         yield f"if (group >= count / {together}) return;"
         yield "const size_t rows = count;"
-        yield "const int stride = count * processes;"
+        yield "const int stride = each * processes;"
         yield from self._fetch(thrusters)
         yield from (f"const auto {s.value}_in = read<{together}>({s.value}_at, group);" for s in self._own)
         yield from pieces
@@ -86,7 +90,7 @@ class _Writer:
         yield "#pragma unroll"
         yield f"for (int k = 0; k < {together}; ++k) {{"
         yield f"  const unsigned i = group * {together} + k;"
-        yield "  const int first = i * processes + rank;"
+        yield f"  const int first = {'(i % each)' if self._members else 'i'} * processes + rank;"
         yield from (f"  const {s.kind} {s.value} = {s.value}_in.of[k];" for s in self._own)
         yield from _indented((*commands, *self._step()))
         yield "}"
