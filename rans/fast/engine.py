@@ -153,14 +153,34 @@ class Engine:
                 self._write(buffer, value)
         return self.observe()
 
-    def stagger(self, generator: torch.Generator | None = None) -> None:
-        """Pretend the episodes started at random times, so that they do not all end together."""
+    def stagger(self, *generators: torch.Generator) -> None:
+        """Pretend the episodes started at random times, so that they do not all end together.
+
+        Args:
+            generators: of the random times, each of an equal part of the batch; by default torch's own.
+        """
         limit, everywhere = self.timing.episode_steps, self.num_envs * self.processes.size
-        steps = self.processes.mine(
-            torch.randint(0, limit, (everywhere,), generator=generator, dtype=torch.int32))
+        parts = generators or (None,)
+        steps = self.processes.mine(torch.cat([
+            torch.randint(0, limit, (everywhere // len(parts),), generator=generator, dtype=torch.int32)
+            for generator in parts]))
         clock = self._episode.clock
         clock -= clock & self._world.step_mask
         clock += steps.numpy() if self._on_numpy else steps.to(self.device)
+
+    @property
+    def privileged_width(self) -> int:
+        """Columns of `privileged`."""
+        return 1 + len(self.body.inertia)
+
+    def privileged(self) -> Tensor:
+        """What a simulator knows and a robot does not, (N, p): mass and moments over those of the craft."""
+        nominal = MassProperties.of(self.craft)
+        pairs = zip((self.body.mass, *self.body.inertia), (nominal.mass, *nominal.inertia), strict=True)
+        scale = max(map(abs, nominal.inertia))
+        columns = [torch.as_tensor(own / usual if usual else 1.0 + own / scale, dtype=self.dtype,
+                                   device=self.device).expand(self.num_envs) for own, usual in pairs]
+        return torch.stack(columns, dim=1)
 
     def observe(self) -> Tensor:
         """The current observation, (N, width)."""
@@ -212,7 +232,7 @@ class Engine:
     def save_state(self) -> dict[str, Any]:
         """Everything a later `load_state` needs to go on bit-identically."""
         buffers = [self.processes.whole(torch.as_tensor(b)).clone() for b in self._buffers()]
-        return {"buffers": buffers, "seed": [int(w) for w in self._seed],
+        return {"buffers": buffers, "seed": [torch.as_tensor(w).tolist() for w in self._seed],
                 "episode_steps": self.timing.episode_steps}
 
     def load_state(self, saved: dict[str, Any]) -> None:
