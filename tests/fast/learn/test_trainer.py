@@ -15,7 +15,9 @@ import torch
 
 from rans.errors import ConfigError
 from rans.evaluation.fly.agent import load_agent
+from rans.fast.distributed import Processes
 from rans.fast.learn.config import PPOSettings
+from rans.fast.learn.ppo import STATISTICS
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.trainer import Trainer, check_device, run_path
 from rans.flight import fly
@@ -312,3 +314,15 @@ def test_new_folders(tmp_path: Path) -> None:
     assert first == tmp_path / "go-to-pose-mine-seed7"
     first.mkdir()
     assert run_path(config, tmp_path).name == "go-to-pose-mine-seed7-2"
+
+
+def test_steps_are_those_of_all_processes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One of two has half of the environments, and counts the flight of both."""
+    run = RunFolder(tmp_path / "run")
+    trainer = Trainer([CONFIG], tiny_trainer(tmp_path / "whole").run.spacecraft(), run, Processes(0, 2))
+    assert trainer.engine.num_envs == 8
+    said = torch.zeros(1, len(STATISTICS) + 4 + len(trainer.engine.term_names))
+    monkeypatch.setattr(trainer.learner, "collect", lambda: None)
+    monkeypatch.setattr(trainer.learner, "update", lambda: said)
+    trainer._iterate()
+    assert trainer.steps == 128
