@@ -21,7 +21,7 @@ from rich.console import Console
 from rans.fast.distributed import Processes, join
 from rans.fast.engine import Engine
 from rans.fast.learn.config import PPOSettings, Precision
-from rans.fast.learn.trainer import make_ppo
+from rans.fast.learn.start import begin
 from rans.model.spacecraft_file import load_spacecraft
 from rans.tasks import GoToPose
 
@@ -79,14 +79,13 @@ class Scaling:
                                layers=self.layers, matmul=self.matmul)
         engine = Engine(load_spacecraft("floating-platform"), GoToPose(), self.n_envs, device=self.device,
                         processes=world)
-        model = make_ppo(engine, settings, seed=0)
-        model.start()
+        learner = begin(engine, [settings], [0])
 
         def seconds(iterations: int) -> float:
             begun = time.perf_counter()
             for _ in range(iterations):
-                model.collect()
-                model.update()
+                learner.collect()
+                learner.update()
             if self.device == "cuda":
                 torch.cuda.synchronize()
             return time.perf_counter() - begun

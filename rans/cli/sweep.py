@@ -5,10 +5,11 @@ from __future__ import annotations
 import itertools
 import json
 import shlex
+import shutil
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -21,8 +22,8 @@ from rans.errors import ConfigError
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from rans.fast.learn.batched_trainer import Member
     from rans.fast.learn.config import TrainConfig
+    from rans.fast.learn.member import Member
     from rans.fast.learn.sweep import Sweep as Trainings
 
 _PLAIN_SECONDS = 5.0
@@ -33,8 +34,8 @@ _PLAIN_SECONDS = 5.0
 class Sweep:
     """Train many agents as one batch: every seed with every combination of hyper-parameters.
 
-    The folder holds sweep.json, sweep.svg, metrics.jsonl and best/, the run folder of the best agent.
-    Ctrl-C stops early and keeps what there is.
+    The folder holds sweep.json, sweep.svg, metrics.jsonl and best/, the run folder of the best agent; and
+    under batches/ checkpoints and TensorBoard events. Ctrl-C stops early and keeps what there is.
     """
 
     task: Annotated[str | None, Positional, arg(metavar="[TASK]")] = None
@@ -53,25 +54,46 @@ class Sweep:
     """Folder for the results; by default a new one under runs/."""
     config: Path | None = None
     """Start from the config.json of a run instead of the task's preset."""
+    resume: Path | None = None
+    """Continue the sweep in this folder from its last checkpoints."""
 
     def run(self) -> int:
         """Train with progress and print a table; 130 when it was stopped early."""
-        from rans.fast.learn.sweep import Sweep as Trainings
         from rans.terminal import Terminal
 
         compile_in_this_process()
-        sweep = Trainings(list(self._configs()))
-        folder = self._folder(sweep.members[0].config)
+        sweep = self._trainings()
+        folder, first = sweep.path, sweep.processes.is_first
         with StopGently() as stop:
-            sweep.train(_Progress(sweep).show, lambda: stop.asked)
+            sweep.train(_Progress(sweep).show if first else lambda _: None, lambda: stop.asked)
+        if not first:
+            return 130 if stop.asked else 0
         _save(sweep, folder)
         Terminal().print(_table(sweep))
         solved = sum(member.solved for member in sweep.members)
         rate = sweep.timed_steps / max(sweep.seconds, 1e-9)
         print(f"{'Stopped' if stop.asked else 'Done'}: {solved} of {len(sweep.members)} members solved, "
               f"{sweep.seconds:.1f} s of training ({rate:,.0f} steps/s of all together), "
-              f"{time.monotonic() - STARTED:.1f} s in all. The best agent is {folder}/best.")
+              f"{time.monotonic() - STARTED:.1f} s in all. The best agent is {folder}/best."
+              + (f" Continue with: {shlex.join(['rans', 'sweep', '--resume', str(folder)])}"
+                 if stop.asked else ""))
         return 130 if stop.asked else 0
+
+    def _trainings(self) -> Trainings:
+        """Ready to train."""
+        from rans.fast.distributed import join
+        from rans.fast.learn.sweep import Sweep as Trainings
+        from rans.fast.learn.sweep import read_configs
+
+        if self.resume is not None:
+            if replace(self, resume=None) != Sweep():
+                raise ConfigError("--resume takes everything from the sweep's folder; give nothing else.")
+            configs, command = read_configs(self.resume)
+            return Trainings(configs, self.resume, command, join(configs[0].device))
+        configs = list(self._configs())
+        world = join(configs[0].device)
+        folder = world.first_says(self._folder(configs[0]))
+        return Trainings(configs, folder, shlex.join(["rans", *sys.argv[1:]]), world)
 
     def _folder(self, config: TrainConfig) -> Path:
         from rans.fast.learn.trainer import unused_path
@@ -108,14 +130,15 @@ def _save(sweep: Trainings, folder: Path) -> None:
     from rans.show.figures import svg
     from rans.show.sweep_figure import sweep_figure
 
-    command, best = shlex.join(["rans", *sys.argv[1:]]), sweep.best()
+    best = sweep.best()
     rows = [{"member": number} | row for number, member in enumerate(sweep.members) for row in member.rows]
     write_text(folder / "metrics.jsonl", "".join(json.dumps(plain(row)) + "\n" for row in rows))
     write_json(folder / "sweep.json", {
-        "command": command, "environment": environment(), "seconds": sweep.seconds,
+        "command": sweep.command, "environment": environment(), "seconds": sweep.seconds,
         "best": sweep.members.index(best), "members": sweep.results()})
     write_text(folder / "sweep.svg", svg(sweep_figure(sweep)))
-    best.save(folder / "best", command)
+    shutil.rmtree(folder / "best", ignore_errors=True)  # of before the sweep was resumed
+    best.save(folder / "best", sweep.command, sweep.architecture(best))
 
 
 def _table(sweep: Trainings) -> Table:

@@ -68,13 +68,13 @@ class Train:
                 raise ConfigError("--resume takes everything from the run folder; give nothing else.")
             run = RunFolder(self.resume)
             config = run.config()
-            trainer = Trainer(config, run.spacecraft(), run, join(config.device))
+            trainer = Trainer([config], run.spacecraft(), run, join(config.device))
             trainer.resume()
             return trainer
         config = self.resolved()
         world = join(config.device)
         run = RunFolder(world.first_says(self.output or run_path(config)))
-        trainer = Trainer(config, load_spacecraft(config.spacecraft), run, world)
+        trainer = Trainer([config], load_spacecraft(config.spacecraft), run, world)
         if world.is_first:
             run.begin(config, shlex.join(["rans", *sys.argv[1:]]))
         return trainer
@@ -127,7 +127,7 @@ class Train:
             return _assist(trainer)
         watched = _watched(trainer.run.path) if self.view else contextlib.nullcontext()
         with watched, TrainingProgress(trainer.config) as progress, StopGently() as stop:
-            trainer.train(progress.show, lambda: stop.asked)
+            trainer.train(lambda members: progress.show(members[0].rows[-1]), lambda: stop.asked)
         _draw(trainer.run)
         print(_summary(trainer, stop.asked, time.monotonic() - STARTED))
         return 130 if stop.asked else 0
@@ -165,7 +165,7 @@ def _summary(trainer: Trainer, stopped: bool, seconds: float) -> str:
     ending = ("Stopped" if stopped else "Solved" if trainer.solved else
               "Done" if trainer.config.solved_share is None else "Out of steps, not solved")
     warm_up = f" after {trainer.warm_up:.1f} s of warm-up" if trainer.warm_up else ""
-    text = (f"{ending} after {trainer.model.num_timesteps:,} steps: {trainer.seconds:.1f} s of training "
+    text = (f"{ending} after {trainer.steps:,} steps: {trainer.seconds:.1f} s of training "
             f"({trainer.rate:,.0f} steps/s){warm_up}, {seconds:.1f} s in all. "
             f"The agent is {path}/policy.zip.")
     if stopped:

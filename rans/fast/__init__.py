@@ -13,12 +13,12 @@ if TYPE_CHECKING:
     from rans.fast.envs.sb3 import SB3VecEnv
     from rans.fast.envs.single import SpacecraftEnv
     from rans.fast.envs.vector import SpacecraftVectorEnv
-    from rans.fast.learn.ppo import PPO
+    from rans.fast.learn.front import PPO
     from rans.fast.step import Step
 
 __all__ = ["Engine", "PPO", "SB3VecEnv", "SpacecraftEnv", "SpacecraftVectorEnv", "Step"]
 
-_MODULES = {"Engine": "engine", "Step": "step", "SpacecraftEnv": "envs.single", "PPO": "learn.ppo",
+_MODULES = {"Engine": "engine", "Step": "step", "SpacecraftEnv": "envs.single", "PPO": "learn.front",
             "SB3VecEnv": "envs.sb3", "SpacecraftVectorEnv": "envs.vector"}
 
 

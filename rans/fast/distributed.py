@@ -61,13 +61,13 @@ class Processes:
         _collective(dist.all_gather, parts, mine)
         return torch.stack(parts, dim=1).flatten(0, 1)
 
-    def uniform_like(self, mine: Tensor) -> Tensor:
+    def uniform_like(self, mine: Tensor, generator: torch.Generator | None = None) -> Tensor:
         """Random numbers in [0, 1) for (T, rows, ...) of this process's rows; all must draw as often."""
+        draw = lambda *shape: torch.rand(shape, dtype=mine.dtype, device=mine.device, generator=generator)  # noqa: E731
         if self.size == 1:
-            return torch.rand_like(mine)
+            return draw(*mine.shape)
         shape = (self.size * mine.shape[1], *mine.shape[2:])
-        return torch.stack([self.mine(torch.rand(shape, dtype=mine.dtype, device=mine.device))
-                            for _ in range(len(mine))])
+        return torch.stack([self.mine(draw(*shape)) for _ in range(len(mine))])
 
     def average(self, tensor: Tensor) -> Tensor:
         """Mean over the processes, which all must ask for."""
@@ -83,10 +83,10 @@ class Processes:
         return self.average(variance + (mean - together).square()), together
 
     def standardised(self, values: Tensor) -> Tensor:
-        """Values less their mean over all processes, over their standard deviation, as SB3."""
-        count = self.size * values.numel()
-        centred = values - self.average(values.mean())
-        variance = self.average(centred.square().mean()) * (count / (count - 1))
+        """Values (K, rows) less their mean over all processes' rows, over their spread, as SB3."""
+        count = self.size * values.shape[1]
+        centred = values - self.average(values.mean(dim=1, keepdim=True))
+        variance = self.average(centred.square().mean(dim=1, keepdim=True)) * (count / (count - 1))
         return centred / (variance.sqrt() + 1e-8)
 
     def any(self, *flags: bool) -> tuple[bool, ...]:

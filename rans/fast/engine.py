@@ -92,6 +92,7 @@ class Engine:
         step = step_tensors
         self._step = torch.compile(step, fullgraph=True, dynamic=False) if self.compiled else step
         self.members = 1 if isinstance(seed, int) else len(seed)
+        seed = seed if isinstance(seed, int) or self.members > 1 else seed[0]
         self._each = num_envs // self.members
         self._body = in_memory(body or nominal, nominal, num_envs, self._field)
         self._numbers = self._first_numbers(), self._each * processes.size

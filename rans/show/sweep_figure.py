@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 
-from rans.fast.learn.batched_trainer import Member
+from rans.fast.learn.member import Member
 from rans.fast.learn.sweep import Sweep, short
 from rans.show.figures import styled
 from rans.show.panels import BLUE, GREEN, GREY, ORANGE, PURPLE, RED, SKY, label

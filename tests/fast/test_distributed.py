@@ -11,17 +11,16 @@ from typing import Any
 import pytest
 import torch
 import torch.distributed as dist
-from stable_baselines3.common.logger import Logger
 from torch.multiprocessing.spawn import start_processes
 
 from rans.cli import main
 from rans.errors import ConfigError, WorkerLost
 from rans.fast.distributed import ALONE, Processes, join
 from rans.fast.engine import Engine
-from rans.fast.learn.ppo import PPO
-from rans.fast.learn.rollout import act
+from rans.fast.learn.ppo import Learner, act
+from rans.fast.learn.report import rows
 from rans.fast.learn.run_folder import RunFolder
-from rans.fast.learn.trainer import make_ppo
+from rans.fast.learn.start import begin
 from tests.cli.test_train import tiny
 from tests.fast.engines import NEAR, PLATFORM, SHORT
 from tests.fast.training import TINY, weights
@@ -31,33 +30,33 @@ ROOT = Path(__file__).parents[2]
 SETTINGS = replace(TINY, max_grad_norm=0.1, learning_rate=2.0**-9)
 
 
-def started(world: Processes = ALONE) -> PPO:
-    """A training of 16 environments, or of this process's share of them, in float64."""
-    engine = Engine(PLATFORM, NEAR, 16 // world.size, SHORT, seed=4, dtype=torch.float64, processes=world)
-    model = make_ppo(engine, SETTINGS, seed=4)
-    model.set_logger(Logger(None, []))
-    model._current_progress_remaining = 1.0
-    model.start()
-    return model
+def started(world: Processes = ALONE, members: int = 1) -> Learner:
+    """Members of 16 environments, or of this process's share of them, in float64; the second remembers."""
+    settings = replace(SETTINGS, memory="recurrent", symmetric=False) if members > 1 else SETTINGS
+    seeds = range(4, 4 + members)
+    engine = Engine(PLATFORM, NEAR, members * 16 // world.size, SHORT, seed=seeds, dtype=torch.float64,
+                    processes=world)
+    return begin(engine, [settings] * members, seeds)
 
 
-def learned(model: PPO) -> dict[str, Any]:
+def learned(model: Learner) -> dict[str, Any]:
     """What three iterations make of it."""
+    said: list[list[float]] = []
     for _ in range(3):
         model.collect()
-        model.train()
-    rate = model.policy.optimizer.param_groups[0]["lr"]
-    return {"weights": weights(model.policy), "rate": float(rate), "random": torch.get_rng_state(),
-            "engine": model.env.engine.save_state()["buffers"],  # type: ignore[union-attr]
-            "log": dict(model.logger.name_to_value)}
+        said = model.update().tolist()
+    state = model.state()
+    return {"weights": weights(model.network), "rate": model.adam.rate.tolist(),
+            "random": state["generators"], "memory": state["memory"],
+            "engine": model.engine.save_state()["buffers"], "log": rows(said, model.engine, 384)}
 
 
-def one_of_two(rank: int, folder: Path) -> None:
+def one_of_two(rank: int, folder: Path, members: int) -> None:
     """A process of two; the second leaves when both have learned."""
     torch.set_num_threads(1)
     dist.init_process_group("gloo", f"file://{folder}/meeting", rank=rank, world_size=2)
     world = Processes(rank, 2)
-    found = learned(started(world)) | {
+    found = learned(started(world, members)) | {
         "any": world.any(rank == 1, False), "first": world.first_says(f"from {rank}")}
     torch.save(found, folder / f"{rank}.pt")
     if rank == 0:
@@ -67,20 +66,25 @@ def one_of_two(rank: int, folder: Path) -> None:
     os._exit(0)
 
 
-def test_two_processes_learn_what_one_does(tmp_path: Path) -> None:
-    """Same starts, actions and minibatches, and sums in another order: the same agent to rounding."""
-    start_processes(one_of_two, (tmp_path,), nprocs=2)
-    alone = learned(started())
+@pytest.mark.parametrize("members", [1, 2])
+def test_two_processes_learn_what_one_does(tmp_path: Path, members: int) -> None:
+    """Same starts, actions and minibatches, and sums in another order: the same agents to rounding."""
+    start_processes(one_of_two, (tmp_path, members), nprocs=2)
+    alone = learned(started(members=members))
     first, second = (torch.load(tmp_path / f"{rank}.pt") for rank in (0, 1))
     assert torch.equal(first["weights"], second["weights"])
     # Adam's steps of 2e-3 differ by the rounding of float64 sums, divided by gradients as small as 1e-5.
     torch.testing.assert_close(first["weights"], alone["weights"], rtol=0, atol=1e-9)
-    assert first["rate"] == alone["rate"] != SETTINGS.learning_rate
-    assert torch.equal(first["random"], alone["random"])
+    assert first["rate"] == alone["rate"] != [SETTINGS.learning_rate] * members
+    assert all(map(torch.equal, first["random"], alone["random"]))
     for ours, theirs in zip(first["engine"], alone["engine"], strict=True):
         assert torch.equal(ours, theirs)
-    for name in ("train/loss", "train/approx_kl", "train/grad_norm", "rollout/failure_rate", "return/turn"):
-        assert first["log"][name] == pytest.approx(alone["log"][name], rel=1e-9), name
+    if members > 1:
+        torch.testing.assert_close(first["memory"], alone["memory"], rtol=0, atol=1e-9)
+    for ours, theirs in zip(first["log"], alone["log"], strict=True):
+        for name in ("train/loss", "train/approx_kl", "train/grad_norm", "rollout/failure_rate",
+                     "return/turn"):
+            assert ours[name] == pytest.approx(theirs[name], rel=1e-9), name
     assert (first["any"], first["first"], second["first"]) == ((True, False), "from 0", "from 0")
 
 
@@ -116,10 +120,11 @@ def test_a_share_must_be_whole() -> None:
 def test_acting_is_one_graph() -> None:
     """What a GPU compiles can be compiled without a break."""
     model = started()
-    seen = model.env.engine.observe()  # type: ignore[union-attr]
+    seen = model.engine.observe().double()
     captured = torch.compile(act, fullgraph=True, dynamic=False, backend="eager")
-    uniform = torch.rand(len(seen), 8, generator=torch.Generator().manual_seed(0))
-    assert torch.equal(captured(model.policy, seen, uniform)[0], act(model.policy, seen, uniform)[0])
+    uniform = torch.rand(len(seen), 8, generator=torch.Generator().manual_seed(0)).double()
+    arguments = model.network, seen, None, None, uniform
+    assert torch.equal(captured(*arguments).action, act(*arguments).action)
 
 
 MORTAL = """

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -17,11 +18,10 @@ from torch.fx import GraphModule
 from torch.utils._python_dispatch import TorchDispatchMode
 
 from rans.fast.engine import Engine
-from rans.fast.learn.loss import ppo_loss
-from rans.fast.learn.ppo import PPO
-from rans.fast.learn.rollout import act, gae, minibatches, remember_and_count, shown
+from rans.fast.learn.ppo import Learner, act, losses, shown
+from rans.fast.learn.rollout import gae, minibatches, remember
 from tests.fast.engines import FLYER, NEAR, PLATFORM, SHORT
-from tests.fast.training import sb3_twin, tiny_ppo
+from tests.fast.training import TINY, sb3_twin, tiny_learner
 
 SLACK = 1.1
 
@@ -45,9 +45,9 @@ def operations(function: Callable[[], object]) -> Counter[str]:
     return counting.operations
 
 
-def trained(craft: Any = PLATFORM, **settings: Any) -> PPO:
+def trained(craft: Any = PLATFORM, **settings: Any) -> Learner:
     """A trainer whose optimiser has its memory already: the first update allocates it."""
-    model = tiny_ppo(craft, **settings)
+    model = tiny_learner(craft, **settings)
     model.collect()
     model.update()
     return model
@@ -66,9 +66,12 @@ def test_a_step_of_a_rollout(craft: Any, plain: int, symmetric: int) -> None:
         assert operations(model.collect).total() / model.n_steps <= SLACK * counted
 
 
-@pytest.mark.parametrize(("craft", "counted"), [(PLATFORM, 103), (FLYER, 103)], ids=["plane", "space"])
+@pytest.mark.parametrize(("craft", "counted"), [(PLATFORM, 124), (FLYER, 124)], ids=["plane", "space"])
 def test_a_minibatch(craft: Any, counted: int) -> None:
-    """What one more epoch of two minibatches adds; and a third adds as much as the second."""
+    """What one more epoch of two minibatches adds; and a third adds as much as the second.
+
+    Twenty of them are Adam's, one kernel where they are compiled.
+    """
     one, two, three = (updates(craft, n_epochs=epochs) for epochs in (1, 2, 3))
     assert three - two == two - one
     assert (two - one) / 2 <= SLACK * counted
@@ -108,7 +111,7 @@ def test_stable_baselines3_needs_more_than_twice_as_many() -> None:
     That is 2.9 times as many, or 3.8 where torch checks the distributions' arguments.
     """
     model = trained(batch_size=128)
-    twin = sb3_twin(model)
+    twin = sb3_twin(model, replace(TINY, batch_size=128))
     twin._setup_learn(10**6)
     callback: Any = SimpleNamespace(on_rollout_start=lambda: None, update_locals=lambda _: None,
                                     on_step=lambda: True, on_rollout_end=lambda: None)
@@ -125,21 +128,21 @@ def test_compiled_functions_are_one_graph_each() -> None:
         nodes.append(sum(node.op.startswith("call") for node in graph.graph.nodes))
         return graph.forward
 
-    engine: Any = model.env.engine  # type: ignore[union-attr]
-    rollout = model._rollout
-    batch = rollout.batch(engine, model.policy, 0.98, 0.95, 0.1)
-    acted = act(model.policy, rollout.observation[0], torch.rand_like(rollout.action[0]))
-    step = Engine(PLATFORM, NEAR, engine.num_envs, SHORT).step(acted[0].detach())
-    kept = rollout.slots[0], rollout.cut, rollout.terms, rollout.reached
+    engine, network, rollout = model.engine, model.network, model.rollout
+    part, kept = minibatches(model.batch(), 1, 2)[0], rollout.all
+    uniform = torch.rand_like(kept.action[0])
+    acted = act(network, kept.observation[0], None, None, uniform)
+    step = Engine(PLATFORM, NEAR, engine.num_envs, SHORT).step(acted.command.detach())
+    done = acted._replace(log_prob=acted.log_prob.detach(), value=acted.value.detach())
     calls: list[tuple[Callable[..., object], tuple[Any, ...]]] = [
-        (ppo_loss, (model.policy, minibatches(batch, 2)[0], 0.2, 0.0, 0.5, True)),
-        (act, (model.policy, rollout.observation[0], torch.rand_like(batch.action[0]))),
-        (remember_and_count, (rollout.observation[0], tuple(x.detach() for x in acted), step, *kept)),
-        (shown, (model.policy, rollout.observation.flatten(0, 1), rollout.action.flatten(0, 1))),
-        (gae, (rollout.reward, rollout.value, rollout.ended, rollout.value[0], 0.98, 0.95)),
+        (losses, (network, part, model.coefficients, False, True)),
+        (act, (network, kept.observation[0], None, None, uniform)),
+        (remember, (kept.observation[0], done, None, step, rollout.steps[0], rollout.begin())),
+        (shown, (network, kept.observation.flatten(0, 1), kept.action.flatten(0, 1))),
+        (gae, (kept.reward, kept.value, kept.ended, kept.value[0], 0.98, 0.95)),
     ]
     for function, arguments in calls:
         torch.compile(function, fullgraph=True, dynamic=False, backend=backend)(*arguments)
     assert len(nodes) == len(calls)
-    most = (55, 107, 16, 78, 51)
+    most = (63, 107, 19, 78, 51)
     assert all(count <= SLACK * counted for count, counted in zip(nodes, most, strict=True)), nodes

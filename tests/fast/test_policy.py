@@ -7,36 +7,36 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from gymnasium import spaces
 from scipy.spatial.transform import Rotation
 from stable_baselines3.common.policies import ActorCriticPolicy
 from torch import Tensor
 
 from rans.errors import ConfigError
 from rans.fast.engine import Engine
+from rans.fast.learn.architecture import Architecture, paper_layout
 from rans.fast.learn.config import PPOSettings, Precision
-from rans.fast.learn.trainer import make_ppo
-from rans.fast.policy import NormalisedMlp, OnOff, evaluate, expect_duty, paper_layout, set_precision
+from rans.fast.learn.distributions import Duty, OnOff
+from rans.fast.learn.network import Network, Output, set_precision
+from rans.fast.learn.policy_file import policy_spaces
+from rans.fast.learn.start import begin
+from rans.fast.policy import policy_kwargs, predict
 from rans.model.dynamics import PlanarState, SpatialState
 from rans.model.fields import Heading, Quat, Vec2, Vec3
-from rans.spaces import action_space, observation_space
-from rans.tasks import GoToPose, observation
+from rans.tasks import GoToPose, observation, observation_width
 from tests.crafts import random_states
 from tests.fast.engines import PLATFORM, both_crafts
-from tests.fast.training import scatter
+from tests.fast.training import sb3_policy, scatter, tiny_learner
 
 
-def make_policy(craft: Any, net_arch: Any = ()) -> ActorCriticPolicy:
-    """A float64 policy with large random weights and statistics."""
-    policy = ActorCriticPolicy(
-        observation_space(GoToPose(), craft.dimension), action_space(craft), lambda _: 1e-3,
-        net_arch=net_arch or [],
-        features_extractor_class=NormalisedMlp, features_extractor_kwargs={"layers": (16,)})
-    policy.double()
-    scatter(policy)
-    extractor: Any = policy.features_extractor
-    extractor.update_statistics(extractor.seen(seen(craft, 500))[0])
-    return policy
+def make_network(craft: Any, continuous: bool = False, **settings: Any) -> Network:
+    """A float64 network with large random weights and statistics."""
+    layout = paper_layout(observation_width(GoToPose(), craft.dimension))
+    given = Architecture(layout, len(craft.thrusters), (16,),
+                         continuous=continuous, **settings)
+    tensors, _ = given.initial(0, 0.5)
+    network = scatter(Network.stacked(given, [tensors], torch.device("cpu"), torch.float64))
+    network.update_statistics(network.look(seen(craft, 500))[0][None])
+    return network
 
 
 def seen(craft: Any, count: int, seed: int = 1) -> Tensor:
@@ -45,29 +45,109 @@ def seen(craft: Any, count: int, seed: int = 1) -> Tensor:
     return torch.from_numpy(np.stack(observation(GoToPose(), state, goal), axis=1).astype(np.float32))
 
 
-@pytest.mark.parametrize("net_arch", [[], {"pi": [8], "vf": [4]}], ids=["shared", "separate"])
+@pytest.mark.parametrize("continuous", [False, True], ids=["on/off", "duty"])
 @both_crafts
-def test_it_says_what_sb3_says(craft: Any, net_arch: Any) -> None:
-    policy, observations = make_policy(craft, net_arch), seen(craft, 64)
-    actions = torch.randint(0, 2, (64, len(craft.thrusters)), generator=torch.Generator().manual_seed(1))
-    output = evaluate(policy, observations)
+def test_it_says_what_sb3_says(craft: Any, continuous: bool) -> None:
+    """SB3's own policy class with the same weights."""
+    network, observations = make_network(craft, continuous), seen(craft, 64)
+    policy = sb3_policy(network.architecture, network.member(0), own=True)
+    generator = torch.Generator().manual_seed(1)
+    actions = torch.randint(0, 2, (64, len(craft.thrusters)), generator=generator)
+    said, output = network.evaluate(observations).policy, network.evaluate(observations)
     value, log_prob, entropy = policy.evaluate_actions(observations, actions)
-    # Sums of tens of float64 numbers of order one in another order.
-    close = {"rtol": 0, "atol": 1e-12}
+    # Sums of tens of float64 numbers of order one, and of a Gaussian's of order 100, in another order.
+    close: dict[str, Any] = {"rtol": 1e-12, "atol": 1e-12}
     torch.testing.assert_close(output.value, value.squeeze(1), **close)
-    torch.testing.assert_close(output.log_prob(actions), log_prob, **close)
-    torch.testing.assert_close(output.entropy(), entropy, **close)
-    mode = policy.get_distribution(observations).mode()
-    np.testing.assert_array_equal(output.mode().numpy(), mode.numpy())
+    torch.testing.assert_close(said.log_prob(actions), log_prob, **close)
+    torch.testing.assert_close(said.entropy(), entropy, **close)
     predicted, _ = policy.predict(observations.numpy(), deterministic=True)
-    np.testing.assert_array_equal(output.mode().numpy(), predicted)
-    assert 0.2 < mode.double().mean() < 0.8  # both choices are there
+    rounding = 1e-6 if continuous else 0.0  # of duties to float32
+    np.testing.assert_allclose(said.mode().detach().numpy(), predicted, rtol=0, atol=rounding)
+    assert 0.2 < predicted.mean() < 0.8  # both choices are there
+    again, _ = predict(network, observations.numpy())
+    np.testing.assert_allclose(again, predicted, rtol=0, atol=rounding)
+
+
+@pytest.mark.parametrize("continuous", [False, True], ids=["on/off", "duty"])
+@both_crafts
+def test_it_begins_with_the_weights_of_sb3(craft: Any, continuous: bool) -> None:
+    """Of the same seed, which then gives the same random numbers."""
+    given = Architecture(make_network(craft).architecture.layout, len(craft.thrusters), (32, 16),
+                         continuous=continuous)
+    tensors, generator = given.initial(11, 0.5)
+    torch.manual_seed(11)
+    policy = ActorCriticPolicy(*policy_spaces(given), lambda _: 1e-3, **policy_kwargs(given))
+    for name, weight in policy.named_parameters():
+        if not (continuous and name == "action_net.bias"):  # that is where duties begin
+            assert torch.equal(tensors[name], weight.detach()), name
+    assert torch.equal(torch.rand(5), torch.rand(5, generator=generator))
+
+
+def test_many_members_say_what_each_says_alone() -> None:
+    """Batched products against plain ones, for every kind of network."""
+    kinds: list[dict[str, Any]] = [
+        {}, {"history": 2}, {"units": 8}, {"privileged": 2}, {"zoom": 20.0, "continuous": True}]
+    for kind in kinds:
+        alone = [make_network(PLATFORM, **kind) for _ in range(3)]
+        for number, network in enumerate(alone):
+            scatter(network, seed=number)
+        given = alone[0].architecture
+        together = Network.stacked(given, [network.member(0) for network in alone], torch.device("cpu"),
+                                   torch.float64)
+        generator = torch.Generator().manual_seed(2)
+        memory = torch.randn(12, given.memory, generator=generator).double() if given.memory else None
+        known = torch.rand(12, given.privileged, generator=generator).double() if given.privileged else None
+        observations = seen(PLATFORM, 12).double()
+        output, shown = together.shown(observations, memory, known)
+        remembered = together.remember(shown, memory, output.policy.mode(), output)
+        for number, network in enumerate(alone):
+            own = slice(4 * number, 4 * number + 4)
+            one, looked = network.shown(observations[own], None if memory is None else memory[own],
+                                        None if known is None else known[own])
+            # Products of float64 in another order.
+            torch.testing.assert_close(output.policy[0][own], one.policy[0], rtol=0, atol=1e-12)
+            torch.testing.assert_close(output.value[own], one.value, rtol=0, atol=1e-12)
+            if remembered is not None:
+                expected = network.remember(looked, memory[own], one.policy.mode(), one)  # type: ignore[index]
+                torch.testing.assert_close(remembered[own], expected, rtol=0, atol=1e-12)
+
+
+def test_the_recurrent_core_is_torchs() -> None:
+    """Step by step, and over whole sequences with episodes that begin anew."""
+    network = make_network(PLATFORM, units=8)
+    cell = torch.nn.GRUCell(16, 8).double()
+    cell.load_state_dict({name: network.tensors[f"features_extractor.core.{name}"]
+                          for name in cell.state_dict()})
+    generator = torch.Generator().manual_seed(3)
+    columns = torch.randn(5 * 4, 8, generator=generator).double()
+    memory = torch.randn(5 * 4, 8, generator=generator).double()
+    going_on = (torch.rand(5, 4, generator=generator) > 0.4).double()
+    found = network.evaluate_seen(columns, memory, going_on=going_on).core.unflatten(0, (5, 4))
+    trunk = network._through(network._trunk, network._looks(columns)).unflatten(0, (5, 4))
+    state = memory[:4]
+    for t in range(5):
+        if t > 0:
+            state = state * going_on[t][:, None]
+        state = cell(trunk[t], state)
+        torch.testing.assert_close(found[t], state, rtol=0, atol=1e-12)  # float64 in another order
+    assert going_on[1:].min() == 0.0
+
+
+def test_a_history_holds_the_last_columns_and_commands() -> None:
+    network = make_network(PLATFORM, history=2)
+    memory, rows = network.blank(3), []
+    for step in range(3):
+        output, columns = network.shown(seen(PLATFORM, 3, seed=step).double(), memory)
+        command = output.policy.mode()
+        memory = network.remember(columns, memory, command, output)
+        rows.append(torch.cat((network._normalised(columns), command), dim=1))
+    torch.testing.assert_close(memory, torch.cat(rows[1:], dim=1), rtol=0, atol=0)
 
 
 def test_probabilities_of_all_actions_add_up_to_one() -> None:
-    output = OnOff(torch.tensor([[-3.0, 0.2, 1.5, 7.0]], dtype=torch.float64), torch.zeros(1))
+    output = OnOff(torch.tensor([[-3.0, 0.2, 1.5, 7.0]], dtype=torch.float64))
     every = torch.tensor(list(itertools.product((0.0, 1.0), repeat=4)), dtype=torch.float64)
-    probability = OnOff(output.logit.expand(16, 4), torch.zeros(16)).log_prob(every).exp()
+    probability = OnOff(output.logit.expand(16, 4)).log_prob(every).exp()
     assert float(probability.sum()) == pytest.approx(1.0, abs=1e-15)
     entropy = -(probability * probability.log()).sum()
     assert float(output.entropy()) == pytest.approx(float(entropy), abs=1e-14)
@@ -76,7 +156,7 @@ def test_probabilities_of_all_actions_add_up_to_one() -> None:
 
 def test_certain_thrusters_give_finite_numbers() -> None:
     """A probability that rounds to 0 or 1 must not become infinity minus infinity."""
-    output = OnOff(torch.tensor([[-500.0, 500.0]]), torch.zeros(1))
+    output = OnOff(torch.tensor([[-500.0, 500.0]]))
     assert output.log_prob(torch.tensor([[0.0, 1.0]])).item() == 0.0
     assert output.log_prob(torch.tensor([[1.0, 1.0]])).item() == -500.0
     assert output.entropy().item() == 0.0
@@ -85,7 +165,7 @@ def test_certain_thrusters_give_finite_numbers() -> None:
 def test_samples_have_their_probabilities() -> None:
     torch.manual_seed(1)
     probability = torch.tensor([0.01, 0.3, 0.5, 0.95])
-    samples = OnOff(probability.logit().expand(20_000, 4), torch.zeros(20_000)).sample()
+    samples = OnOff(probability.logit().expand(20_000, 4)).sample(torch.rand(20_000, 4))
     assert samples.unique().tolist() == [0.0, 1.0]
     # Five standard deviations of a mean over 20,000 throws.
     bound = 5 * (probability * (1 - probability) / 20_000).sqrt()
@@ -125,41 +205,47 @@ def turned(state: Any, angle: float, axis: np.ndarray) -> Any:
 @pytest.mark.parametrize("angle", [0.3, 2.0, -1.2, math.pi])
 @both_crafts
 def test_turning_the_world_changes_nothing(craft: Any, angle: float) -> None:
-    policy, axis = make_policy(craft), np.array([2.0, -1.0, 2.0]) / 3
+    network, axis = make_network(craft), np.array([2.0, -1.0, 2.0]) / 3
     state, goal = (random_states(craft.dimension, 100, seed) for seed in (5, 6))
 
-    def outputs(*states: Any) -> OnOff:
-        return evaluate(policy, torch.from_numpy(np.stack(observation(GoToPose(), *states), axis=1)))
+    def outputs(*states: Any) -> Output:
+        return network.evaluate(torch.from_numpy(np.stack(observation(GoToPose(), *states), axis=1)))
 
     here, there = outputs(state, goal), outputs(turned(state, angle, axis), turned(goal, angle, axis))
     # Rounding of float64 through two rotations and weights of order one.
-    torch.testing.assert_close(there.logit, here.logit, rtol=0, atol=1e-11)
+    torch.testing.assert_close(there.policy[0], here.policy[0], rtol=0, atol=1e-11)
     torch.testing.assert_close(there.value, here.value, rtol=0, atol=1e-11)
-    assert outputs(turned(state, angle, axis), goal).logit.sub(here.logit).abs().max() > 0.1
+    assert outputs(turned(state, angle, axis), goal).policy[0].sub(here.policy[0]).abs().max() > 0.1
+
+
+def untrained(width: int = 10, dtype: torch.dtype = torch.float64, **settings: Any) -> Network:
+    given = Architecture(paper_layout(width), 8, (16,), **settings)
+    return Network.stacked(given, [given.initial(0, 0.5)[0]], torch.device("cpu"), dtype)
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 def test_statistics_are_those_of_all_observations(dtype: torch.dtype) -> None:
-    extractor = NormalisedMlp(spaces.Box(-9, 9, (10,))).to(dtype)
+    network = untrained(dtype=dtype)
     generator = torch.Generator().manual_seed(2)
     scale, shift = torch.rand(2, 10, generator=generator) * 5
     parts = [torch.randn(count, 10, generator=generator) * scale + shift * part
              for part, count in enumerate((3, 500, 1, 64))]
     for part in parts:
-        extractor.update_statistics(extractor.seen(part)[0])
-    everything = np.stack(extractor.layout.in_body(torch.cat(parts).double().unbind(1)), axis=1)
+        network.update_statistics(network.look(part)[0][None])
+    everything = np.stack(paper_layout(10).in_body(torch.cat(parts).double().unbind(1)), axis=1)
     # Rounding of the dtype, and in float32 of the observations turned into the body frame.
     relative = 1e-12 if dtype == torch.float64 else 2e-5
-    np.testing.assert_allclose(extractor.mean, everything.mean(axis=0), rtol=relative, atol=relative)
-    np.testing.assert_allclose(extractor.variance, everything.var(axis=0), rtol=relative)
-    assert extractor.count == 568
+    mean, variance, count = (network.tensors[f"features_extractor.{name}"]
+                             for name in ("mean", "variance", "count"))
+    np.testing.assert_allclose(mean, everything.mean(axis=0), rtol=relative, atol=relative)
+    np.testing.assert_allclose(variance, everything.var(axis=0), rtol=relative)
+    assert count == 568
 
 
 def test_normalised_observations() -> None:
-    extractor = NormalisedMlp(observation_space(GoToPose(), 2)).double()  # type: ignore[arg-type]
-    observations = seen(PLATFORM, 1000)
-    extractor.update_statistics(extractor.seen(observations)[0])
-    result = looks(extractor, observations).numpy()
+    network, observations = untrained(), seen(PLATFORM, 1000)
+    network.update_statistics(network.look(observations)[0][None])
+    result = looks(network, observations).numpy()
     np.testing.assert_allclose(result.mean(axis=0), 0, atol=1e-12)
     flag = 3
     # The variance is 1e-6 short of its true inverse; the task flag never varies and stays zero.
@@ -167,16 +253,15 @@ def test_normalised_observations() -> None:
     assert (result[:, flag] == 0).all()
     far = observations.clone()
     far[:, 4] = 1e6
-    assert looks(extractor, far)[:, 2].eq(10.0).all()
+    assert looks(network, far)[:, 2].eq(10.0).all()
 
 
 def test_second_look_is_steep_at_zero_and_flat_far_away() -> None:
-    space = observation_space(GoToPose(), 2)
-    plain = NormalisedMlp(space).double()  # type: ignore[arg-type]
-    zoomed = NormalisedMlp(space, zoom=20.0).double()  # type: ignore[arg-type]
-    width = plain.layout.body.width
-    assert zoomed.trunk[0].in_features == 2 * width
-    plain.mean[2] = zoomed.mean[2] = 0.5
+    plain, zoomed = untrained(), untrained(zoom=20.0)
+    width = plain.architecture.seen
+    assert zoomed.tensors["features_extractor.trunk.0.weight"].shape[1] == 2 * width
+    for network in (plain, zoomed):
+        network.tensors["features_extractor.mean"][2] = 0.5
     observations = torch.zeros(3, 10, dtype=torch.float64)
     observations[:, 0] = 1.0  # cos heading
     observations[1, 4], observations[2, 4] = 0.001, 3.0  # spin, whose variance is 1
@@ -190,10 +275,10 @@ def test_second_look_is_steep_at_zero_and_flat_far_away() -> None:
 def outputs_of(matmul: Precision, device: str) -> Tensor:
     """Values of a trainer's network with the same weights and observations."""
     settings = PPOSettings(n_envs=64, batch_size=2048, layers=(32, 32), matmul=matmul)
-    policy: Any = make_ppo(Engine(PLATFORM, GoToPose(), 64, device=device), settings, seed=0).policy
-    assert policy.features_extractor.bf16 == (matmul == "bf16")
+    network = begin(Engine(PLATFORM, GoToPose(), 64, device=device), [settings], [0]).network
+    assert network.architecture.bf16 == (matmul == "bf16")
     with torch.no_grad():
-        return evaluate(policy, seen(PLATFORM, 64).float().to(device)).value
+        return network.evaluate(seen(PLATFORM, 64).float().to(device)).value
 
 
 def test_a_cpu_knows_no_bf16() -> None:
@@ -213,14 +298,24 @@ def test_bf16_rounds_the_hidden_layers() -> None:
     assert 1e-5 < difference < 2e-2
 
 
-def test_untrained_policies_open_thrusters_as_often_as_asked() -> None:
-    policy = make_policy(PLATFORM)
-    expect_duty(policy, 0.1)
-    blind = torch.zeros(1, 16, dtype=torch.float64)  # features of nothing seen
-    head = policy.action_net(blind).reshape(-1, 2).softmax(dim=1)  # type: ignore[operator]
-    torch.testing.assert_close(head[:, 1], torch.full((8,), 0.1, dtype=torch.float64), rtol=1e-12, atol=0)
+@pytest.mark.parametrize("continuous", [False, True], ids=["on/off", "duty"])
+def test_untrained_agents_open_thrusters_as_often_as_asked(continuous: bool) -> None:
+    learner = tiny_learner(initial_duty=0.1, continuous=continuous)
+    policy = learner.network.evaluate(learner.engine.observe()).policy
+    share = policy.mean if isinstance(policy, Duty) else torch.sigmoid(policy.logit)
+    # An untrained head has a gain of 0.01 on features of order one: its logits are within 0.1 or so.
+    torch.testing.assert_close(share.detach(), torch.full_like(share, 0.1), rtol=0, atol=0.02)
 
 
-def looks(extractor: NormalisedMlp, observations: Tensor) -> Tensor:
-    columns = torch.stack(extractor.layout.in_body(observations.to(extractor.mean.dtype).unbind(1)), dim=1)
-    return extractor.looks(columns, extractor.mean, extractor.variance)
+def test_duties_are_clipped_where_they_act() -> None:
+    policy = Duty(torch.tensor([[-0.5, 0.25, 1.5]]), torch.full((3,), -1.0))
+    assert policy.mode().tolist() == [[0.0, 0.25, 1.0]]
+    # One and no standard deviations of exp(-1): the quantile of 0.8413 is one.
+    uniform = torch.tensor([[0.8413447, 0.5, 0.5]])
+    torch.testing.assert_close(policy.sample(uniform), torch.tensor([[-0.5 + math.exp(-1), 0.25, 1.5]]),
+                               rtol=0, atol=1e-5)
+    assert policy.sample(torch.tensor([[0.0, 0.0, 1.0]])).isfinite().all()
+
+
+def looks(network: Network, observations: Tensor) -> Tensor:
+    return network._looks(network.look(observations)[0])

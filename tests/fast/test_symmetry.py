@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from stable_baselines3 import PPO
 from torch import Tensor
 
-from rans.fast.policy import evaluate
+from rans.fast.learn.policy_file import write_policy
 from rans.fast.symmetry import Symmetries, symmetries
 from rans.model.dynamics import PlanarState, SpatialState
 from rans.model.fields import Heading, Quat, Vec2, Vec3
@@ -19,7 +19,7 @@ from rans.model.spacecraft import Spacecraft
 from rans.tasks import TASKS, MultiTask, observation
 from tests.crafts import nasty_planar, nasty_spatial, random_states
 from tests.fast.engines import FLYER, PLATFORM, both_crafts
-from tests.fast.training import scatter, tiny_ppo
+from tests.fast.training import TINY, scatter, tiny_learner
 
 
 def views_of(craft: Spacecraft) -> Symmetries:
@@ -29,9 +29,9 @@ def views_of(craft: Spacecraft) -> Symmetries:
 
 
 def symmetric_policy(craft: Spacecraft, task: Any) -> Any:
-    policy = tiny_ppo(craft, dtype=torch.float64, task=task, symmetric=True, zoom=4.0).policy
-    scatter(policy)
-    return policy
+    network = tiny_learner(craft, dtype=torch.float64, task=task, symmetric=True, zoom=4.0).network
+    scatter(network)
+    return network
 
 
 def seen_as(view: np.ndarray, state: Any) -> Any:
@@ -61,11 +61,11 @@ def single_tasks() -> list[Any]:
 def test_policies_fly_every_equivalent_view_alike(craft: Spacecraft, task: Any) -> None:
     if craft.dimension == 3 and type(task).__name__ == "TrackVelocityHeading":
         pytest.skip("a task of the plane")
-    policy, views = symmetric_policy(craft, task), views_of(craft)
+    network, views = symmetric_policy(craft, task), views_of(craft)
     state, goal = (random_states(craft.dimension, 50, seed) for seed in (5, 6))
 
     def logit(*states: Any) -> Tensor:
-        return evaluate(policy, torch.from_numpy(np.stack(observation(task, *states), axis=1))).logit
+        return network.evaluate(torch.from_numpy(np.stack(observation(task, *states), axis=1))).policy[0]
 
     here = logit(state, goal)
     assert len(views.turn) == {2: 8, 3: 16}[craft.dimension]
@@ -112,14 +112,13 @@ def test_thrusters_without_a_lever_arm_have_their_own_view_only() -> None:
 
 @both_crafts
 def test_sb3_opens_and_uses_a_symmetric_agent(craft: Spacecraft, tmp_path: Path) -> None:
-    model = tiny_ppo(craft, symmetric=True)
-    scatter(model.policy)
-    model.save(tmp_path / "policy.zip")
+    network = scatter(tiny_learner(craft, symmetric=True).network)
+    write_policy(tmp_path / "policy.zip", network.architecture, network.member(0), TINY, 0)
     loaded = PPO.load(tmp_path / "policy.zip", device="cpu")
     task, states = TASKS["go-to-pose"](), (random_states(craft.dimension, 200, seed) for seed in (1, 2))
     seen = np.stack(observation(task, *states), axis=1).astype(np.float32)
-    output = evaluate(model.policy, torch.from_numpy(seen))
-    assert np.array_equal(loaded.predict(seen, deterministic=True)[0], output.mode().numpy())
+    output = network.evaluate(torch.from_numpy(seen))
+    assert np.array_equal(loaded.predict(seen, deterministic=True)[0], output.policy.mode().numpy())
     tensors = torch.from_numpy(seen)
     action, value, log_prob = loaded.policy(tensors)
     again = loaded.policy.evaluate_actions(tensors, action)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,10 +17,15 @@ from torch import Tensor
 
 from rans.fast.engine import Engine
 from rans.fast.envs.sb3 import SB3VecEnv
+from rans.fast.learn.architecture import Architecture
 from rans.fast.learn.config import PPOSettings, TrainConfig
-from rans.fast.learn.ppo import PPO
+from rans.fast.learn.network import Network
+from rans.fast.learn.policy_file import policy_spaces
+from rans.fast.learn.ppo import Learner
 from rans.fast.learn.run_folder import RunFolder
-from rans.fast.learn.trainer import Trainer, make_ppo
+from rans.fast.learn.start import begin
+from rans.fast.learn.trainer import Trainer
+from rans.fast.policy import AgentPolicy, policy_kwargs
 from rans.tasks import GoToPose
 from tests.fast.engines import NEAR, PLATFORM, SHORT
 
@@ -28,31 +34,46 @@ CONFIG = TrainConfig("go-to-pose", GoToPose(), "floating-platform", TINY, SHORT,
                      solved_share=None)
 
 
-def tiny_ppo(craft: Any = PLATFORM, seed: int = 0, dtype: torch.dtype = torch.float32, task: Any = NEAR,
-             **settings: Any) -> PPO:
-    """PPO, by default on `NEAR`, where many episodes fail and others are cut off by time."""
+def tiny_learner(craft: Any = PLATFORM, seed: int = 0, dtype: torch.dtype = torch.float32, task: Any = NEAR,
+                 continuous: bool = False, **settings: Any) -> Learner:
+    """PPO, by default where many episodes fail and others are cut off by time; SB3 knows its network."""
     chosen = replace(TINY, **{"symmetric": False} | settings)
-    return make_ppo(Engine(craft, task, chosen.n_envs, SHORT, seed=seed, dtype=dtype), chosen, seed)
+    engine = Engine(craft, task, chosen.n_envs, SHORT, seed=seed, dtype=dtype)
+    return begin(engine, [chosen], [seed], continuous)
 
 
 def tiny_trainer(path: Path, config: TrainConfig = CONFIG) -> Trainer:
     """A trainer in a new run folder."""
     run = RunFolder(path)
     run.begin(config, "rans train")
-    return Trainer(config, run.spacecraft(), run)
+    return Trainer([config], run.spacecraft(), run)
 
 
-def weights(policy: ActorCriticPolicy) -> Tensor:
-    """Every parameter and statistic of a policy, in one row."""
-    return torch.cat([value.detach().flatten() for value in policy.state_dict().values()])
+def weights(policy: Network | ActorCriticPolicy) -> Tensor:
+    """Every parameter and statistic, in one row."""
+    tensors = policy.tensors if isinstance(policy, Network) else policy.state_dict()
+    return torch.cat([value.detach().flatten().clone() for value in tensors.values()])
 
 
-def scatter(policy: ActorCriticPolicy, seed: int = 3) -> None:
+def scatter(network: Network, seed: int = 3) -> Network:
     """Make weights large, so that probabilities and values differ visibly between observations."""
     generator = torch.Generator().manual_seed(seed)
     with torch.no_grad():
-        for parameter in policy.parameters():
+        for name in network.learnt:
+            parameter = network.tensors[name]
             parameter.copy_(torch.randn(parameter.shape, generator=generator) * 0.5)
+    return network
+
+
+def sb3_policy(architecture: Architecture, tensors: Mapping[str, Tensor], own: bool = False,
+               dtype: torch.dtype = torch.float64) -> ActorCriticPolicy:
+    """These weights in SB3's policy: in ours, or in SB3's own class, which knows no symmetries."""
+    kind = ActorCriticPolicy if own else AgentPolicy
+    policy = kind(*policy_spaces(architecture), lambda _: 1e-3, **policy_kwargs(architecture)).to(dtype)
+    with torch.no_grad():
+        for name, place in (*policy.named_parameters(), *policy.named_buffers()):
+            place.copy_(tensors[name])
+    return policy
 
 
 class Buffer64(RolloutBuffer):
@@ -64,18 +85,20 @@ class Buffer64(RolloutBuffer):
             setattr(self, name, getattr(self, name).astype(np.float64))
 
 
-def sb3_twin(model: PPO, **settings: Any) -> stable_baselines3.PPO:
+def sb3_twin(learner: Learner, settings: PPOSettings, **changes: Any) -> stable_baselines3.PPO:
     """Stable-Baselines3's own PPO with the same settings and weights, on an engine of the same seed."""
-    engine = model.env.engine  # type: ignore[union-attr]
+    engine, architecture = learner.engine, learner.network.architecture
     env = SB3VecEnv(Engine(engine.craft, engine.task, engine.num_envs, engine.timing, dtype=engine.dtype))
+    env.action_space = policy_spaces(architecture)[1]
     names = ("n_steps", "n_epochs", "gamma", "gae_lambda", "ent_coef", "vf_coef", "max_grad_norm",
-             "policy_kwargs", "learning_rate", "seed")
-    given = {name: getattr(model, name) for name in names} | settings
+             "learning_rate", "clip_range")
+    given = {name: getattr(settings, name) for name in names} | changes
     twin = stable_baselines3.PPO(
-        "MlpPolicy", env, batch_size=engine.num_envs * model.n_steps, clip_range=model.clip_range(1.0),  # type: ignore[operator]
-        rollout_buffer_class=Buffer64, device="cpu", **given)
+        "MlpPolicy", env, batch_size=engine.num_envs * settings.n_steps, seed=0,
+        policy_kwargs=policy_kwargs(architecture), rollout_buffer_class=Buffer64, device="cpu", **given)
     twin.policy.to(engine.dtype)
-    twin.policy.load_state_dict(model.policy.state_dict())
+    twin.policy.load_state_dict(
+        sb3_policy(architecture, learner.network.member(0), own=True, dtype=engine.dtype).state_dict())
     twin.set_logger(Logger(None, []))
     return twin
 
@@ -84,9 +107,17 @@ def ignore(_: Any) -> None:
     """A report to nobody."""
 
 
+def newest(rows: list[dict[str, Any]]) -> Any:
+    """A report that gathers the first member's rows."""
+    def report(members: Sequence[Any]) -> None:
+        rows.append(members[0].rows[-1])
+
+    return report
+
+
 def resumed(path: Path) -> Trainer:
     run = RunFolder(path)
-    trainer = Trainer(run.config(), run.spacecraft(), run)
+    trainer = Trainer([run.config()], run.spacecraft(), run)
     trainer.resume()
     return trainer
 

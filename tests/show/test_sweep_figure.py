@@ -1,10 +1,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 from matplotlib.colors import to_hex
 
-from rans.fast.learn.batched_trainer import Member
+from rans.fast.learn.member import Member
 from rans.fast.learn.sweep import Sweep
 from rans.show.panels import ORANGE
 from rans.show.sweep_figure import sweep_figure
@@ -15,7 +16,7 @@ def sweep() -> Sweep:
     """Two seeds of two step sizes; the first seed of the second is the best, and one never solves it."""
     configs = [replace(CONFIG, seed=seed, solved_share=0.9, ppo=replace(TINY, learning_rate=rate))
                for rate in (1e-3, 3e-4) for seed in (0, 1)]
-    result = Sweep(configs)
+    result = Sweep(configs, Path("nowhere"))
     ends = zip(configs, (500, 400, 200, 300), (0.5, 1.0, 1.0, 1.0), strict=True)
     result.members = [member(config, steps, success) for config, steps, success in ends]
     return result
@@ -24,7 +25,7 @@ def sweep() -> Sweep:
 def member(config: object, steps: int, success: float) -> Member:
     made = Member(config)  # type: ignore[arg-type]
     for when in (steps - 100, steps):
-        made.note({"steps": when, "success": success})
+        made.note({"steps": when, "success": success}, made.finds_solved(success))
     return made
 
 

@@ -27,7 +27,7 @@ def test_new_agents_are_shown_once_each(tmp_path: Path, monkeypatch: pytest.Monk
         if len(pauses) == 2:
             trainer.save()
         if len(pauses) == 5:
-            for weights in trainer.model.policy.parameters():
+            for weights in trainer.learner.network.tensors.values():
                 weights.data.neg_()
             trainer.save()
         if len(pauses) == 9:

@@ -228,7 +228,7 @@ def late_in(module: Any, only_full: bool = False) -> Patch:
 
 def two_nodes_in_space(monkeypatch: pytest.MonkeyPatch) -> None:
     """Order four instead of six: with validation's substeps as exact as anything that Drake sees."""
-    rules, nodes = rans.model.dynamics._RULES, rans.model.dynamics._SPATIAL_NODES
+    rules, nodes = rans.model.dynamics.RULES, rans.model.dynamics._SPATIAL_NODES
     monkeypatch.setitem(rules, nodes, rules[2])
 
 

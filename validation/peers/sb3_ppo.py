@@ -18,13 +18,14 @@ from stopwatch import options, say, steps_per_second
 from rans.fast.engine import Engine
 from rans.fast.envs.sb3 import SB3VecEnv
 from rans.fast.learn.config import PPOSettings
+from rans.fast.learn.member import SOLVED_IN_A_ROW
 from rans.fast.learn.presets import preset
 from rans.fast.learn.selection import Selection
-from rans.fast.learn.trainer import SOLVED_IN_A_ROW, architecture
+from rans.fast.learn.start import architecture
+from rans.fast.policy import network_of, policy_kwargs
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.tasks import GoToPose
-from rans.tasks.base import layout
 
 _LIMIT = 300.0
 """Training not solved after so many seconds is given up."""
@@ -63,23 +64,23 @@ def main() -> None:
 
 
 def _model(settings: PPOSettings, device: str) -> PPO:
-    env = _Scaled(SB3VecEnv(Engine(_CRAFT, _TASK, settings.n_envs, device=device)), settings.reward_scale)
+    engine = Engine(_CRAFT, _TASK, settings.n_envs, device=device)
+    env = _Scaled(SB3VecEnv(engine), settings.reward_scale)
     names = ("n_steps", "batch_size", "n_epochs", "learning_rate", "gamma", "gae_lambda", "clip_range",
              "ent_coef", "vf_coef", "max_grad_norm")
-    kwargs = architecture(_CRAFT, settings, layout(_TASK, _CRAFT.dimension))
-    return PPO(ActorCriticPolicy, env, policy_kwargs=kwargs, seed=0, device=device,
-               **{name: getattr(settings, name) for name in names})
+    return PPO(ActorCriticPolicy, env, policy_kwargs=policy_kwargs(architecture(engine, settings)), seed=0,
+               device=device, **{name: getattr(settings, name) for name in names})
 
 
 def _train(settings: PPOSettings, device: str) -> dict[str, float | bool]:
     """Seconds of training until two reports in a row find the task solved, judged as our trainer judges."""
     model, seconds, in_a_row = _model(settings, device), 0.0, 0
-    selection = Selection(model.policy, _CRAFT, _TASK, Timing(), device)
+    selection = Selection(network_of(model.policy), _CRAFT, [_TASK], Timing(), torch.device(device))
     while in_a_row < SOLVED_IN_A_ROW and seconds < _LIMIT:
         begun = time.perf_counter()
         model.learn(_REPORT_INTERVAL * settings.n_envs * settings.n_steps, reset_num_timesteps=False)
         seconds += time.perf_counter() - begun
-        in_a_row = in_a_row + 1 if selection.judge()[0] >= _SOLVED_SHARE else 0
+        in_a_row = in_a_row + 1 if selection.judge()[0]["success"] >= _SOLVED_SHARE else 0
     return {"solved": in_a_row >= SOLVED_IN_A_ROW, "seconds_to_success": seconds,
             "steps_to_success": model.num_timesteps}
 

@@ -11,19 +11,17 @@ import time
 import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import torch
-from stable_baselines3.common.policies import ActorCriticPolicy
 from torch import nn
 
 from rans.evaluation.fly.agent import Agent
 from rans.fast.engine import Engine
 from rans.fast.learn.config import PPOSettings
-from rans.fast.learn.selection import likeliest_action
-from rans.fast.learn.trainer import make_ppo
-from rans.fast.policy import NormalisedMlp
+from rans.fast.learn.network import Network
+from rans.fast.learn.selection import likeliest
+from rans.fast.learn.start import begin
 from rans.fast.symmetry import Symmetries
 from rans.model.spacecraft import Spacecraft
 from rans.tasks import Task
@@ -32,10 +30,10 @@ from validation.speed.measurement import Measurement, one_thread
 Policy = Callable[[np.ndarray], np.ndarray]
 """Commands (N, thrusters) for observations (N, width), float32."""
 
-_ACTIVATIONS: dict[type[nn.Module], Callable[[np.ndarray], np.ndarray]] = {
-    nn.Tanh: np.tanh,
-    nn.ReLU: lambda x: np.maximum(x, 0.0),
-    nn.ELU: lambda x: np.where(x > 0.0, x, np.expm1(np.minimum(x, 0.0))),
+_ACTIVATIONS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
+    "tanh": np.tanh,
+    "relu": lambda x: np.maximum(x, 0.0),
+    "elu": lambda x: np.where(x > 0.0, x, np.expm1(np.minimum(x, 0.0))),
 }
 
 
@@ -49,7 +47,7 @@ def latencies(craft: Spacecraft, task: Task, settings: PPOSettings, calls: int) 
         calls: so many observations.
     """
     engine = Engine(craft, task, 1)
-    policy = make_ppo(engine, replace(settings, n_envs=1, n_steps=2, batch_size=2), seed=0).policy
+    policy = begin(engine, [replace(settings, n_envs=1, n_steps=2, batch_size=2)], [0]).network
     observation, agent = engine.observe().numpy().copy(), Agent(policy, "")
     ways = {"torch, eager": lambda x: agent.act(None, None, x), "NumPy": numpy_policy(policy)}
     for way, act in ways.items():
@@ -62,28 +60,27 @@ def latencies(craft: Spacecraft, task: Task, settings: PPOSettings, calls: int) 
         yield from _measured(f"ONNX, {craft.name}", exported, observation, calls)
 
 
-def numpy_policy(policy: ActorCriticPolicy) -> Policy:
-    """The deterministic agent in NumPy, equal to `rans.evaluation.fly.agent.Agent` but for rounding."""
-    extractor = policy.features_extractor
-    assert isinstance(extractor, NormalisedMlp)  # as `rans.fast.policy.network` makes them
-    mean, scale, zoom = extractor.mean.numpy(), torch.rsqrt(extractor.variance + 1e-6).numpy(), extractor.zoom
-    linear = [(x.weight.detach().numpy().T, x.bias.detach().numpy())
-              for x in extractor.trunk if isinstance(x, nn.Linear)]
-    activation = _ACTIVATIONS[type(extractor.trunk[1])]
-    head: Any = policy.action_net
-    rows, offsets = head.weight.detach().numpy(), head.bias.detach().numpy()
+def numpy_policy(network: Network) -> Policy:
+    """The deterministic on/off agent in NumPy, equal to `rans.evaluation`'s but for rounding."""
+    given, table = network.architecture, {name: x.numpy() for name, x in network.member(0).items()}
+    mean, zoom = table["features_extractor.mean"], given.zoom
+    scale = 1.0 / np.sqrt(table["features_extractor.variance"] + np.float32(1e-6))
+    hidden = [name for name in table if ".trunk." in name and name.endswith(".weight")]
+    linear = [(table[name].T, table[name.replace("weight", "bias")]) for name in hidden]
+    activation = _ACTIVATIONS[given.activation]
+    rows, offsets = table["action_net.weight"], table["action_net.bias"]
     weight, bias = (rows[1::2] - rows[0::2]).T, offsets[1::2] - offsets[0::2]
-
-    views = extractor.views and Symmetries(*(table.numpy() for table in extractor.views))
+    views = given.symmetries and Symmetries(*(np.asarray(x, dtype=kind) for x, kind in zip(
+        given.symmetries, (np.float32, np.float32, np.int64), strict=True)))
 
     def act(observation: np.ndarray) -> np.ndarray:
-        layout, place = extractor.layout.body, None
-        columns = extractor.layout.in_body(tuple(observation.T))
+        layout, place = given.layout.body, None
+        columns = given.layout.in_body(tuple(observation.T))
         if views and (way := layout.ahead(columns)) is not None:
             which = views.which(way)
             columns, place = views.viewed(layout, columns, which), views.place[which]
         seen = np.stack(columns, axis=1)
-        x = np.clip((seen - mean) * scale, -extractor.clip, extractor.clip)
+        x = np.clip((seen - mean) * scale, -given.clip, given.clip)
         x = np.concatenate((x, np.tanh(seen * scale * zoom)), axis=1) if zoom else x
         for matrix, offset in linear:
             x = activation(x @ matrix + offset)
@@ -93,7 +90,7 @@ def numpy_policy(policy: ActorCriticPolicy) -> Policy:
     return act
 
 
-def onnx_policy(policy: ActorCriticPolicy) -> Policy:
+def onnx_policy(policy: Network) -> Policy:
     """The deterministic agent in ONNX Runtime, for single observations.
 
     Raises:
@@ -101,7 +98,7 @@ def onnx_policy(policy: ActorCriticPolicy) -> Policy:
     """
     import onnxruntime  # pyright: ignore[reportMissingImports]
 
-    width = policy.observation_space.shape[0]  # type: ignore[index]
+    width = policy.architecture.layout.width
     logging.getLogger("torch.onnx").setLevel(logging.ERROR)
     with warnings.catch_warnings(action="ignore"):  # of the exporter, about itself
         program = torch.onnx.export(_Deterministic(policy).eval(), (torch.zeros(1, width),), dynamo=True,
@@ -115,12 +112,12 @@ def onnx_policy(policy: ActorCriticPolicy) -> Policy:
 
 
 class _Deterministic(nn.Module):
-    def __init__(self, policy: ActorCriticPolicy) -> None:
+    def __init__(self, policy: Network) -> None:
         super().__init__()
         self._policy = policy
 
     def forward(self, observation: torch.Tensor) -> torch.Tensor:
-        return likeliest_action(self._policy, observation)
+        return likeliest(self._policy, observation, None)[0]
 
 
 def _measured(name: str, policy: Policy, observation: np.ndarray, calls: int) -> Iterator[Measurement]:

@@ -11,7 +11,8 @@ import torch
 from rans.fast.engine import Engine
 from rans.fast.learn.config import PPOSettings, TrainConfig
 from rans.fast.learn.run_folder import RunFolder
-from rans.fast.learn.trainer import Trainer, make_ppo
+from rans.fast.learn.start import begin
+from rans.fast.learn.trainer import Trainer
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.tasks import GoToPose, Task
@@ -37,12 +38,11 @@ def trainer_rate(craft: Spacecraft, task: Task, settings: PPOSettings, clock: Cl
     torch.compiler.reset()  # what other measurements compiled counts towards the compiler's limit
     with one_thread():
         engine = Engine(craft, task, settings.n_envs, device=clock.device)
-        model = make_ppo(engine, settings, seed=0)
-        model.start()
+        learner = begin(engine, [settings], [0])
 
         def iteration() -> None:
-            model.collect()
-            model.update()
+            learner.collect()
+            learner.update()
 
         seconds, warm_up = clock.time(iteration)
     rollout, layers = settings.n_envs * settings.n_steps, "x".join(map(str, settings.layers))
@@ -60,6 +60,6 @@ def train_until_solved(settings: PPOSettings, device: str, spacecraft: str = "fl
                              report_interval=report_interval)
         run = RunFolder(Path(folder) / "run")
         run.begin(config, "rans benchmark")
-        trainer = Trainer(config, load_spacecraft(spacecraft), run)
+        trainer = Trainer([config], load_spacecraft(spacecraft), run)
         trainer.train(lambda _: None)
-    return Success(trainer.solved, trainer.seconds, trainer.warm_up, trainer.model.num_timesteps)
+    return Success(trainer.solved, trainer.seconds, trainer.warm_up, trainer.steps)

@@ -7,13 +7,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import torch
-from stable_baselines3 import PPO
-from stable_baselines3.common.policies import ActorCriticPolicy
 
 from rans.errors import ConfigError
+from rans.fast.learn.network import Network
+from rans.fast.learn.policy_file import read_policy
 from rans.fast.learn.run_folder import RunFolder
-from rans.fast.policy import evaluate
-from rans.files import first_line
+from rans.fast.learn.selection import likeliest
 from rans.flight import Controller
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
@@ -21,24 +20,26 @@ from rans.tasks import Task, observation_width
 
 
 class Agent:
-    """A policy that opens the thrusters it finds more likely open than shut.
+    """A policy that gives the commands it finds likeliest.
 
     Args:
-        policy: SB3 actor-critic with ``MultiDiscrete([2] * thrusters)`` actions.
+        network: of one member, on the CPU.
         name: what to call it in tables.
     """
 
-    def __init__(self, policy: ActorCriticPolicy, name: str) -> None:
-        self.name = name
-        self._policy = policy.set_training_mode(False) or policy
+    def __init__(self, network: Network, name: str) -> None:
+        self.name, self._network = name, network
+        self._memory: torch.Tensor | None = None
 
     def reset(self, count: int) -> None:
-        """See `rans.flight.Controller`; an agent has no memory."""
+        """See `rans.flight.Controller`; an agent with a memory forgets."""
+        self._memory = self._network.blank(count)
 
     @torch.no_grad()
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        """See `rans.flight.Controller`; looks at the observation only."""
-        return evaluate(self._policy, torch.from_numpy(observation)).mode().numpy()
+        """See `rans.flight.Controller`; looks at the observation only, and at what it remembers."""
+        command, self._memory = likeliest(self._network, torch.from_numpy(observation), self._memory)
+        return command.numpy()
 
 
 class LoadedRun(NamedTuple):
@@ -62,18 +63,16 @@ def load_agent(path: Path) -> LoadedRun:
     config, craft = run.config(), run.spacecraft()
     if not run.policy_file.exists():
         raise ConfigError(f"{path} has no policy.zip yet: training was stopped before its first checkpoint.")
-    try:
-        policy = PPO.load(run.policy_file, device="cpu").policy
-    except Exception as error:  # a damaged pickle raises anything
-        raise ConfigError(f"{run.policy_file} is damaged: {first_line(error)}.") from error
-    _check_fit(policy, craft, config.settings, run)
-    return LoadedRun(Agent(policy, path.resolve().name), craft, config.settings, config.timing)
+    network = read_policy(run.policy_file).network
+    _check_fit(network, craft, config.settings, run)
+    return LoadedRun(Agent(network, path.resolve().name), craft, config.settings, config.timing)
 
 
-def _check_fit(policy: ActorCriticPolicy, craft: Spacecraft, task: Task, run: RunFolder) -> None:
-    seen, open_or_shut = policy.observation_space.shape, policy.action_space.shape
-    needed = ((observation_width(task, craft.dimension),), (len(craft.thrusters),))
-    if (seen, open_or_shut) != needed:
+def _check_fit(network: Network, craft: Spacecraft, task: Task, run: RunFolder) -> None:
+    given = network.architecture
+    seen, commanded = given.layout.width, given.thrusters
+    needed = observation_width(task, craft.dimension), len(craft.thrusters)
+    if (seen, commanded) != needed:
         raise ConfigError(
-            f"{run.policy_file} observes {seen} and commands {open_or_shut} thrusters, but "
+            f"{run.policy_file} observes {seen} columns and commands {commanded} thrusters, but "
             f"{run.spacecraft_file} needs {needed[0]} and {needed[1]}: they are of different runs.")

@@ -19,7 +19,7 @@ class SB3VecEnv(VecEnv):
     """An `Engine` seen through SB3's interface.
 
     SB3 wants NumPy arrays and one dict per environment and step, which costs more than the
-    simulation; `rans.fast.PPO` takes the same object and goes around both.
+    simulation; `rans.PPO` takes the same object and goes around both.
 
     Args:
         engine: the batched episodes; the adapter does not copy them.

@@ -31,9 +31,8 @@ def source(program: Program, thrusters: int, action: Action, real: Real, togethe
     """CUDA C++ of a kernel ``step``.
 
     Its arguments are the action, the seed's low and high word, the results' reals, final observations and
-    flags, the memory, the settings; the number of spacecraft and of those of a member, the rank of this process,
-    the number of
-    processes, and how many blocks ahead memory is fetched.
+    flags, the memory, the settings; the number of spacecraft and of those of a member, the rank of this
+    process, the number of processes, and how many blocks ahead memory is fetched.
 
     Args:
         program: what to compute.

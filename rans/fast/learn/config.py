@@ -20,7 +20,7 @@ Precision = Literal["float32", "tf32", "bf16"]
 
 @dataclass(frozen=True)
 class PPOSettings:
-    """Hyper-parameters of `rans.fast.PPO`, by their names in Stable-Baselines3.
+    """Hyper-parameters of `rans.PPO`, by their names in Stable-Baselines3.
 
     Raises:
         ConfigError: a value is out of its range.
@@ -68,12 +68,23 @@ class PPOSettings:
     008). 0: none, which learns the rough way to go sooner."""
     matmul: Precision = "tf32"
     """How a GPU multiplies matrices; a CPU always does in float32."""
+    memory: Literal["none", "history", "recurrent"] = "none"
+    """What the network remembers of an episode: nothing; the last observations and commands; or what a gated
+    recurrent unit keeps."""
+    history: int = 4
+    """How many last observations and commands."""
+    recurrent_units: int = 64
+    """Of that unit."""
+    privileged_critic: bool = False
+    """Whether the critic has layers of its own that are also given what a simulator knows and a robot does
+    not: the spacecraft's true mass properties."""
     initial_duty: float = 0.5
     """Probability that a thruster is open before anything is learnt. Agents that should rest with all
     valves shut find out about it sooner from a low one."""
 
     def __post_init__(self) -> None:
-        for name, least in (("n_envs", 1), ("n_steps", 1), ("batch_size", 2), ("n_epochs", 1)):
+        for name, least in (("n_envs", 1), ("n_steps", 1), ("batch_size", 2), ("n_epochs", 1),
+                            ("history", 1), ("recurrent_units", 1)):
             _require(getattr(self, name) >= least, name, getattr(self, name), f">= {least}")
         for name in ("learning_rate", "max_learning_rate", "clip_range", "max_grad_norm", "reward_scale"):
             _require(0 < getattr(self, name) < math.inf, name, getattr(self, name), "finite and > 0")
@@ -87,6 +98,9 @@ class PPOSettings:
         _require(divergence, "desired_kl", self.desired_kl, "finite and > 0, or null")
         layers = len(self.layers) > 0 and min(self.layers) >= 1
         _require(layers, "layers", list(self.layers), "one or more numbers >= 1")
+        if self.memory != "none" and self.symmetric:
+            raise ConfigError(f"memory {self.memory!r} needs symmetric to be false: what is remembered was "
+                              "seen from one side of the spacecraft, and the next step may be from another.")
 
 
 def _require(holds: bool, name: str, value: object, bound: str) -> None:

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 
 from rans.errors import ConfigError
 from rans.tasks import Task
+from rans.tasks.settings import map_settings
 
 Numbers = float | tuple[float, float]
 """What a setting is made of: one number, or two for a range."""
@@ -76,7 +76,7 @@ def check_ramps(task: Task, ramps: Sequence[Ramp]) -> None:
             is, a geometric ramp ends at 0, or the task refuses the values at a time when a ramp begins or
             ends.
     """
-    known = dict(_settings(task))
+    known = _numbers_of(task)
     for ramp in ramps:
         if ramp.setting not in known:
             raise ConfigError(f"the task has no setting {ramp.setting!r} to ramp; known are "
@@ -95,69 +95,94 @@ def check_ramps(task: Task, ramps: Sequence[Ramp]) -> None:
 
 def task_at(task: Task, ramps: Sequence[Ramp], steps: int) -> Task:
     """The task after so many environment steps."""
-    ends = dict(_settings(task))
-    return _with(task, {ramp.setting: tuple(ramp.values(ends[ramp.setting], steps)) for ramp in ramps})
+    ends, moved = _numbers_of(task), dict[str, float]()
+    for ramp in ramps:
+        moved |= zip(_places(ramp.setting, ends), ramp.values(ends[ramp.setting], steps), strict=True)
+    return map_settings(lambda name, number: moved.get(name, number), task, checked=True)
 
 
 class Curriculum:
-    """A task whose ramped settings are numbers in memory, changed in place.
+    """The task of K members whose ramped settings are numbers in memory, changed in place.
 
     So a compiled step reads them without being compiled again, and a CUDA graph without being recorded
-    again.
+    again. A number in which members differ is a field, with a value for each of their environments.
 
     Args:
-        task: with the settings that the ramps end at.
+        tasks: one a member, with the settings that the ramps end at; they differ in numbers only.
         ramps: see `check_ramps`.
         dtype: of the engine's fields, NumPy's or torch's.
         device: of torch's.
+        each: environments of a member.
     """
 
-    def __init__(self, task: Task, ramps: Sequence[Ramp], dtype: Any, device: Any = None) -> None:
-        ends = dict(_settings(task))
-        self._moving = [
-            (ramp, end, tuple(_number(value, dtype, device) for value in ramp.values(end, 0)))
-            for ramp in ramps for end in [ends[ramp.setting]]]
-        self.task = _with(task, {ramp.setting: numbers for ramp, _, numbers in self._moving})
+    def __init__(self, tasks: Sequence[Task], ramps: Sequence[Ramp], dtype: Any, device: Any = None,
+                 each: int = 1) -> None:
+        self._moving: list[tuple[Ramp, list[Numbers], list[Any]]] = []
+        memory: dict[str, Any] = {}
+        ends = [_numbers_of(task) for task in tasks]
+        for ramp in ramps:
+            own = [end[ramp.setting] for end in ends]
+            places = _places(ramp.setting, ends[0])
+            same = all(end == own[0] for end in own)
+            numbers = [_memory(column[:1] if same else column, each, dtype, device)
+                       for column in _columns(ramp, own, 0)]
+            self._moving.append((ramp, own, numbers))
+            memory |= zip(places, numbers, strict=True)
+
+        def number(name: str, *values: Any) -> Any:
+            if name in memory:
+                return memory[name]
+            same = all(value == values[0] for value in values)
+            return values[0] if same else _memory(values, each, dtype, device)
+
+        self.task = map_settings(number, *tasks)
         """To fly and learn."""
 
     def move_to(self, steps: int) -> None:
         """Give every ramped setting its value after so many environment steps."""
-        for ramp, end, numbers in self._moving:
-            for number, value in zip(numbers, ramp.values(end, steps), strict=True):
-                number[...] = value
+        for ramp, ends, numbers in self._moving:
+            for number, values in zip(numbers, _columns(ramp, ends, steps), strict=True):
+                parts = number.reshape(len(values), -1) if number.shape else [number]
+                for part, value in zip(parts, values, strict=False):
+                    part[...] = value
 
 
-def _number(value: float, dtype: Any, device: Any) -> Any:
-    """A number in memory, as an array without axes."""
+def _columns(ramp: Ramp, ends: Sequence[Numbers], steps: int) -> list[tuple[float, ...]]:
+    """The setting's one or two numbers, each for every member."""
+    return list(zip(*(ramp.values(end, steps) for end in ends), strict=True))
+
+
+def _memory(values: Sequence[float], each: int, dtype: Any, device: Any) -> Any:
+    """An array with the members' values for their environments, or without axes for one value."""
+    column = np.repeat(values, each) if len(values) > 1 else np.asarray(values[0])
     if isinstance(dtype, type):
-        return np.array(value, dtype=dtype)
+        return column.astype(dtype)
     import torch
 
-    return torch.tensor(value, dtype=dtype, device=device)
+    return torch.tensor(column, dtype=dtype, device=device)
 
 
 def _numbers(value: Numbers) -> tuple[float, ...]:
     return value if isinstance(value, tuple) else (value,)
 
 
-def _settings(task: Any) -> Iterator[tuple[str, Numbers]]:
+def _numbers_of(task: Task) -> dict[str, Numbers]:
     """Every number and range among the settings, by name; those of tasks within after a dot."""
-    for field in dataclasses.fields(task):
-        value = getattr(task, field.name)
-        if dataclasses.is_dataclass(value):
-            yield from ((f"{field.name}.{name}", inner) for name, inner in _settings(value))
-        elif all(isinstance(x, int | float) for x in _numbers(value)):
-            yield field.name, value
+    found: dict[str, Numbers] = {}
 
-
-def _with(task: Any, changes: dict[str, tuple[Any, ...]]) -> Any:
-    """The task with these numbers in its settings, all at once: it may refuse some without the others."""
-    values: dict[str, Any] = {}
-    for name in {setting.partition(".")[0] for setting in changes}:
-        value, prefix = getattr(task, name), f"{name}."
-        if dataclasses.is_dataclass(value):
-            inner = {k.removeprefix(prefix): v for k, v in changes.items() if k.startswith(prefix)}
-            values[name] = _with(value, inner)
+    def note(name: str, number: float) -> float:
+        setting, _, place = name.rpartition(".")
+        if place.isdigit():
+            found[setting] = (*_numbers(found.get(setting, ())), number)  # type: ignore[arg-type]
         else:
-            values[name] = changes[name] if isinstance(value, tuple) else changes[name][0]
-    return replace(task, **values)
+            found[name] = number
+        return number
+
+    map_settings(note, task)
+    return found
+
+
+def _places(setting: str, known: dict[str, Numbers]) -> list[str]:
+    """Names of the setting's one or two numbers, as `map_settings` gives them."""
+    value = known[setting]
+    return [f"{setting}.{i}" for i in range(len(value))] if isinstance(value, tuple) else [setting]

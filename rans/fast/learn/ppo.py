@@ -1,296 +1,277 @@
-"""PPO whose rollouts, advantages and updates stay on the device, behind SB3's interface."""
+"""Proximal policy optimisation (Schulman et al., 2017) of K members at once: collect, learn, adapt.
+
+Every member learns what it would learn alone from the same random numbers, up to rounding: advantages are
+normalised, gradients clipped, step sizes adapted and observations normalised per member. On a GPU one
+iteration is two recorded CUDA graphs, within which nothing waits for the device.
+"""
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
-import numpy as np
-import stable_baselines3
 import torch
-from stable_baselines3.common.buffers import RolloutBuffer
-from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.vec_env import VecEnv
 from torch import Tensor
 
-from rans.errors import ConfigError, NonFiniteState
-from rans.fast.distributed import Processes
 from rans.fast.engine import Engine
-from rans.fast.envs.sb3 import SB3VecEnv
+from rans.fast.learn.adam import Adam
+from rans.fast.learn.config import PPOSettings
 from rans.fast.learn.graph import fused, graphed
-from rans.fast.learn.loss import Losses, ppo_loss
-from rans.fast.learn.rollout import Batch, Rollout, minibatches
-from rans.fast.policy import NormalisedMlp, network, set_precision
+from rans.fast.learn.network import Network, set_precision
+from rans.fast.learn.rollout import Acted, Batch, Rollout, gae, minibatches, remember
 
-_STATISTICS = (*Losses._fields, "grad_norm")
-"""Means over the minibatches of an update, by their names in the log."""
 MIN_LEARNING_RATE = 1e-5
 """Lower bound of the adapted step size, unless training slows down below it."""
 
 
-class PPO(stable_baselines3.PPO):
-    """`stable_baselines3.PPO` with everything between the callbacks replaced.
+class Coefficients(NamedTuple):
+    """Hyper-parameters in which members may differ, by their names in `PPOSettings`; each (K,)."""
 
-    Constructor, callbacks, logger, ``predict``, ``save`` and ``load`` are SB3's, and what it saves
-    opens with ``stable_baselines3.PPO.load``. The update equals SB3's on the same minibatch. Different
-    are: minibatches are whole environments, unshuffled; callbacks see neither ``infos`` nor ``dones``,
-    and their ``on_step`` come after each rollout, one a step; defaults suit short episodes of many
-    environments. On a GPU, matrix products use TF32 unless told otherwise, for the whole process.
+    learning_rate: Tensor
+    desired_kl: Tensor
+    """NaN: the learning rate is constant."""
+    max_learning_rate: Tensor
+    anneal: Tensor
+    gamma: Tensor
+    gae_lambda: Tensor
+    clip_range: Tensor
+    ent_coef: Tensor
+    vf_coef: Tensor
+    max_grad_norm: Tensor
+    reward_scale: Tensor
+
+    @classmethod
+    def of(cls, settings: Sequence[PPOSettings], like: Tensor) -> Coefficients:
+        """Those of these members, in the dtype and on the device of another tensor."""
+        values = ([getattr(one, name) for one in settings] for name in cls._fields)
+        return cls(*(like.new_tensor([float("nan") if x is None else x for x in column])
+                     for column in values))
+
+
+class Losses(NamedTuple):
+    """The loss and what it is made of, by SB3's names; each (K,)."""
+
+    loss: Tensor
+    policy_gradient_loss: Tensor
+    value_loss: Tensor
+    entropy_loss: Tensor
+    approx_kl: Tensor
+    """Estimate of the divergence from the policy that collected (Schulman, "Approximating KL
+    divergence", 2020)."""
+    clip_fraction: Tensor
+
+
+STATISTICS = (*Losses._fields, "grad_norm")
+"""Means over the minibatches of an update, by their names in the log."""
+
+
+class Learner:
+    """K trainings with the same architecture and sizes, but their own seeds, coefficients and tasks' numbers.
 
     Args:
-        policy: as SB3.
-        env: an `SB3VecEnv`.
-        learning_rate: as SB3; the step size to start with when ``desired_kl`` adapts it.
-        n_steps: as SB3; no longer than an episode.
-        batch_size: as SB3, a multiple of ``n_steps``; by default a quarter of the rollout.
-        n_epochs: as SB3.
-        gamma: as SB3.
-        max_grad_norm: as SB3.
-        policy_kwargs: as SB3; by default `rans.fast.policy.network`.
-        desired_kl: divergence a whole iteration should cause; the step size is adapted to it
-            between 1e-5 and ``max_learning_rate``. None: ``learning_rate`` as given.
-        max_learning_rate: upper bound of the adapted step size.
-        anneal: see `slow_down`, which `rans.fast.learn.trainer.Trainer` calls and ``learn`` does not.
-        reward_scale: factor on every reward, so that values are of order one.
-        matmul: see `rans.fast.learn.config.Precision`; with ``policy_kwargs`` of your own, bf16 needs
-            ``network(bf16=True)``.
-        **settings: SB3's others, with its names and meanings.
-
-    Raises:
-        ConfigError: the environment is of another kind, or the settings ask for something this trainer
-            does not do.
+        engine: with the members' environments, in equal and contiguous parts.
+        network: of the members; changed in place.
+        settings: one a member.
+        generators: one a member, of its actions on a CPU; on a GPU one stream feeds all.
     """
 
-    def __init__(self, policy: Any, env: Any, learning_rate: Any = 1e-3, n_steps: int = 64,
-                 batch_size: int | None = None, n_epochs: int = 4, gamma: float = 0.98, *,
-                 max_grad_norm: float = 1.0, policy_kwargs: dict[str, Any] | None = None,
-                 desired_kl: float | None = 0.016, max_learning_rate: float = 1e-2,
-                 anneal: float = 0.0, reward_scale: float = 0.1, matmul: str = "tf32",
-                 _init_setup_model: bool = True, **settings: Any) -> None:
-        self.desired_kl, self.max_learning_rate, self.anneal = desired_kl, max_learning_rate, anneal
-        self.reward_scale, self.matmul = reward_scale, matmul
-        if _init_setup_model:  # SB3's `load` sets everything after an empty construction
-            rollout = _engine_of(env).num_envs * n_steps
-            batch_size = batch_size or (rollout // 4 if env.num_envs % 4 == 0 else rollout)
-            _check_sizes(_engine_of(env), n_steps, batch_size)
-        super().__init__(policy, env, learning_rate,  # type: ignore[arg-type]
-                         n_steps, batch_size or n_steps, n_epochs, gamma,
-                         max_grad_norm=max_grad_norm,
-                         policy_kwargs=policy_kwargs or network(bf16=matmul == "bf16"),
-                         _init_setup_model=False, **settings)
-        if _init_setup_model:
-            self._setup_model()
-
-    def _setup_model(self) -> None:
-        # SB3 would allocate its own rollouts on the host; only `Rollout` is used.
-        self.rollout_buffer_class = _NoBuffer  # type: ignore[assignment]
-        super()._setup_model()
-        self.rollout_buffer_class = None  # type: ignore[assignment]
-        self._refuse_unsupported()
-        if self.env is not None:
-            self._prepare(_engine_of(self.env))
-
-    def set_env(self, env: Any, force_reset: bool = True) -> None:
-        """As SB3."""
-        super().set_env(env, force_reset)
-        self._prepare(_engine_of(env))
-
-    def _refuse_unsupported(self) -> None:
-        clip_range, rate = self.clip_range, self.lr_schedule
-        unsupported = {
-            "clip_range_vf": self.clip_range_vf is not None,
-            "use_sde": self.use_sde,
-            "target_kl": self.target_kl is not None,
-            "a schedule of clip_range": clip_range(0.0) != clip_range(1.0),  # type: ignore[operator]
-            "a schedule of learning_rate with desired_kl":
-                self.desired_kl is not None and rate(0.0) != rate(1.0),
-            "share_features_extractor=False": not self.policy.share_features_extractor,
-        }
-        for name, given in unsupported.items():
-            if given:
-                raise ConfigError(f"{name} is not supported by rans.fast.PPO; leave it at its default or use "
-                                  "stable_baselines3.PPO.")
-
-    def _prepare(self, engine: Engine) -> None:
-        """Fixed memory and fixed functions of one training iteration."""
-        _check_sizes(engine, self.n_steps, self.batch_size)
-        set_precision(self.matmul, self.device)
-        self.policy.to(engine.dtype)
-        group = self.policy.optimizer.param_groups[0]
-        group["lr"] = torch.tensor(float(group["lr"]), dtype=torch.float32, device=self.device)
-        group["capturable"] = self.device.type == "cuda"
+    def __init__(self, engine: Engine, network: Network, settings: Sequence[PPOSettings],
+                 generators: Sequence[torch.Generator]) -> None:
+        first, self.members = settings[0], len(settings)
+        set_precision(first.matmul, engine.device)
+        self.engine, self.processes = engine, engine.processes
+        self.network, self._generators = network, generators
+        self.n_steps, self.n_epochs = first.n_steps, first.n_epochs
+        self._minibatches = first.n_envs * first.n_steps // first.batch_size
+        self.rollout = Rollout(engine, network, first.n_steps)
+        self.coefficients = Coefficients.of(settings, self.rollout.reached)
+        self.adam = Adam(network, self.coefficients.learning_rate)
         # In memory that never moves: a CUDA graph reads it.
-        self._ceiling = torch.tensor(self.max_learning_rate, device=self.device)
-        self._rollout = Rollout(engine, self.n_steps)
-        self._loss = fused(ppo_loss, self.device)
-        self.collect = graphed(self._collect_on_device, self.device)
-        self.update = graphed(self._update_on_device, self.device)
+        self._ceiling = self.coefficients.max_learning_rate.clone()
+        self._with_entropy = any(one.ent_coef for one in settings)
+        self._compile(engine.device)
 
-    def _maybe_recommend_cpu(self, mlp_class_name: str = "") -> None:
-        """SB3 warns that PPO is slow on a GPU; this one is not."""
-
-    def _excluded_save_params(self) -> list[str]:
-        return [*super()._excluded_save_params(), "_rollout", "_ceiling", "_loss", "collect", "update",
-                "_last_obs", "_last_episode_starts", "rollout_buffer_class"]
-
-    def _setup_learn(self, total_timesteps: int, callback: Any = None, reset_num_timesteps: bool = True,
-                     *args: Any, **kwargs: Any) -> Any:
-        """As SB3; new episodes begin at random times, so that they do not all end in one rollout."""
-        fresh = reset_num_timesteps or self._last_obs is None
-        result = super()._setup_learn(total_timesteps, callback, reset_num_timesteps, *args, **kwargs)
-        if fresh:
-            self.start()
-        return result
-
-    def start(self) -> None:
-        """Let the episodes that run begin at random times."""
-        self.env.engine.stagger()  # type: ignore[union-attr]
-
-    def restore(self, policy: dict[str, Any], optimizer: dict[str, Any], num_timesteps: int) -> None:
-        """Go on from saved state dicts of the policy and its optimiser after so many steps."""
-        self.policy.load_state_dict(policy)
-        self.policy.optimizer.load_state_dict(optimizer)
-        self.num_timesteps = num_timesteps
-        # SB3 resets the environment unless it has seen an observation; this trainer needs none.
-        self._last_obs = np.zeros(0)
+    def _compile(self, device: torch.device) -> None:
+        self._act, self._remember, self._gae = fused(act, device), fused(remember, device), fused(gae, device)
+        self._show, self._losses = fused(shown, device), fused(losses, device)
+        self.collect, self.update = graphed(self._collect, device), graphed(self._update, device)
 
     def slow_down(self, remaining: float) -> None:
-        """Lower the bound of the step size, from ``anneal`` before the end on, towards zero at the end.
+        """Lower the bound of the step sizes, from ``anneal`` before the end on, towards zero at the end.
 
         Args:
             remaining: share of the training's steps that is still to come.
         """
-        self._ceiling.fill_(self.max_learning_rate * min(1.0, remaining / max(self.anneal, 1e-9)))
+        highest, anneal = self.coefficients.max_learning_rate, self.coefficients.anneal
+        self._ceiling.copy_(highest * (remaining / anneal.clamp(min=1e-9)).clamp(max=1.0))
 
-    def collect_rollouts(self, env: VecEnv, callback: BaseCallback, rollout_buffer: RolloutBuffer,
-                         n_rollout_steps: int) -> bool:
-        """Fill the device's rollout; see SB3. The callbacks' ``on_step`` follow the flight."""
-        self.policy.set_training_mode(False)
-        callback.on_rollout_start()
-        self.collect()
-        callback.update_locals(locals())
-        for _ in range(n_rollout_steps):
-            self.num_timesteps += env.num_envs * self._world.size
-            if not callback.on_step():
-                return False
-        callback.on_rollout_end()
-        return True
+    def state(self) -> dict[str, Any]:
+        """Everything needed to go on, but for the engine's episodes; all processes must ask."""
+        memory = self.rollout.memory
+        return {"weights": {name: x.detach() for name, x in self.network.tensors.items()},
+                "adam": self.adam.state(),
+                "generators": [generator.get_state() for generator in self._generators],
+                "memory": None if memory is None else self.processes.whole(memory)}
 
-    def train(self) -> None:
-        """One iteration of updates; see SB3."""
-        self.policy.set_training_mode(True)
-        if self.desired_kl is None:
-            rate = self.lr_schedule(self._current_progress_remaining)
-            self.policy.optimizer.param_groups[0]["lr"].fill_(rate)
-        statistics = self.update()
-        self._n_updates += self.n_epochs
-        self._record(statistics.tolist())
+    @torch.no_grad()
+    def load(self, saved: dict[str, Any]) -> None:
+        """Go on from what `state` gave."""
+        for name, tensor in self.network.tensors.items():
+            tensor.copy_(saved["weights"][name])
+        self.adam.load(saved["adam"])
+        for generator, state in zip(self._generators, saved["generators"], strict=True):
+            generator.set_state(state.cpu())
+        if self.rollout.memory is not None:
+            self.rollout.memory.copy_(self.processes.mine(saved["memory"]))
 
-    def _collect_on_device(self) -> Tensor:
-        engine = self.env.engine  # type: ignore[union-attr]
-        self._rollout.collect(engine, self.policy)
-        return self._rollout.reward
+    # Collect: random actions fly every environment for T steps.
 
-    def _update_on_device(self) -> Tensor:
-        """Advantages, every minibatch of every epoch, step size: (statistics,) of `_record`."""
-        engine, rollout = self.env.engine, self._rollout  # type: ignore[union-attr]
-        batch = rollout.batch(engine, self.policy, self.gamma, self.gae_lambda, self.reward_scale)
-        count = engine.num_envs * self.n_steps // self.batch_size
-        parts = minibatches(batch, count)
-        if self._normalises_over_processes:
-            parts = [part._replace(advantage=self._world.standardised(part.advantage)) for part in parts]
-        losses = [self._descend(part) for _ in range(self.n_epochs) for part in parts]
-        mean = torch.stack([torch.stack(x) for x in losses]).mean(dim=0)
-        extractor = self.policy.features_extractor
-        if isinstance(extractor, NormalisedMlp):
-            extractor.update_statistics(batch.seen.flatten(0, 1), self._world)
-        ends = torch.stack((rollout.truncated.sum(), rollout.ended.sum(), rollout.reached))
-        statistics = self._world.average(torch.cat((mean, ends, rollout.terms / self.n_steps)))
-        self._adapt(statistics[_STATISTICS.index("approx_kl")])
-        return statistics
+    @torch.no_grad()
+    def _collect(self) -> Tensor:
+        """The rewards, (T, N)."""
+        engine, rollout, kept = self.engine, self.rollout, self.rollout.begin()
+        observation = engine.observe()
+        for uniform, slot in zip(self._uniform(), rollout.steps, strict=True):
+            privileged = self._privileged()
+            acted = self._act(self.network, observation, rollout.memory, privileged, uniform)
+            step = engine.step(acted.command)
+            self._remember(observation, acted, privileged, step, slot, kept)
+            observation = step.observation
+        return rollout.all.reward
 
-    @property
-    def _world(self) -> Processes:
-        return self.env.engine.processes  # type: ignore[union-attr]
+    def _uniform(self) -> Tensor:
+        """Random numbers (T, N, thrusters) in [0, 1)."""
+        action = self.rollout.all.action
+        if action.is_cuda:
+            return self.processes.uniform_like(action)
+        parts = action.chunk(self.members, dim=1)
+        drawn = [self.processes.uniform_like(part, generator)
+                 for part, generator in zip(parts, self._generators, strict=True)]
+        return torch.cat(drawn, dim=1) if len(drawn) > 1 else drawn[0]
 
-    @property
-    def _normalises_over_processes(self) -> bool:
-        return self.normalize_advantage and self._world.size > 1
+    def _privileged(self) -> Tensor | None:
+        return self.engine.privileged() if self.network.architecture.privileged else None
 
-    def _descend(self, batch: Batch) -> list[Tensor]:
-        losses = self._loss(self.policy, batch, self.clip_range(1.0), self.ent_coef, self.vf_coef,  # type: ignore[operator]
-                            self.normalize_advantage and not self._normalises_over_processes)
-        norm = self._step_down(losses.loss)
-        return [x.detach() for x in (*losses, norm)]
+    # Advantages: how much better than expected each action was.
 
-    def _step_down(self, loss: Tensor) -> Tensor:
-        """One step of the optimiser; the norm of the gradients, which processes exchange as one message."""
-        weights = [p for p in self.policy.parameters() if p.requires_grad]
-        found = torch.autograd.grad(loss, weights, allow_unused=True)
-        used = [(weight, gradient) for weight, gradient in zip(weights, found, strict=True)
-                if gradient is not None]
-        gradient = self._world.average(torch.cat([g.flatten() for _, g in used]))
-        norm = gradient.norm()
-        # As torch.nn.utils.clip_grad_norm_.
-        gradient = gradient * (self.max_grad_norm / (norm + 1e-6)).clamp(max=1.0)
-        for (weight, _), part in zip(used, gradient.split([w.numel() for w, _ in used]), strict=True):
-            weight.grad = part.view_as(weight)
-        self.policy.optimizer.step()
-        return norm
+    @torch.no_grad()
+    def batch(self) -> Batch:
+        """Everything collected with its advantages, each field (T, N, ...).
 
-    def _adapt(self, kl: Tensor) -> None:
-        """Steps too far for the desired divergence get shorter, too short ones longer."""
-        if self.desired_kl is None:
-            return
-        rate = self.policy.optimizer.param_groups[0]["lr"]
-        factor = torch.where(kl > 2.0 * self.desired_kl, 1 / 1.5,
-                             torch.where(kl < 0.5 * self.desired_kl, 1.5, 1.0))
-        torch.minimum(rate.mul_(factor).clamp_(min=MIN_LEARNING_RATE), self._ceiling, out=rate)
-
-    def _record(self, statistics: list[float]) -> None:
-        """Hand the iteration's statistics to SB3's logger.
-
-        Raises:
-            NonFiniteState: a loss or a gradient is NaN or infinite.
+        An episode cut off by time goes on in principle, so its last reward is followed by the value
+        of the state it was cut off in; a failed one ends there.
         """
-        engine = self.env.engine  # type: ignore[union-attr]
-        losses = dict(zip(_STATISTICS, statistics, strict=False))
-        truncated, ended, reached, *terms = statistics[len(_STATISTICS):]
-        if not all(abs(x) < float("inf") for x in statistics):
-            raise NonFiniteState(
-                f"training produced a value that is not finite after {self.num_timesteps} steps "
-                f"(losses {losses}); the usual cause is a learning rate or a reward that is too large.")
-        for name, value in losses.items():
-            self.logger.record(f"train/{name}", value)
-        self.logger.record("train/learning_rate", float(self.policy.optimizer.param_groups[0]["lr"]))
-        if ended:
-            self.logger.record("rollout/success_rate", reached / ended)
-            self.logger.record("rollout/failure_rate", 1 - truncated / ended)
-        for name, mean in zip(engine.term_names, terms, strict=True):
-            self.logger.record(f"return/{name}", mean * engine.timing.episode_steps)
+        kept, rollout, privileged = self.rollout.all, self.rollout, self._privileged()
+        values = self.network.evaluate(
+            self._beside(self.engine.observe(), rollout.cut),
+            None if rollout.memory is None else self._beside(rollout.memory, rollout.cut_memory),
+            None if privileged is None else self._beside(privileged, privileged),
+        ).value.view(self.members, 2, -1)
+        last, beyond = values[:, 0].flatten(), values[:, 1].flatten()
+        gamma, gae_lambda, scale = (self._by_environment(getattr(self.coefficients, name))
+                                    for name in ("gamma", "gae_lambda", "reward_scale"))
+        reward = kept.reward * scale + gamma * kept.truncated * beyond
+        advantage = self._gae(reward, kept.value, kept.ended, last, gamma, gae_lambda)
+        seen, action = (x.unflatten(0, reward.shape) for x in self._show(
+            self.network, kept.observation.flatten(0, 1), kept.action.flatten(0, 1)))
+        going_on = None
+        if self.network.architecture.units:
+            going_on = 1.0 - torch.cat((torch.zeros_like(kept.ended[:1]), kept.ended[:-1]))
+        return Batch(seen, action, kept.log_prob, advantage, advantage + kept.value, kept.memory,
+                     kept.privileged, going_on)
+
+    def _beside(self, first: Tensor, second: Tensor | None) -> Tensor:
+        """Each member's rows of both, (2 N, ...), so that one evaluation serves both."""
+        pair = [x.unflatten(0, (self.members, -1)) for x in (first, second) if x is not None]
+        return torch.cat(pair, dim=1).flatten(0, 1)
+
+    def _by_environment(self, values: Tensor) -> Tensor:
+        return values if self.members == 1 else values.repeat_interleave(self.engine.num_envs // self.members)
+
+    def _update(self) -> Tensor:
+        """Advantages, every minibatch of every epoch, step sizes.
+
+        Returns:
+            A row a member: `STATISTICS`; its step size from now on; how many episodes were cut off by time,
+            ended in all, and were cut off within the task's tolerances; mean reward of a step by term.
+        """
+        batch = self.batch()
+        parts = minibatches(batch, self.members, self._minibatches)
+        if self.processes.size > 1:
+            parts = [part._replace(advantage=self._standardised(part.advantage)) for part in parts]
+        found = torch.stack([self._descend(part) for _ in range(self.n_epochs) for part in parts]).mean(dim=0)
+        self.network.update_statistics(batch.seen, self.processes)
+        kept, members = self.rollout.all, (self.members, -1)
+        ends = torch.stack([x.unflatten(1, members).sum(dim=(0, 2)) for x in (kept.truncated, kept.ended)]
+                           + [self.rollout.reached], dim=1)
+        said = self.processes.average(torch.cat((found, ends, self.rollout.terms / self.n_steps), dim=1))
+        self._adapt(said[:, STATISTICS.index("approx_kl")])
+        first, rest = said.tensor_split([len(STATISTICS)], dim=1)
+        return torch.cat((first, self.adam.rate[:, None], rest), dim=1)
+
+    def _standardised(self, advantage: Tensor) -> Tensor:
+        return self.processes.standardised(advantage.view(self.members, -1)).flatten()
+
+    # Step: one minibatch, down the gradient of its losses.
+
+    def _descend(self, part: Batch) -> Tensor:
+        """Losses and the gradients' norms, (K, statistics)."""
+        found = self._losses(self.network, part, self.coefficients, self._with_entropy,
+                             self.processes.size == 1)
+        norm = self.adam.descend(found.loss.sum(), self.coefficients.max_grad_norm, self.processes)
+        return torch.stack((*found, norm), dim=1).detach()
+
+    # Step sizes: steps too far for the desired divergence get shorter, too short ones longer.
+
+    def _adapt(self, divergence: Tensor) -> None:
+        rate, desired = self.adam.rate, self.coefficients.desired_kl
+        factor = torch.where(divergence > 2.0 * desired, 1 / 1.5,
+                             torch.where(divergence < 0.5 * desired, 1.5, 1.0))
+        bounded = torch.minimum((rate * factor).clamp(min=MIN_LEARNING_RATE), self._ceiling)
+        rate.copy_(torch.where(desired.isnan(), rate, bounded))
 
 
-def _engine_of(env: Any) -> Engine:
-    if not isinstance(env, SB3VecEnv):
-        raise ConfigError(
-            f"rans.fast.PPO trains on a rans.fast.SB3VecEnv, got {type(env).__name__}; use "
-            "stable_baselines3.PPO for other environments.")
-    return env.engine
+def act(network: Network, observation: Tensor, memory: Tensor | None, privileged: Tensor | None,
+        uniform: Tensor) -> Acted:
+    """Random actions that uniform random numbers (N, thrusters) in [0, 1) choose."""
+    output, seen = network.shown(observation, memory, privileged)
+    policy = output.policy
+    action = policy.sample(uniform)
+    command = policy.command(action)
+    return Acted(action, policy.log_prob(action), output.value, command,
+                 network.remember(seen, memory, command, output))
 
 
-def _check_sizes(engine: Engine, n_steps: int, batch_size: int) -> None:
-    if n_steps > engine.timing.episode_steps:
-        raise ConfigError(
-            f"n_steps must not exceed the episode's {engine.timing.episode_steps} steps, got {n_steps}: an "
-            "episode may be cut off once a rollout at most.")
-    samples = engine.num_envs * n_steps
-    if batch_size % n_steps or samples % batch_size:
-        raise ConfigError(
-            f"batch_size must be a multiple of n_steps = {n_steps} that divides n_steps x environments = "
-            f"{samples}, got {batch_size}.")
+def shown(network: Network, observation: Tensor, action: Tensor) -> tuple[Tensor, Tensor]:
+    """Observations (N, width) and actions (N, thrusters) from the sides the network sees them from.
+
+    That costs a fifth of an update in space, and is the same in every epoch.
+    """
+    seen, place = network.look(observation)
+    return seen, action if place is None else torch.empty_like(action).scatter(1, place, action)
 
 
-class _NoBuffer(RolloutBuffer):
-    """Stands where SB3 expects a rollout buffer; holds nothing."""
-
-    def __init__(self, *_: Any, **__: Any) -> None:
-        pass
+def losses(network: Network, batch: Batch, coefficients: Coefficients, with_entropy: bool,
+           standardise: bool) -> Losses:
+    """Clipped surrogate, squared value error and entropy bonus of one minibatch, equal to SB3's."""
+    by_member = lambda x: x.view(network.members, -1)  # noqa: E731
+    output = network.evaluate_seen(batch.seen, batch.memory, batch.privileged, batch.going_on)
+    # What the members' policies would gain, no further than the clipping lets them go.
+    advantage = by_member(batch.advantage)
+    if standardise:
+        spread, mean = torch.std_mean(advantage, dim=1, keepdim=True)
+        advantage = (advantage - mean) / (spread + 1e-8)
+    log_ratio = by_member(output.policy.log_prob(batch.action) - batch.log_prob)
+    ratio, clip_range = log_ratio.exp(), coefficients.clip_range[:, None]
+    clipped = ratio.clamp(1 - clip_range, 1 + clip_range)
+    surrogate = -torch.minimum(advantage * ratio, advantage * clipped).mean(dim=1)
+    # How wrong their values are, and how random they still are.
+    value = by_member(batch.target - output.value).square().mean(dim=1)
+    loss, entropy = surrogate + coefficients.vf_coef * value, torch.zeros_like(value)
+    if with_entropy:
+        entropy = -by_member(output.policy.entropy()).mean(dim=1)
+        loss = loss + coefficients.ent_coef * entropy
+    with torch.no_grad():
+        divergence = ((ratio - 1) - log_ratio).mean(dim=1)
+        clip_fraction = ((ratio - 1).abs() > clip_range).to(ratio.dtype).mean(dim=1)
+    return Losses(loss, surrogate, value, entropy, divergence, clip_fraction)

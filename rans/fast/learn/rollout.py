@@ -1,157 +1,144 @@
-"""Experience on the device: collected by the policy, turned into advantages, cut into minibatches."""
+"""Experience on the device: a rollout, in memory that never moves (a CUDA graph writes into it)."""
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import torch
-from stable_baselines3.common.policies import ActorCriticPolicy
 from torch import Tensor
 
 from rans.fast.engine import Engine
-from rans.fast.learn.graph import fused
-from rans.fast.policy import evaluate, look
+from rans.fast.learn.network import Network
 from rans.fast.step import Step
 
 
+class Slot(NamedTuple):
+    """Memory of one step of N environments, or with an axis more of T steps."""
+
+    observation: Tensor
+    action: Tensor
+    log_prob: Tensor
+    value: Tensor
+    memory: Tensor | None
+    """What the network remembered before the step, (N, m)."""
+    privileged: Tensor | None
+    """What only the critic was told, (N, p)."""
+    reward: Tensor
+    ended: Tensor
+    truncated: Tensor
+
+
+class Acted(NamedTuple):
+    """What a network did in one step."""
+
+    action: Tensor
+    """(N, thrusters)."""
+    log_prob: Tensor
+    """(N,)."""
+    value: Tensor
+    """(N,)."""
+    command: Tensor
+    """(N, thrusters): what the engine is given."""
+    memory: Tensor | None
+    """What the network remembers after the step, (N, m)."""
+
+
 class Batch(NamedTuple):
-    """Transitions to learn from; every first dimension is the transition."""
+    """Transitions to learn from; K members' parts of environments beside each other."""
 
     seen: Tensor
-    """What the policy was shown, see `rans.fast.policy.look`."""
+    """What the network was shown, see `Network.look`."""
     action: Tensor
     """Of the thrusters in the order of that view."""
     log_prob: Tensor
     advantage: Tensor
     target: Tensor
     """What the value should have been: the advantage plus the value at collection."""
+    memory: Tensor | None
+    privileged: Tensor | None
+    going_on: Tensor | None
+    """Zero where an episode began with this step; only for recurrent networks."""
 
 
-class Slot(NamedTuple):
-    """Memory of one step of N environments."""
+class Kept(NamedTuple):
+    """What a rollout changes in place, see `Rollout`."""
 
-    observation: Tensor
-    action: Tensor
-    log_prob: Tensor
-    value: Tensor
-    reward: Tensor
-    ended: Tensor
-    truncated: Tensor
-
-
-def slots(memory: Any) -> list[Slot]:
-    """Those of every step, of memory whose fields have the names of `Slot`'s."""
-    fields = [getattr(memory, name) for name in Slot._fields]
-    return [Slot(*step) for step in zip(*fields, strict=True)]
+    memory: Tensor | None
+    cut: Tensor
+    cut_memory: Tensor | None
+    terms: Tensor
+    reached: Tensor
 
 
 class Rollout:
-    """T steps of N environments, in memory that never moves (a CUDA graph writes into it).
+    """T steps of N environments of K members.
 
     Args:
         engine: decides N, width, thrusters, device and dtype.
+        network: decides K and what is remembered.
         n_steps: T.
     """
 
-    def __init__(self, engine: Engine, n_steps: int) -> None:
+    def __init__(self, engine: Engine, network: Network, n_steps: int) -> None:
         count, width, thrusters = engine.num_envs, engine.observation_width, len(engine.craft.thrusters)
+        given, members = network.architecture, network.members
         new = lambda *shape: torch.zeros(shape, dtype=engine.dtype, device=engine.device)  # noqa: E731
-        self.observation, self.action = new(n_steps, count, width), new(n_steps, count, thrusters)
-        self.log_prob, self.value, self.reward = (new(n_steps, count) for _ in range(3))
-        self.ended, self.truncated = new(n_steps, count), new(n_steps, count)
-        self.slots = slots(self)
+        scalar = lambda: new(n_steps, count)  # noqa: E731
+        self.all = Slot(new(n_steps, count, width), new(n_steps, count, thrusters), scalar(), scalar(),
+                        new(n_steps, count, given.memory) if given.memory else None,
+                        new(n_steps, count, given.privileged) if given.privileged else None,
+                        scalar(), scalar(), scalar())
+        """Every step's, each field (T, N, ...)."""
+        self.steps = [Slot._make(None if x is None else x[t] for x in self.all) for t in range(n_steps)]
+        self.memory = network.blank(count)
+        """What the network remembers now, (N, m)."""
         self.cut = new(count, width)
         """Last observation of an episode that time cut off. An episode is no shorter than a rollout,
         so there is one a rollout at most."""
-        self.terms = new(len(engine.term_names))
-        """Mean over the environments of each reward term, summed over the steps."""
-        self.reached = new()
-        """Number of episodes cut off by time within the task's tolerances."""
-        self._act, self._remember = fused(act, engine.device), fused(remember_and_count, engine.device)
-        self._show, self._advantage = fused(shown, engine.device), fused(gae, engine.device)
+        self.cut_memory = network.blank(count)
+        """What the network remembered then."""
+        self.terms = new(members, len(engine.term_names))
+        """Mean over a member's environments of each reward term, summed over the steps."""
+        self.reached = new(members)
+        """Number of a member's episodes cut off by time within the task's tolerances."""
 
-    @torch.no_grad()
-    def collect(self, engine: Engine, policy: ActorCriticPolicy) -> None:
-        """Let the policy's random actions fly every environment for T steps."""
-        observation = engine.observe()
-        totals = self.terms.zero_(), self.reached.zero_()
-        for uniform, slot in zip(engine.processes.uniform_like(self.action), self.slots, strict=True):
-            acted = self._act(policy, observation, uniform)
-            step = engine.step(acted[0])
-            self._remember(observation, acted, step, slot, self.cut, *totals)
-            observation = step.observation
-
-    @torch.no_grad()
-    def batch(self, engine: Engine, policy: ActorCriticPolicy, gamma: float, gae_lambda: float,
-              reward_scale: float) -> Batch:
-        """Advantages of everything collected, each field (T, N, ...).
-
-        An episode cut off by time goes on in principle, so its last reward is followed by the value
-        of the state it was cut off in; a failed one ends there.
-        """
-        count, shape = engine.num_envs, self.reward.shape
-        beyond = evaluate(policy, torch.cat((engine.observe(), self.cut))).value
-        reward = self.reward * reward_scale + gamma * self.truncated * beyond[count:]
-        advantage = self._advantage(reward, self.value, self.ended, beyond[:count], gamma, gae_lambda)
-        seen, action = (x.unflatten(0, shape) for x in self._show(
-            policy, self.observation.flatten(0, 1), self.action.flatten(0, 1)))
-        return Batch(seen, action, self.log_prob, advantage, advantage + self.value)
+    def begin(self) -> Kept:
+        """Count anew; what `remember` changes in place."""
+        return Kept(self.memory, self.cut, self.cut_memory, self.terms.zero_(), self.reached.zero_())
 
 
-def act(policy: ActorCriticPolicy, observation: Tensor, uniform: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """A random action (N, thrusters), its log-probability (N,) and the state's value (N,).
-
-    Args:
-        policy: decides the probabilities.
-        observation: (N, width).
-        uniform: random numbers (N, thrusters) in [0, 1).
-    """
-    output = evaluate(policy, observation)
-    action = output.opened(uniform)
-    return action, output.log_prob(action), output.value
-
-
-def remember_and_count(observation: Tensor, acted: tuple[Tensor, Tensor, Tensor], step: Step, slot: Slot,
-                       cut: Tensor, terms: Tensor, reached: Tensor) -> None:
-    """As `remember`; ``terms`` and ``reached`` are those of `Rollout`, changed in place."""
-    remember(observation, acted, step, slot, cut)
-    terms += step.terms.mean(dim=1)
-    reached += (step.truncated & step.reached).sum()
-
-
-def remember(observation: Tensor, acted: tuple[Tensor, Tensor, Tensor], step: Step, slot: Slot,
-             cut: Tensor) -> None:
+def remember(observation: Tensor, acted: Acted, privileged: Tensor | None, step: Step, slot: Slot,
+             kept: Kept) -> None:
     """Write one step of all environments into the rollout's memory.
 
     Args:
         observation: (N, width) acted on.
-        acted: what `act` said.
+        acted: what was done.
+        privileged: (N, p) that the critic was told.
         step: what followed.
         slot: where to keep them.
-        cut: that of `Rollout`, changed in place.
+        kept: see `Rollout.begin`, changed in place.
     """
+    memory, cut, cut_memory, terms, reached = kept
     ended = step.truncated | step.terminated
-    for place, value in zip(slot, (observation, *acted, step.reward, ended, step.truncated), strict=True):
-        place.copy_(value)
-    cut.copy_(torch.where(step.truncated[:, None], step.final_observation, cut))
+    values = Slot(observation, acted.action, acted.log_prob, acted.value, memory, privileged,
+                  step.reward, ended, step.truncated)
+    for place, value in zip(slot, values, strict=True):
+        if place is not None and value is not None:
+            place.copy_(value)
+    last = step.truncated[:, None]
+    cut.copy_(torch.where(last, step.final_observation, cut))
+    if memory is not None and cut_memory is not None and acted.memory is not None:
+        cut_memory.copy_(torch.where(last, acted.memory, cut_memory))
+        memory.copy_(torch.where(ended[:, None], 0.0, acted.memory))
+    members = len(reached)
+    terms += step.terms.unflatten(1, (members, -1)).mean(dim=2).T
+    reached += (step.truncated & step.reached).unflatten(0, (members, -1)).sum(dim=1)
 
 
-def shown(policy: ActorCriticPolicy, observation: Tensor, action: Tensor) -> tuple[Tensor, Tensor]:
-    """Observations (N, width) and actions (N, thrusters) from the sides the policy sees them from.
-
-    That costs a fifth of an update in space, and is the same in every epoch.
-    """
-    seen, place = look(policy, observation)
-    return seen, in_view(action, place)
-
-
-def in_view(action: Tensor, place: Tensor | None) -> Tensor:
-    """Actions (N, thrusters) with every thruster where it is in the view, see `NormalisedMlp.seen`."""
-    return action if place is None else torch.empty_like(action).scatter(1, place, action)
-
-
-def gae(reward: Tensor, value: Tensor, ended: Tensor, last_value: Tensor, gamma: float,
-        gae_lambda: float) -> Tensor:
+def gae(reward: Tensor, value: Tensor, ended: Tensor, last_value: Tensor, gamma: Tensor | float,
+        gae_lambda: Tensor | float) -> Tensor:
     """Generalised advantage estimates (Schulman et al., 2016).
 
     Args:
@@ -159,8 +146,8 @@ def gae(reward: Tensor, value: Tensor, ended: Tensor, last_value: Tensor, gamma:
         value: (T, N) of the states acted in.
         ended: (T, N), 1 where the episode ended with this step.
         last_value: (N,) of the states after the last step.
-        gamma: discount.
-        gae_lambda: trade-off of bias against variance.
+        gamma: discount, a number or (N,).
+        gae_lambda: trade-off of bias against variance, a number or (N,).
 
     Returns:
         (T, N).
@@ -176,10 +163,18 @@ def gae(reward: Tensor, value: Tensor, ended: Tensor, last_value: Tensor, gamma:
     return result
 
 
-def minibatches(batch: Batch, count: int) -> list[Batch]:
-    """Cut (T, N, ...) into ``count`` flat minibatches of whole environments.
+def minibatches(batch: Batch, members: int, count: int) -> list[Batch]:
+    """Cut (T, N, ...) into ``count`` minibatches of whole environments, the same for a member as alone.
 
-    Environments are independent, so nothing is gained by shuffling them.
+    Environments are independent, so nothing is gained by shuffling them. Fields become (K T n, ...), n
+    environments of each member; `Batch.going_on`, (T, K n).
     """
-    cuts = [torch.chunk(field, count, dim=1) for field in batch]
-    return [Batch(*(field.flatten(0, 1) for field in cut)) for cut in zip(*cuts, strict=True)]
+    def chunks(field: Tensor) -> Sequence[Tensor]:
+        return field.unflatten(1, (members, -1)).chunk(count, dim=2)
+
+    none: list[Tensor | None] = [None] * count
+    flat = [none if x is None else [part.transpose(0, 1).flatten(0, 2) for part in chunks(x)]
+            for x in batch._replace(going_on=None)]
+    if batch.going_on is not None:
+        flat[-1] = [part.flatten(1) for part in chunks(batch.going_on)]
+    return [Batch._make(fields) for fields in zip(*flat, strict=True)]

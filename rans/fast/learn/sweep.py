@@ -5,12 +5,24 @@ from __future__ import annotations
 import gc
 import json
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
 from statistics import fmean
 from typing import Any, TypeVar
 
-from rans.fast.learn.batched import Coefficients
-from rans.fast.learn.batched_trainer import BatchedTrainer, Member, begin
-from rans.fast.learn.config import TrainConfig, to_table
+import torch
+
+from rans.errors import ConfigError
+from rans.fast.distributed import ALONE, Processes
+from rans.fast.engine import Engine
+from rans.fast.learn.architecture import Architecture
+from rans.fast.learn.config import TrainConfig, from_table, to_table
+from rans.fast.learn.member import Member
+from rans.fast.learn.ppo import Coefficients
+from rans.fast.learn.run_folder import RunFolder
+from rans.fast.learn.start import architecture, check_sizes
+from rans.fast.learn.trainer import Trainer, check_device
+from rans.files import read_json, write_json
+from rans.model.spacecraft_file import load_spacecraft
 
 _BATCHED = {"seed", *(f"ppo.{name}" for name in Coefficients._fields)}
 """Entries of a config in which members of a batch may differ, besides numbers among the task's settings."""
@@ -21,19 +33,26 @@ Item = TypeVar("Item")
 class Sweep:
     """Trains members together as far as their configs allow, batch after batch.
 
+    Its folder holds ``configs.json`` and a run folder for each batch, from which it can go on.
+
     Args:
         configs: one a member. Those that differ only in seed, in `Coefficients` and in numbers among
             the task's settings form one batch.
+        path: the folder; nothing is written there before `train`.
+        command: that the user gave.
+        processes: those that share the environments.
 
     Raises:
         ConfigError: a config cannot work.
     """
 
-    def __init__(self, configs: Sequence[TrainConfig]) -> None:
+    def __init__(self, configs: Sequence[TrainConfig], path: Path, command: str = "rans sweep",
+                 processes: Processes = ALONE) -> None:
+        self.path, self.command, self.processes = path, command, processes
         self.members = [Member(config) for config in configs]
-        self._batches = grouped(self.members, lambda member: _key(member.config, _is_structure))
+        self._batches = grouped(range(len(configs)), lambda n: _key(configs[n], _is_structure))
         for batch in self._batches:
-            begin(batch[0].config)
+            check(configs[batch[0]])
         self.seconds = 0.0
         """Of training, without compiling."""
         self.timed_steps = 0
@@ -51,18 +70,34 @@ class Sweep:
             report: called with a batch's members after each of their reports.
             stop: asked after every iteration.
         """
-        for number, batch in enumerate(self._batches):
-            if not stop():
-                if number > 0:
+        if self.processes.is_first:
+            write_json(self.path / "configs.json", {
+                "command": self.command, "configs": [to_table(member.config) for member in self.members]})
+        for place, batch in enumerate(self._batches):
+            run = RunFolder(self.path / "batches" / str(place))
+            if not stop() or run.checkpoint_file.exists():
+                if place > 0:
                     gc.collect()  # the device's memory of the batch before hangs in reference cycles
-                self._train(batch, report, stop)
+                self._train(run, batch, report, stop)
 
-    def _train(self, batch: Sequence[Member], report: Callable[[Sequence[Member]], object],
+    def _train(self, run: RunFolder, batch: Sequence[int], report: Callable[[Sequence[Member]], object],
                stop: Callable[[], bool]) -> None:
-        trainer = BatchedTrainer(batch)
+        configs = [self.members[number].config for number in batch]
+        if configs[0].device == "cuda":
+            torch.compiler.reset()  # what earlier batches compiled counts towards the compiler's limit
+        if self.processes.is_first and not run.config_file.exists():
+            run.begin(configs[0], self.command)
+        trainer = Trainer(configs, load_spacecraft(configs[0].spacecraft), run, self.processes, goes_on=True)
+        trainer.resume()
+        for number, member in zip(batch, trainer.members, strict=True):
+            self.members[number] = member
         trainer.train(report, stop)
         self.seconds += trainer.seconds
         self.timed_steps += trainer.timed_steps
+
+    def architecture(self, member: Member) -> Architecture:
+        """Of a member's network."""
+        return check(member.config)
 
     def best(self) -> Member:
         """The best seed of the config that does best over its seeds: one lucky seed is no good config."""
@@ -85,6 +120,33 @@ class Sweep:
     def _result(self, number: int, member: Member) -> dict[str, Any]:
         return {"member": number, "seed": member.config.seed, **self.choice(member),
                 "solved": member.solved, "diverged": member.diverged, **member.rows[-1]}
+
+
+def read_configs(path: Path) -> tuple[list[TrainConfig], str]:
+    """What the sweep that left this folder trains, and the command that began it.
+
+    Raises:
+        ConfigError: the folder holds none, or one of another version.
+    """
+    file = path / "configs.json"
+    if not file.exists():
+        raise ConfigError(f"{path} is not a sweep's folder: it has no configs.json.")
+    table = read_json(file)
+    if not isinstance(table, dict) or not isinstance(table.get("configs"), list):
+        raise ConfigError(f"{file} is damaged: it lists no configs.")
+    return [from_table(config) for config in table["configs"]], str(table.get("command"))
+
+
+def check(config: TrainConfig) -> Architecture:
+    """Whether a config can work, before anything is trained: the architecture of its network.
+
+    Raises:
+        ConfigError: it cannot.
+    """
+    check_device(config.device)
+    engine = Engine(load_spacecraft(config.spacecraft), config.settings, config.ppo.n_envs, config.timing)
+    check_sizes(engine, config.ppo, 1)
+    return architecture(engine, config.ppo)
 
 
 def grouped(items: Iterable[Item], key: Callable[[Item], str]) -> list[list[Item]]:

@@ -60,7 +60,7 @@ def test_other_processes_load_it_anew(tmp_path: Path) -> None:
 
 def test_agent_of_rans_train_is_such_a_file(tmp_path: Path) -> None:
     engine = rans.Engine(CRAFT, rans.GoToPose(), num_envs=2)
-    model = rans.PPO("MlpPolicy", rans.SB3VecEnv(engine), n_steps=2, batch_size=2, seed=5)
+    model = rans.PPO(rans.SB3VecEnv(engine), n_steps=2, batch_size=2, seed=5)
     model.save(tmp_path / "policy.zip")
     policy = user_policy(f"sb3:{tmp_path / 'policy.zip'}", CRAFT, GoToPose())
     expected, _ = model.predict(OBSERVATIONS, deterministic=True)

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,11 +10,11 @@ from stable_baselines3.common.callbacks import ConvertCallback
 from torch import Tensor
 
 from rans.fast.engine import Engine
-from rans.fast.learn.ppo import PPO
-from rans.fast.learn.rollout import Batch, Rollout, gae, minibatches
-from rans.fast.policy import evaluate_seen
-from tests.fast.engines import PLATFORM, both_crafts
-from tests.fast.training import Buffer64, sb3_twin, scatter, tiny_ppo
+from rans.fast.learn.ppo import Learner
+from rans.fast.learn.rollout import Batch, gae, minibatches
+from rans.spaces import action_space, observation_space
+from tests.fast.engines import NEAR, PLATFORM, both_crafts
+from tests.fast.training import TINY, Buffer64, sb3_twin, scatter, tiny_learner
 
 SCALE = 0.5
 
@@ -38,8 +39,7 @@ def test_advantages_are_those_of_sb3() -> None:
     reward, value = torch.randn(2, 30, 7, generator=generator, dtype=torch.float64)
     ended = (torch.rand(30, 7, generator=generator) < 0.2).double()
     last = torch.randn(7, generator=generator, dtype=torch.float64)
-    model = tiny_ppo()
-    buffer = Buffer64(30, model.observation_space, model.action_space, gamma=0.97, gae_lambda=0.9,
+    buffer = Buffer64(30, observation_space(NEAR, 2), action_space(PLATFORM), gamma=0.97, gae_lambda=0.9,
                       n_envs=7)
     buffer.rewards[:], buffer.values[:] = reward.numpy(), value.numpy()
     buffer.episode_starts[1:] = ended[:-1].numpy()
@@ -50,25 +50,27 @@ def test_advantages_are_those_of_sb3() -> None:
     assert ended[-1].sum() > 0 < ended[:-1].sum()
 
 
-def collected(craft: Any) -> tuple[PPO, Rollout, Batch]:
+WHOLE: dict[str, Any] = {"n_envs": 32, "n_steps": 20, "batch_size": 640, "reward_scale": SCALE}
+
+
+def collected(craft: Any) -> tuple[Learner, Batch]:
     """A whole episode's length of a frozen policy whose values differ much, and its advantages."""
-    model = tiny_ppo(craft, n_envs=32, n_steps=20, batch_size=640)
-    scatter(model.policy)
-    engine: Engine = model.env.engine  # type: ignore[union-attr]
-    engine.stagger(torch.Generator().manual_seed(8))
-    rollout = model._rollout
-    rollout.collect(engine, model.policy)
-    return model, rollout, rollout.batch(engine, model.policy, model.gamma, model.gae_lambda, SCALE)
+    learner = tiny_learner(craft, **WHOLE)
+    scatter(learner.network)
+    learner.engine.stagger(torch.Generator().manual_seed(8))
+    learner.collect()
+    return learner, learner.batch()
 
 
 @both_crafts
 def test_a_rollout_is_that_of_sb3(craft: Any) -> None:
     """SB3 itself flies the same actions from the same starts, and bootstraps where it does."""
-    model, rollout, batch = collected(craft)
-    twin = sb3_twin(model)
+    learner, batch = collected(craft)
+    kept = learner.rollout.all
+    twin = sb3_twin(learner, replace(TINY, **WHOLE))
     twin._setup_learn(1)
     twin.env.engine.stagger(torch.Generator().manual_seed(8))  # type: ignore[union-attr]
-    remaining = iter(rollout.action)
+    remaining = iter(kept.action)
 
     def replay(observations: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         action = next(remaining)
@@ -88,75 +90,97 @@ def test_a_rollout_is_that_of_sb3(craft: Any) -> None:
     callback = ConvertCallback(lambda *_: True)
     callback.init_callback(twin)
     assert twin.collect_rollouts(twin.env, callback, buffer, 20)  # type: ignore[arg-type]
-    np.testing.assert_array_equal(buffer.actions, rollout.action)
-    np.testing.assert_array_equal(buffer.observations, rollout.observation)
+    np.testing.assert_array_equal(buffer.actions, kept.action)
+    np.testing.assert_array_equal(buffer.observations, kept.observation)
     # Values and log-probabilities up to tens, in float32.
-    for ours, theirs in ((rollout.value, buffer.values), (rollout.log_prob, buffer.log_probs),
+    for ours, theirs in ((kept.value, buffer.values), (kept.log_prob, buffer.log_probs),
                          (batch.advantage, buffer.advantages), (batch.target, buffer.returns)):
         np.testing.assert_allclose(ours, theirs, rtol=1e-5, atol=5e-5)
-    truncated, failed = int(rollout.truncated.sum()), int((rollout.ended - rollout.truncated).sum())
+    truncated, failed = int(kept.truncated.sum()), int((kept.ended - kept.truncated).sum())
     assert truncated > 5 < failed  # the test saw both kinds
 
 
 def test_only_time_is_bootstrapped() -> None:
     """One more unit of value adds gamma where time or the rollout cuts off, and nothing on failure."""
-    model, rollout, _ = collected(PLATFORM)
+    learner, _ = collected(PLATFORM)
+    learner.coefficients.gae_lambda.zero_()  # every advantage is its own step's error alone
     advantages = []
     for extra in (0.0, 1.0):
         with torch.no_grad():
-            model.policy.value_net.bias.add_(extra)
-        # With lambda = 0 every advantage is its own step's error alone.
-        batch = rollout.batch(model.env.engine, model.policy, model.gamma,  # type: ignore[union-attr]
-                              0.0, SCALE)
-        advantages.append(batch.advantage)
-    expected = rollout.truncated.clone()
-    expected[-1] += 1.0 - rollout.ended[-1]
+            learner.network.tensors["value_net.bias"].add_(extra)
+        advantages.append(learner.batch().advantage)
+    expected = learner.rollout.all.truncated.clone()
+    expected[-1] += 1.0 - learner.rollout.all.ended[-1]
     # Differences of float32 numbers of order ten.
-    torch.testing.assert_close(advantages[1] - advantages[0], model.gamma * expected, rtol=0, atol=1e-5)
+    torch.testing.assert_close(advantages[1] - advantages[0], 0.98 * expected, rtol=0, atol=1e-5)
 
 
 def test_what_a_rollout_remembers() -> None:
     """Log-probability, value, success and mean reward terms are those of the flight."""
-    model, rollout, batch = collected(PLATFORM)
-    engine = Engine(PLATFORM, model.env.engine.task, 32, model.env.engine.timing)  # type: ignore[union-attr]
+    learner, batch = collected(PLATFORM)
+    rollout, kept = learner.rollout, learner.rollout.all
+    engine = Engine(PLATFORM, learner.engine.task, 32, learner.engine.timing)
     engine.stagger(torch.Generator().manual_seed(8))
-    reached, terms = 0, torch.zeros_like(rollout.terms)
-    for t, action in enumerate(rollout.action):
-        torch.testing.assert_close(rollout.observation[t], engine.observe(), rtol=0, atol=0)
+    reached, terms = 0, torch.zeros_like(rollout.terms[0])
+    for t, action in enumerate(kept.action):
+        torch.testing.assert_close(kept.observation[t], engine.observe(), rtol=0, atol=0)
         step = engine.step(action)
-        torch.testing.assert_close(rollout.reward[t], step.reward, rtol=0, atol=0)
+        torch.testing.assert_close(kept.reward[t], step.reward, rtol=0, atol=0)
         terms += step.terms.mean(dim=1)
         reached += int((step.reached & step.truncated).sum())
         cut = step.truncated.nonzero()[:, 0]
         torch.testing.assert_close(rollout.cut[cut], step.final_observation[cut], rtol=0, atol=0)
-    torch.testing.assert_close(rollout.terms, terms, rtol=0, atol=0)
+    torch.testing.assert_close(rollout.terms[0], terms, rtol=1e-6, atol=0)  # float32 in another order
     assert rollout.reached == reached > 0
-    torch.testing.assert_close(batch.target, batch.advantage + rollout.value)
+    torch.testing.assert_close(batch.target, batch.advantage + kept.value)
 
 
 @both_crafts
 def test_an_unchanged_policy_finds_its_own_probabilities(craft: Any) -> None:
     """Whatever side it saw the state from: those of the actions flown, and of their thrusters in the view."""
-    model = tiny_ppo(craft, symmetric=True, dtype=torch.float64)
-    scatter(model.policy)
-    model.collect()
-    batch = model._rollout.batch(model.env.engine, model.policy, 0.98, 0.95, 0.1)  # type: ignore[union-attr]
+    learner = tiny_learner(craft, symmetric=True, dtype=torch.float64)
+    scatter(learner.network)
+    learner.collect()
+    batch = learner.batch()
     with torch.no_grad():
-        output = evaluate_seen(model.policy, batch.seen.flatten(0, 1))
-    log_prob = output.log_prob(batch.action.flatten(0, 1))
+        output = learner.network.evaluate_seen(batch.seen.flatten(0, 1))
+    log_prob = output.policy.log_prob(batch.action.flatten(0, 1))
     # Sums of float64 in another order.
     torch.testing.assert_close(log_prob, batch.log_prob.flatten(), rtol=0, atol=1e-10)
-    assert not torch.equal(batch.action, model._rollout.action)
+    assert not torch.equal(batch.action, learner.rollout.all.action)
+
+
+@pytest.mark.parametrize("kind", [{"memory": "history"}, {"memory": "recurrent"}],
+                         ids=["history", "recurrent"])
+def test_a_network_with_a_memory_finds_its_own_probabilities_too(kind: dict[str, Any]) -> None:
+    """Through the ends of episodes, in minibatches, with what it remembers of the rollout before."""
+    learner = tiny_learner(dtype=torch.float64, n_steps=16, batch_size=64, privileged_critic=True, **kind)
+    scatter(learner.network)
+    for _ in range(2):
+        learner.collect()
+    assert learner.rollout.all.ended.sum() > 5
+    assert learner.rollout.all.memory[0].abs().max() > 0.1  # type: ignore[index]
+    for part in minibatches(learner.batch(), 1, 4):
+        with torch.no_grad():
+            output = learner.network.evaluate_seen(part.seen, part.memory, part.privileged, part.going_on)
+        # Sums of float64 in another order.
+        torch.testing.assert_close(output.policy.log_prob(part.action), part.log_prob, rtol=0, atol=1e-10)
 
 
 @pytest.mark.parametrize("count", [1, 2, 4])
 def test_minibatches_share_out_every_transition(count: int) -> None:
-    number = torch.arange(3 * 8.0).reshape(3, 8)
-    fields = Batch(number[..., None], number[..., None], number, number, number)
-    parts = minibatches(fields, count)
+    """Of two members with eight environments each, which lie beside each other."""
+    number = torch.arange(3 * 16.0).reshape(3, 16)
+    fields = Batch(number[..., None], number[..., None], number, number, number, None, None, number)
+    parts = minibatches(fields, 2, count)
     assert len(parts) == count
     for part in parts:
-        assert part.seen.shape == (24 // count, 1)
+        assert part.seen.shape == (48 // count, 1)
         torch.testing.assert_close(part.seen[:, 0], part.advantage)
-        assert len(set((part.log_prob % 8).tolist())) == 8 // count  # whole environments
-    assert sorted(torch.cat([part.target for part in parts]).tolist()) == list(range(24))
+        environment = part.log_prob % 16
+        assert len(set(environment.tolist())) == 16 // count  # whole environments
+        assert (environment[:24 // count] < 8).all()
+        assert (environment[24 // count:] >= 8).all()
+        assert part.going_on is not None
+        torch.testing.assert_close(part.going_on.unflatten(1, (2, -1)).transpose(0, 1).flatten(), part.target)
+    assert sorted(torch.cat([part.target for part in parts]).tolist()) == list(range(48))

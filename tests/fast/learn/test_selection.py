@@ -8,26 +8,37 @@ import pytest
 import torch
 
 from rans.evaluation.fly.agent import Agent
+from rans.fast.learn.network import Network
 from rans.fast.learn.selection import EPISODES, Selection
 from rans.flight import Flight, fly
 from rans.model.timing import Timing
 from rans.scenario import SELECTION_SEED, scenarios
 from rans.tasks import GoToPose, MultiTask, TrackTwist
 from tests.fast.engines import FLYER, PLATFORM, SHORT, both_crafts
-from tests.fast.training import scatter, tiny_ppo
+from tests.fast.training import scatter, tiny_learner
 
 LENIENT = GoToPose(spawn_distance=(0.5, 1.0), evaluation_distance=(0.5, 1.0), fail_distance=1.2,
                    position_tolerance=1.1, attitude_tolerance=2.5)
 """Some leave, some turn away, some do well enough."""
 
 
+def judge(network: Network, craft: Any, task: Any, timing: Timing = SHORT) -> dict[str, float]:
+    """What `Selection` says of one member."""
+    return Selection(network, craft, [task], timing, torch.device("cpu")).judge()[0]
+
+
+def found(said: dict[str, float]) -> tuple[float, dict[str, float]]:
+    """Its share and its errors by quantity."""
+    return said["success"], {name.removeprefix("error/"): error for name, error in said.items()
+                             if name.startswith("error/")}
+
+
 def judged(craft: Any, task: GoToPose, timing: Timing = SHORT) -> tuple[float, dict[str, float], Flight]:
     """What `Selection` says of an untrained agent, and its flight in float64 by `rans.flight`."""
-    policy = tiny_ppo(craft).policy
-    scatter(policy)
-    share, errors = Selection(policy, craft, task, timing, "cpu").judge()
+    network = scatter(tiny_learner(craft).network)
+    share, errors = found(judge(network, craft, task, timing))
     starts = scenarios(task.for_evaluation(), craft, SELECTION_SEED, EPISODES)
-    return share, errors, fly(craft, task, Agent(policy, "untrained"), starts, timing)
+    return share, errors, fly(craft, task, Agent(network, "untrained"), starts, timing)
 
 
 @both_crafts
@@ -53,25 +64,23 @@ def test_mean_errors_of_the_last_fifth(craft: Any) -> None:
 
 
 def test_it_always_judges_the_same_flights() -> None:
-    policy = tiny_ppo().policy
-    scatter(policy)
-    selection = Selection(policy, PLATFORM, LENIENT, SHORT, "cpu")
+    network = scatter(tiny_learner().network)
+    selection = Selection(network, PLATFORM, [LENIENT], SHORT, torch.device("cpu"))
     generator = torch.get_rng_state()
     first = selection.judge()
     assert selection.judge() == first
     assert torch.equal(torch.get_rng_state(), generator)  # training is not disturbed
-    scatter(policy, seed=8)
+    scatter(network, seed=8)
     assert selection.judge() != first
 
 
 def test_a_multi_task_is_as_good_as_its_worst_part() -> None:
     """Each part is judged as it would be alone."""
-    policy = tiny_ppo().policy
-    scatter(policy)
+    network = scatter(tiny_learner().network)
     task = MultiTask(tasks=("go-to-pose", "track-twist"), go_to_pose=LENIENT,
                      track_twist=TrackTwist(velocity_tolerance=0.6, spin_tolerance=1.5))
-    share, errors = Selection(policy, PLATFORM, task, SHORT, "cpu").judge()
-    alone = {name: Selection(policy, PLATFORM, part, SHORT, "cpu").judge()
+    share, errors = found(judge(network, PLATFORM, task))
+    alone = {name: found(judge(network, PLATFORM, part))
              for name, part in task.parts().items()}
     assert errors == {f"{name}/{quantity}": error for name, (_, own) in alone.items()
                       for quantity, error in own.items()}

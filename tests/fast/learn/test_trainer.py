@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import random
 import subprocess
 import time
@@ -13,12 +14,17 @@ import pytest
 import torch
 
 from rans.errors import ConfigError
+from rans.evaluation.fly.agent import load_agent
+from rans.fast.distributed import Processes
 from rans.fast.learn.config import PPOSettings
+from rans.fast.learn.ppo import STATISTICS
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.trainer import Trainer, check_device, run_path
+from rans.flight import fly
 from rans.model.timing import Timing
+from rans.scenario import scenarios
 from rans.tasks import GoToPose
-from tests.fast.training import CONFIG, TINY, after, ignore, resumed, tiny_trainer, weights
+from tests.fast.training import CONFIG, TINY, after, ignore, newest, resumed, tiny_trainer, weights
 from tests.processes import python
 
 ROOT = Path(__file__).parents[2]
@@ -30,9 +36,11 @@ EASY = GoToPose(spawn_distance=(0.5, 1.0), evaluation_distance=(0.5, 1.0), posit
 def everything(trainer: Trainer) -> list[Any]:
     """All that decides how a training goes on, in comparable form."""
     saved = trainer._checkpoint()
-    flat = [saved["steps"], saved["generator"].tolist(), saved["engine"]["seed"]]
+    learner = saved["learner"]
+    flat = [saved["steps"], [state.tolist() for state in learner["generators"]], saved["engine"]["seed"]]
     flat += [buffer.tolist() for buffer in saved["engine"]["buffers"]]
-    return [*flat, weights(trainer.model.policy).tolist(), repr(saved["optimizer"])]
+    flat += [] if learner["memory"] is None else [learner["memory"].tolist()]
+    return [*flat, weights(trainer.learner.network).tolist(), repr(learner["adam"])]
 
 
 def test_same_config_same_bits(tmp_path: Path) -> None:
@@ -52,9 +60,9 @@ from rans.fast.learn.run_folder import RunFolder, read_config
 from rans.fast.learn.trainer import Trainer
 torch.set_num_threads(1)
 run = RunFolder(Path(sys.argv[1]))
-trainer = Trainer(run.config(), run.spacecraft(), run)
+trainer = Trainer([run.config()], run.spacecraft(), run)
 trainer.resume()
-trainer.train(lambda row: print(row["steps"], flush=True))
+trainer.train(lambda members: print(members[0].rows[-1]["steps"], flush=True))
 """
 """A training in another process."""
 
@@ -81,9 +89,8 @@ def test_a_resumed_training_ends_as_if_never_stopped(tmp_path: Path, stop_at: in
     whole.train(ignore)
     tiny_trainer(tmp_path / "cut", config).train(ignore, after(stop_at))
     trainer = resumed(tmp_path / "cut")
-    assert trainer.model.num_timesteps == stop_at * 128
+    assert trainer.steps == stop_at * 128
     torch.manual_seed(99)  # what happens between stop and resume is of no account
-    trainer.resume()
     trainer.train(ignore)
     assert everything(trainer) == everything(whole)
     rows = {name: [row["steps"] for row in RunFolder(tmp_path / name).metrics()] for name in ("whole", "cut")}
@@ -148,13 +155,13 @@ def test_without_a_checkpoint_it_starts_over(tmp_path: Path) -> None:
 def test_what_a_run_holds(tmp_path: Path) -> None:
     rows: list[dict[str, Any]] = []
     trainer = tiny_trainer(tmp_path / "run", replace(CONFIG, report_interval=8))
-    trainer.train(rows.append)
+    trainer.train(newest(rows))
     assert rows == trainer.run.metrics()
     assert [row["steps"] for row in rows] == [1024, 2048]
     assert rows[0]["seconds"] < rows[1]["seconds"] == pytest.approx(trainer.seconds, abs=1e-3)
     rate = 1024 / (rows[1]["seconds"] - rows[0]["seconds"])
     assert rows[1]["steps_per_s"] == pytest.approx(rate, rel=0.1)  # seconds are rounded to milliseconds
-    for key in ("success", "error/position", "error/attitude", "return/position", "return/thrust",
+    for key in ("success", "duty", "error/position", "error/attitude", "return/position", "return/thrust",
                 "train/loss", "rollout/success_rate"):
         assert np.isfinite(rows[1][key]), key
     names = {file.name for file in (tmp_path / "run").iterdir()}
@@ -168,15 +175,78 @@ def test_solved_twice_in_a_row(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     config = replace(CONFIG, report_interval=2, solved_share=0.9, total_timesteps=10_000)
     found = iter([0.95, 0.2, 0.9, 0.91, 0.99, 0.99])
     trainer = tiny_trainer(tmp_path / "run", config)
-    monkeypatch.setattr(trainer.selection, "judge", lambda: (next(found), {"position": 1.0}))
+    monkeypatch.setattr(trainer.selection, "judge", lambda: [{"success": next(found), "duty": 0.5}])
     trainer.train(ignore, after(7))  # reports at iterations 2, 4, 6, and at 7 because of the stop
     assert [row["success"] for row in trainer.run.metrics()] == [0.95, 0.2, 0.9, 0.91]
     assert not trainer.solved
     again = resumed(tmp_path / "run")
-    monkeypatch.setattr(again.selection, "judge", lambda: (next(found), {"position": 1.0}))
+    monkeypatch.setattr(again.selection, "judge", lambda: [{"success": next(found), "duty": 0.5}])
     again.train(ignore)
     assert again.solved
-    assert again.model.num_timesteps == 8 * 128
+    assert again.steps == 8 * 128
+
+
+def test_the_bound_of_the_step_size_falls_towards_the_end(tmp_path: Path) -> None:
+    """The trainer slows down: in the last of sixteen iterations a sixteenth of the way is left."""
+    ppo = replace(TINY, desired_kl=1e6, learning_rate=1e-3, max_learning_rate=1e-3, anneal=1.0)
+    rows: list[dict[str, Any]] = []
+    tiny_trainer(tmp_path / "run", replace(CONFIG, ppo=ppo, report_interval=1)).train(newest(rows))
+    rates = [row["train/learning_rate"] for row in rows]
+    # Every update wants longer steps, so the bound is what is taken.
+    assert rates == pytest.approx([1e-3 * (16 - n) / 16 for n in range(16)], rel=1e-6)
+
+
+def test_thrusters_open_at_first_as_often_as_the_config_says(tmp_path: Path) -> None:
+    """Judged by the deterministic agent, which opens what is likelier open than shut: none, and all."""
+    for duty, expected in ((0.01, 0.0), (0.99, 1.0)):
+        trainer = tiny_trainer(tmp_path / str(duty), replace(CONFIG, ppo=replace(TINY, initial_duty=duty)))
+        assert trainer.selection.judge()[0]["duty"] == pytest.approx(expected, abs=1e-6)
+        trainer.learner.collect()
+        # 1,024 throws: within five standard deviations of their mean.
+        assert float(trainer.learner.rollout.all.action.mean()) == pytest.approx(duty, abs=0.016)
+
+
+@pytest.mark.parametrize("old", [False, True], ids=["pickled code", "old"])
+def test_checkpoints_that_are_not_opened(tmp_path: Path, old: bool) -> None:
+    """Nothing in a file is run; what an older version wrote is refused with the reason."""
+    trainer = tiny_trainer(tmp_path / "run")
+    trainer.train(ignore, after(1))
+    file, ran = trainer.run.checkpoint_file, tmp_path / "ran"
+    if old:
+        torch.save({"policy": {}, "network": "", "optimizer": {}, "steps": 128}, file)
+    else:
+        torch.save({"learner": Code(str(ran))}, file)
+    sentence = "written by an older RANS, .* begin anew with --config" if old else "is damaged"
+    with pytest.raises(ConfigError, match=sentence):
+        resumed(tmp_path / "run")
+    assert not ran.exists()
+
+
+class Code:
+    """What makes a file when it is unpickled."""
+
+    def __init__(self, path: str) -> None:
+        self.path = path
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return os.mkdir, (self.path,)
+
+
+@pytest.mark.parametrize("kind", [{"memory": "history", "history": 2},
+                                  {"memory": "recurrent", "privileged_critic": True}],
+                         ids=["history", "recurrent and privileged"])
+def test_what_remembers_resumes_bit_by_bit_too(tmp_path: Path, kind: dict[str, Any]) -> None:
+    config = replace(CONFIG, ppo=replace(TINY, symmetric=False, **kind), total_timesteps=768)
+    whole = tiny_trainer(tmp_path / "whole", config)
+    whole.train(ignore)
+    tiny_trainer(tmp_path / "cut", config).train(ignore, after(3))
+    trainer = resumed(tmp_path / "cut")
+    trainer.train(ignore)
+    assert everything(trainer) == everything(whole)
+    agent, craft, task, timing = load_agent(tmp_path / "cut")
+    starts = scenarios(task.for_evaluation(), craft, 1, 8)
+    flights = [fly(craft, task, agent, starts, timing) for _ in range(2)]
+    np.testing.assert_array_equal(flights[0].commands, flights[1].commands)  # it forgets in between
 
 
 def test_a_finished_training_is_left_alone(tmp_path: Path) -> None:
@@ -184,7 +254,7 @@ def test_a_finished_training_is_left_alone(tmp_path: Path) -> None:
     trainer = tiny_trainer(tmp_path / "run", config)
     trainer.train(ignore)
     assert trainer.solved
-    assert trainer.model.num_timesteps == 2 * 128
+    assert trainer.steps == 2 * 128
     again = resumed(tmp_path / "run")
     again.train(lambda _: pytest.fail("it trained on"))
     assert again.solved
@@ -216,7 +286,7 @@ def test_it_learns(tmp_path: Path) -> None:
     """
     config = replace(CONFIG, ppo=PPOSettings(), timing=Timing(), total_timesteps=230_000, report_interval=28)
     rows: list[dict[str, Any]] = []
-    tiny_trainer(tmp_path / "run", config).train(rows.append)
+    tiny_trainer(tmp_path / "run", config).train(newest(rows))
     assert rows[-1]["error/position"] < 0.6
 
 
@@ -234,7 +304,7 @@ def test_nothing_is_written_for_a_config_that_cannot_work(tmp_path: Path) -> Non
     run = RunFolder(tmp_path / "run")
     config = replace(CONFIG, ppo=replace(TINY, n_steps=21, batch_size=21 * 16))
     with pytest.raises(ConfigError, match="n_steps must not exceed the episode's 20 steps"):
-        Trainer(config, tiny_trainer(tmp_path / "good").run.spacecraft(), run)
+        Trainer([config], tiny_trainer(tmp_path / "good").run.spacecraft(), run)
     assert not run.path.exists()
 
 
@@ -244,3 +314,15 @@ def test_new_folders(tmp_path: Path) -> None:
     assert first == tmp_path / "go-to-pose-mine-seed7"
     first.mkdir()
     assert run_path(config, tmp_path).name == "go-to-pose-mine-seed7-2"
+
+
+def test_steps_are_those_of_all_processes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One of two has half of the environments, and counts the flight of both."""
+    run = RunFolder(tmp_path / "run")
+    trainer = Trainer([CONFIG], tiny_trainer(tmp_path / "whole").run.spacecraft(), run, Processes(0, 2))
+    assert trainer.engine.num_envs == 8
+    said = torch.zeros(1, len(STATISTICS) + 4 + len(trainer.engine.term_names))
+    monkeypatch.setattr(trainer.learner, "collect", lambda: None)
+    monkeypatch.setattr(trainer.learner, "update", lambda: said)
+    trainer._iterate()
+    assert trainer.steps == 128

@@ -23,7 +23,7 @@ def test_nan_stops_it(tmp_path: Path, what: str, monkeypatch: pytest.MonkeyPatch
     before = trainer.run.checkpoint_file.read_bytes()
     if what == "weight":
         with torch.no_grad():
-            next(trainer.model.policy.parameters())[0, 0] = float("nan")
+            trainer.learner.network.tensors["value_net.weight"][0, 0] = float("nan")
     elif what == "state":
         trainer.engine.state.p.x[3] = float("nan")
     else:
@@ -63,7 +63,7 @@ def test_a_full_disk(tmp_path: Path, failing: str, monkeypatch: pytest.MonkeyPat
     assert not list(tmp_path.joinpath("run").glob(".*"))  # no half-written file is left over
     again = resumed(tmp_path / "run")
     again.train(ignore)
-    assert again.model.num_timesteps == 2048
+    assert again.steps == 2048
 
 
 def test_a_checkpoint_of_another_config(tmp_path: Path) -> None:

@@ -1,0 +1,102 @@
+"""Adam (Kingma and Ba, 2015) for K members at once, with a step size and a gradient norm per member."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from rans.fast.distributed import Processes
+from rans.fast.learn.graph import fused
+from rans.fast.learn.network import Network
+
+_KEEP, _KEEP_SQUARE, EPSILON = 0.9, 0.999, 1e-5
+"""torch's decays; the last as Andrychowicz et al. (2021) and most implementations of PPO have it."""
+_PIECE = 32
+"""Weights begin at multiples of so many numbers, as fast products of matrices want them."""
+
+
+class Adam:
+    """Steps of a network's weights, which it moves into one row (K, P): few kernels change them all.
+
+    Args:
+        network: whose weights become views of that row.
+        rate: (K,), the step sizes to begin with.
+    """
+
+    def __init__(self, network: Network, rate: Tensor) -> None:
+        tensors = {name: network.tensors[name] for name in network.learnt}
+        members, lead = network.members, () if network.members == 1 else (network.members,)
+        self.rate, starts, end = rate.clone(), [], 0
+        for value in tensors.values():
+            starts.append(end)
+            end += -(-value.numel() // members // _PIECE) * _PIECE
+        self._row, self._gradient, self._first, self._second = (
+            rate.new_zeros(members, end) for _ in range(4))
+
+        def views(row: Tensor) -> list[Tensor]:
+            return [row[:, start:start + value.numel() // members].view(*lead, *value.shape[len(lead):])
+                    for start, value in zip(starts, tensors.values(), strict=True)]
+
+        self._weights, self._gradients = views(self._row), views(self._gradient)
+        self._moments = views(self._first), views(self._second)
+        for weight, value in zip(self._weights, tensors.values(), strict=True):
+            weight.copy_(value)
+        self._leaves = [weight.detach().requires_grad_() for weight in self._weights]
+        network.adopt(dict(zip(tensors, self._leaves, strict=True)))
+        self._steps = rate.new_zeros(())
+        self._step = fused(_step, rate.device)
+
+    def descend(self, loss: Tensor, max_norm: Tensor, world: Processes) -> Tensor:
+        """One step down a sum of the members' losses, with gradients no longer than ``max_norm`` (K,).
+
+        Returns:
+            The norms (K,) of their gradients, which processes exchange as one message.
+        """
+        with torch.no_grad():
+            gradients = torch.autograd.grad(loss, self._leaves)
+            torch._foreach_copy_(self._gradients, gradients)  # type: ignore[attr-defined]
+            return self._step(self._row, world.average(self._gradient), self._first, self._second,
+                              self._steps, self.rate, max_norm)
+
+    def state(self) -> dict[str, Tensor]:
+        """Everything needed to go on."""
+        return {"first": self._first, "second": self._second, "steps": self._steps, "rate": self.rate}
+
+    def load(self, saved: dict[str, Tensor]) -> None:
+        """Go on from what `state` gave."""
+        for name, tensor in self.state().items():
+            tensor.copy_(saved[name])
+
+    def member(self, number: int) -> dict[Any, Any]:
+        """One member's memory as the state of torch's Adam."""
+        lone = len(self.rate) == 1
+        first, second = ([(x if lone else x[number]).detach().cpu().clone() for x in moments]
+                         for moments in self._moments)
+        steps = self._steps.detach().cpu().float()
+        return {place: {"step": steps.clone(), "exp_avg": a, "exp_avg_sq": b}
+                for place, (a, b) in enumerate(zip(first, second, strict=True))}
+
+
+    def restore(self, saved: dict[Any, Any], rate: float) -> None:
+        """Go on, with one member, from what `member` gave; without anything, with empty memory."""
+        self.rate.fill_(rate)
+        for place, moments in saved.items():
+            for memory, name in zip(self._moments, ("exp_avg", "exp_avg_sq"), strict=True):
+                memory[place].copy_(moments[name])
+            self._steps.copy_(moments["step"])
+
+
+@torch.no_grad()
+def _step(row: Tensor, gradient: Tensor, first: Tensor, second: Tensor, steps: Tensor, rate: Tensor,
+          max_norm: Tensor) -> Tensor:
+    norm = gradient.norm(dim=1)
+    gradient = gradient * (max_norm / (norm + 1e-6)).clamp(max=1.0)[:, None]  # torch.nn.utils.clip_grad_norm_
+    steps += 1
+    first.lerp_(gradient, 1 - _KEEP)
+    second.mul_(_KEEP_SQUARE).addcmul_(gradient, gradient, value=1 - _KEEP_SQUARE)
+    size = rate / (1 - _KEEP**steps)
+    root = (1 - _KEEP_SQUARE**steps).sqrt()
+    row -= size[:, None] * first / (second.sqrt() / root + EPSILON)
+    return norm

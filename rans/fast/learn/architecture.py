@@ -1,0 +1,153 @@
+"""What a network is made of, and the weights it begins with."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import torch
+from torch import Tensor, nn
+
+from rans.fast.learn.config import PPOSettings
+from rans.fast.symmetry import Symmetries
+from rans.tasks.sight import Block, Drawn, Layout, OwnAttitude, Scalar, Spin, Turn, VectorInW
+
+ACTIVATIONS: dict[str, type[nn.Module]] = {"tanh": nn.Tanh, "elu": nn.ELU, "relu": nn.ReLU}
+LOG_STD = -1.0
+"""Of an untrained Gaussian: a standard deviation of 0.37 spreads duties over all of [0, 1]."""
+EXTRACTOR = "features_extractor."
+"""Where SB3's policies have everything before the two heads."""
+
+
+def paper_layout(width: int) -> Layout:
+    """The layout of policies that were saved without one: 10 or 22 columns of any of the paper's tasks.
+
+    Data beside the way to go are a rotation, or with the flag of TrackTwist (3) an angular velocity.
+    """
+    axes, spins, turn = (2, 1, 2) if width == 10 else (3, 3, 6)
+    twist = (Block(Spin, spins), *(Block(Scalar, 1),) * (turn - spins))
+    choices = (*((float(flag), (Block(Turn, turn),)) for flag in (0, 1, 2, 4)), (3.0, twist))
+    return Layout((Block(OwnAttitude, turn), Block(VectorInW, axes), Block(Spin, spins), Block(Scalar, 1),
+                   Block(VectorInW, axes), Block(Drawn, turn, choices)))
+
+
+@dataclass(frozen=True, eq=False)
+class Architecture:
+    """What gives the weights of a network their meaning."""
+
+    layout: Layout
+    """Which columns of an observation are what."""
+    thrusters: int
+    layers: tuple[int, ...] = (64, 64)
+    """Units of each hidden layer."""
+    activation: str = "tanh"
+    """Key of `ACTIVATIONS`."""
+    zoom: float = 0.0
+    """Magnification of a second look at every column, squashed by tanh, so that a centimetre is as plain to
+    see as a metre (decision 008). 0: no second look."""
+    symmetries: Symmetries | None = None
+    """Of the spacecraft: every state is seen from the one of its equivalent sides that has the goal ahead
+    (decision 009)."""
+    bf16: bool = False
+    """Whether on a GPU the hidden layers' products are of bfloat16."""
+    continuous: bool = False
+    """Whether commands are duties in [0, 1] instead of on and off."""
+    history: int = 0
+    """How many last columns and commands the network is shown."""
+    units: int = 0
+    """Of a recurrent core after the trunk; 0: none."""
+    privileged: int = 0
+    """Numbers that only the critic, which then has a trunk of its own, is given."""
+    clip: float = 10.0
+    """Bound of a normalised column."""
+    bounds: tuple[float, ...] = ()
+    """Of the columns' absolute values, for whoever asks for a space; without them, those of float32."""
+
+    @classmethod
+    def of(cls, settings: PPOSettings, layout: Layout, thrusters: int, symmetries: Symmetries | None,
+           privileged: int = 0, continuous: bool = False, bounds: tuple[float, ...] = ()) -> Architecture:
+        """That of these settings; the critic is given ``privileged`` numbers if they want it."""
+        return cls(
+            layout, thrusters, tuple(settings.layers), settings.activation, settings.zoom,
+            symmetries if settings.symmetric else None, settings.matmul == "bf16", continuous,
+            settings.history if settings.memory == "history" else 0,
+            settings.recurrent_units if settings.memory == "recurrent" else 0,
+            privileged if settings.privileged_critic else 0, bounds=bounds)
+
+    @property
+    def seen(self) -> int:
+        """Columns in the body frame."""
+        return self.layout.body.width
+
+    @property
+    def memory(self) -> int:
+        """Numbers a spacecraft that the network remembers from step to step."""
+        return self.units or self.history * (self.seen + self.thrusters)
+
+    @property
+    def features(self) -> int:
+        """Width of what actor and critic are heads on."""
+        return self.units or self.layers[-1]
+
+    def modules(self) -> dict[str, nn.Module]:
+        """What is learnt before the heads, in the order of SB3, with torch's initial weights."""
+        columns = self.seen * (2 if self.zoom else 1) + (0 if self.units else self.memory)
+        made: dict[str, nn.Module] = {"trunk": self._layers(columns, self.layers)}
+        if self.units:
+            made["core"] = nn.GRUCell(self.layers[-1], self.units)
+        if self.privileged:
+            made["critic"] = self._layers(columns + self.privileged, (*self.layers[:-1], self.features))
+        return made
+
+    def _layers(self, width: int, layers: Sequence[int]) -> nn.Sequential:
+        return nn.Sequential(*(module for i, o in pairwise((width, *layers))
+                               for module in (nn.Linear(i, o), ACTIVATIONS[self.activation]())))
+
+    def statistics(self) -> dict[str, Tensor]:
+        """Those of observations before any was made."""
+        width = self.seen
+        return {"mean": torch.zeros(width), "variance": torch.ones(width), "count": torch.zeros(())}
+
+    def initial(self, seed: int, duty: float) -> tuple[dict[str, Tensor], torch.Generator]:
+        """Weights and statistics of one member that has learnt nothing, and its random numbers from then on.
+
+        They are what SB3's policy draws with this seed: torch's layers, the trunk's before the heads, then
+        orthogonal weights with gains of sqrt(2), 0.01 and 1 and zero biases.
+
+        Args:
+            seed: of torch's random numbers, whose state outside is left as it was.
+            duty: probability that a thruster is open, or mean share of the period for which it is.
+        """
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(seed)
+            rows = self.thrusters if self.continuous else 2 * self.thrusters
+            learnt = nn.ModuleDict(self.modules())
+            actor, critic = nn.Linear(self.features, rows), nn.Linear(self.features, 1)
+            for module, gain in ((learnt, math.sqrt(2)), (actor, 0.01), (critic, 1.0)):
+                module.apply(lambda layer, gain=gain: _orthogonal(layer, gain))
+            generator = torch.Generator()
+            generator.set_state(torch.get_rng_state())
+        tensors = {"log_std": torch.full((rows,), LOG_STD)} if self.continuous else {}
+        tensors |= {EXTRACTOR + name: value for name, value in learnt.state_dict().items()}
+        tensors |= {f"action_net.{name}": value for name, value in actor.state_dict().items()}
+        tensors |= {f"value_net.{name}": value for name, value in critic.state_dict().items()}
+        expect_duty(tensors, duty)
+        return tensors | {EXTRACTOR + name: value for name, value in self.statistics().items()}, generator
+
+
+def _orthogonal(layer: nn.Module, gain: float) -> None:
+    if isinstance(layer, nn.Linear):
+        nn.init.orthogonal_(layer.weight, gain)
+        nn.init.zeros_(layer.bias)
+
+
+@torch.no_grad()
+def expect_duty(tensors: Mapping[str, Tensor], duty: float) -> None:
+    """Let untrained weights open each thruster with this probability, not every other time."""
+    bias = tensors["action_net.bias"]
+    if "log_std" in tensors:
+        bias.fill_(duty)
+    else:
+        bias[1::2] = bias[0::2] + math.log(duty / (1.0 - duty))

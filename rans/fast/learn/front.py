@@ -1,0 +1,144 @@
+"""PPO for Python: train on an engine of your own, predict, save and load."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from rans.errors import ConfigError
+from rans.fast.engine import Engine
+from rans.fast.envs.sb3 import SB3VecEnv
+from rans.fast.learn.config import PPOSettings
+from rans.fast.learn.network import Network
+from rans.fast.learn.policy_file import read_policy, write_policy
+from rans.fast.learn.report import rows
+from rans.fast.learn.start import begin
+from rans.fast.policy import predict
+from rans.files import replace_file
+
+
+class PPO:
+    """The trainer behind `rans train`, on an engine of your own.
+
+    What it saves opens with ``stable_baselines3.PPO.load``. Its update equals SB3's on the same minibatch;
+    minibatches are whole environments, unshuffled.
+
+    Args:
+        env: the engine, or the `SB3VecEnv` around it; its environments are ``n_envs``.
+        seed: of weights and actions.
+        threads: torch's on a CPU, for the whole process; None leaves them as they are. One is nearly as
+            fast as two for small networks, and many times faster when anything else runs.
+        **settings: of `PPOSettings`, except ``n_envs``; by default a minibatch is a quarter of a rollout.
+
+    Raises:
+        ConfigError: the environment is of another kind, or a setting is unknown or out of its range.
+    """
+
+    def __init__(self, env: Engine | SB3VecEnv, *, seed: int = 0, threads: int | None = 1,
+                 **settings: Any) -> None:
+        self.engine = _engine_of(env)
+        if threads is not None:
+            torch.set_num_threads(threads)
+        unknown = settings.keys() - (PPOSettings.__dataclass_fields__.keys() - {"n_envs"})
+        if unknown:
+            raise ConfigError(f"rans.PPO has no setting {', '.join(sorted(unknown))}; those of "
+                              "rans.fast.learn.config.PPOSettings are known, except n_envs, which the "
+                              "engine decides.")
+        count = self.engine.num_envs * self.engine.processes.size
+        rollout = count * settings.get("n_steps", PPOSettings.n_steps)
+        quarter = rollout // 4 if count % 4 == 0 else rollout
+        self.settings = PPOSettings(**{"n_envs": count, "batch_size": quarter} | settings)
+        self.learner, self.num_timesteps = begin(self.engine, [self.settings], [seed]), 0
+        self.log: dict[str, float] = {}
+        """What the last iteration said, by SB3's names."""
+
+    @property
+    def network(self) -> Network:
+        """Actor and critic."""
+        return self.learner.network
+
+    def learn(self, total_timesteps: int,
+              report: Callable[[PPO], object] = lambda _: None) -> PPO:
+        """Learn from so many more environment steps, rounded up to whole rollouts.
+
+        Args:
+            total_timesteps: environment steps.
+            report: called after every iteration; `log` and `num_timesteps` say how it went.
+
+        Raises:
+            NonFiniteState: a value became NaN or infinite.
+        """
+        begun, rollout = self.num_timesteps, self.settings.n_envs * self.settings.n_steps
+        while self.num_timesteps - begun < total_timesteps:
+            self.learner.slow_down(1 - (self.num_timesteps - begun) / total_timesteps)
+            self.learner.collect()
+            said = self.learner.update().tolist()
+            self.num_timesteps += rollout
+            self.log, = rows(said, self.engine, self.num_timesteps)
+            report(self)
+        return self
+
+    def predict(self, observation: np.ndarray, state: tuple[np.ndarray, ...] | None = None,
+                episode_start: np.ndarray | None = None,
+                deterministic: bool = True) -> tuple[np.ndarray, tuple[np.ndarray, ...] | None]:
+        """Commands (N, thrusters) for observations (N, width), and the network's memory; as SB3's."""
+        return predict(self.network, observation, state, episode_start, deterministic)
+
+    def save(self, file: str | Path) -> None:
+        """Write ``policy.zip``.
+
+        Raises:
+            ConfigError: the disk refused.
+        """
+        adam, network = self.learner.adam, self.network
+        replace_file(Path(file), lambda draft: write_policy(
+            draft, network.architecture, network.member(0), self.settings, self.num_timesteps, adam.member(0),
+            float(adam.rate)))
+
+    @classmethod
+    def load(cls, file: str | Path, env: Engine | SB3VecEnv, **settings: Any) -> PPO:
+        """Go on with a saved agent, on an engine for its spacecraft.
+
+        Args:
+            file: a ``policy.zip`` of `rans train` or `save`.
+            env: as in the constructor.
+            **settings: others than it was trained with.
+
+        Raises:
+            ConfigError: the file is damaged, or not for this engine.
+        """
+        saved, count = read_policy(Path(file)), _engine_of(env).num_envs
+        kept = {name: value for name, value in saved.settings.items()
+                if name in PPOSettings.__dataclass_fields__ and name != "n_envs"}
+        if saved.settings.get("n_envs") != count:
+            kept.pop("batch_size", None)
+        model = cls(env, **kept | _of_network(saved.network) | settings)
+        model.num_timesteps = saved.steps
+        try:
+            with torch.no_grad():
+                for name, tensor in model.network.tensors.items():
+                    tensor.copy_(saved.network.tensors[name])
+                model.learner.adam.restore(saved.adam, saved.rate)
+        except (RuntimeError, KeyError) as error:
+            raise ConfigError(f"{file} is not an agent for {model.engine.craft.name} with these settings: "
+                              f"{' '.join(str(error).split())}.") from error
+        return model
+
+
+def _of_network(network: Network) -> dict[str, Any]:
+    """Settings that the network itself knows, also where its file is an older one."""
+    given = network.architecture
+    return {"layers": given.layers, "activation": given.activation, "zoom": given.zoom,
+            "symmetric": given.symmetries is not None}
+
+
+def _engine_of(env: Any) -> Engine:
+    engine = env.engine if isinstance(env, SB3VecEnv) else env
+    if not isinstance(engine, Engine):
+        raise ConfigError(f"rans.PPO trains on a rans.Engine or the rans.SB3VecEnv around it, got "
+                          f"{type(env).__name__}; use stable_baselines3.PPO for other environments.")
+    return engine

@@ -1,0 +1,64 @@
+"""One training among those that learn together, and how it went."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from torch import Tensor
+
+from rans.fast.learn.architecture import Architecture
+from rans.fast.learn.config import TrainConfig
+from rans.fast.learn.policy_file import write_policy
+from rans.fast.learn.run_folder import RunFolder
+from rans.files import replace_file
+
+SOLVED_IN_A_ROW = 2
+"""Reports that must find the task solved: one alone may be the luckiest of many."""
+
+
+@dataclass
+class Member:
+    """One training, and how it went."""
+
+    config: TrainConfig
+    rows: list[dict[str, Any]] = field(default_factory=list)
+    """As in ``metrics.jsonl``, up to the report that found it solved."""
+    weights: dict[str, Tensor] = field(default_factory=dict)
+    """Of the agent when it was solved, or when training ended (`Network.member`)."""
+    in_a_row: int = 0
+    """Reports until now that found the task solved, without one between that did not."""
+
+    @property
+    def solved(self) -> bool:
+        """Whether enough reports in a row found the task solved."""
+        return self.in_a_row >= SOLVED_IN_A_ROW
+
+    @property
+    def diverged(self) -> bool:
+        """Whether a weight became NaN or infinite."""
+        return not all(tensor.isfinite().all() for tensor in self.weights.values())
+
+    def finds_solved(self, success: float) -> bool:
+        """Whether such a share of episodes is all that was asked for."""
+        return self.config.solved_share is not None and success >= self.config.solved_share
+
+    def note(self, row: dict[str, Any], found: bool | None) -> None:
+        """Keep a report, and whether it found the task solved; None: it does not count."""
+        self.rows.append(row)
+        if found is not None:
+            self.in_a_row = self.in_a_row + 1 if found else 0
+
+    def save(self, path: Path, command: str, architecture: Architecture) -> None:
+        """Write config, metrics and agent into a new run folder.
+
+        Raises:
+            ConfigError: the disk refused, or the folder holds a training.
+        """
+        run = RunFolder(path)
+        run.begin(self.config, command)
+        for row in self.rows:
+            run.append_metrics(row)
+        replace_file(run.policy_file, lambda draft: write_policy(
+            draft, architecture, self.weights, self.config.ppo, self.rows[-1]["steps"]))

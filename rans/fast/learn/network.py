@@ -1,0 +1,283 @@
+"""The actor-critics of K members as one network: every weight and statistic is stacked to (K, ...)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from typing import NamedTuple, get_args
+
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from rans.errors import ConfigError
+from rans.fast.distributed import ALONE, Processes
+from rans.fast.learn.architecture import ACTIVATIONS, EXTRACTOR, Architecture
+from rans.fast.learn.config import Precision
+from rans.fast.learn.distributions import Duty, OnOff
+from rans.fast.symmetry import Symmetries
+
+
+class Output(NamedTuple):
+    """What a network says about N observations."""
+
+    policy: OnOff | Duty
+    value: Tensor
+    """(N,): value of the state."""
+    core: Tensor
+    """(N, features) that the heads saw: what a recurrent network remembers."""
+
+
+class Network:
+    """K actor-critics with the same architecture; rows belong to the members in equal, contiguous parts.
+
+    One member has plain weights without the axis (K, ...), because a product of two matrices is faster than
+    a batch of one.
+
+    Args:
+        architecture: of all members.
+        tensors: weights and statistics, (K, ...), by their names in SB3's policy; without the axis for one.
+        members: K.
+    """
+
+    def __init__(self, architecture: Architecture, tensors: Mapping[str, Tensor], members: int = 1) -> None:
+        self.architecture, self.members, self.tensors = architecture, members, dict[str, Tensor]()
+        self._activation = ACTIVATIONS[architecture.activation]()
+        self.adopt(tensors)
+        device, views = self._mean.device, architecture.symmetries
+        self._views = None if views is None else Symmetries(*(
+            torch.as_tensor(table, device=device).to(self._mean.dtype if at < 2 else torch.int64)
+            for at, table in enumerate(views)))
+
+    def adopt(self, tensors: Mapping[str, Tensor]) -> None:
+        """Use these tensors from now on, in the place of those of the same names."""
+        self.tensors |= tensors
+        self._mean, self._variance, self._count = (
+            self.tensors[EXTRACTOR + name] for name in self.architecture.statistics())
+        self._trunk, self._critic = list(self._chain("trunk")), list(self._chain("critic"))
+
+    @classmethod
+    def stacked(cls, architecture: Architecture, tables: Sequence[Mapping[str, Tensor]],
+                device: torch.device, dtype: torch.dtype) -> Network:
+        """A copy of K members' weights and statistics."""
+        lead = (lambda x: torch.stack(x)) if len(tables) > 1 else (lambda x: x[0].clone())
+        return cls(architecture, {name: lead([table[name].detach().to(device, dtype) for table in tables])
+                                  for name in tables[0]}, len(tables))
+
+    def _chain(self, name: str) -> Iterator[tuple[Tensor, Tensor]]:
+        found = [key.removesuffix(".weight") for key in self.tensors
+                 if key.startswith(f"{EXTRACTOR}{name}.") and key.endswith(".weight")]
+        return map(self._layer, found)
+
+    def _layer(self, name: str) -> tuple[Tensor, Tensor]:
+        return self.tensors[f"{name}.weight"], self.tensors[f"{name}.bias"]
+
+    @property
+    def learnt(self) -> list[str]:
+        """Names of what gradients change, in the order of SB3's policy."""
+        statistics = {EXTRACTOR + name for name in self.architecture.statistics()}
+        return [name for name in self.tensors if name not in statistics]
+
+    def blank(self, count: int) -> Tensor | None:
+        """The memory (N, m) of N spacecraft whose episodes begin; None for a network that has none."""
+        width = self.architecture.memory
+        return self._mean.new_zeros(count, width) if width else None
+
+    def evaluate(self, observation: Tensor, memory: Tensor | None = None,
+                 privileged: Tensor | None = None) -> Output:
+        """What every member says about its own rows of observations (N, width).
+
+        Args:
+            observation: in the world frame.
+            memory: (N, m), see `blank`.
+            privileged: (N, p) for the critic; by default those of the nominal spacecraft, ones.
+        """
+        return self.shown(observation, memory, privileged)[0]
+
+    def shown(self, observation: Tensor, memory: Tensor | None = None,
+              privileged: Tensor | None = None) -> tuple[Output, Tensor]:
+        """The same, and what the network was shown, see `look`."""
+        seen, place = self.look(observation)
+        output = self.evaluate_seen(seen, memory, privileged)
+        return output if place is None else output._replace(policy=output.policy.placed(place)), seen
+
+    def look(self, observation: Tensor) -> tuple[Tensor, Tensor | None]:
+        """Columns (N, k) in the body frame, and where in that view each thruster is, (N, thrusters).
+
+        They do not depend on weights, so one look serves a whole update. The place is None for spacecraft
+        whose symmetry is not used.
+        """
+        layout = self.architecture.layout
+        columns = layout.in_body(observation.to(self._mean.dtype).unbind(dim=1))
+        body, views = layout.body, self._views
+        way = body.ahead(columns)
+        if views is None or way is None:
+            return torch.stack(columns, dim=1), None
+        which = views.which(way)
+        return torch.stack(views.viewed(body, columns, which), dim=1), views.place[which]
+
+    def evaluate_seen(self, seen: Tensor, memory: Tensor | None = None, privileged: Tensor | None = None,
+                      going_on: Tensor | None = None) -> Output:
+        """The same of columns (N, k) that `look` returned; thrusters are in the order of that view.
+
+        Args:
+            seen: of one step of N spacecraft; of T steps, one after the other, for a recurrent network that
+                is given ``going_on``.
+            memory: (N, m), those of the first step counting.
+            privileged: (N, p).
+            going_on: (T, N / T), zero where an episode began with that step.
+        """
+        return self._heads(*self.features(seen, memory, privileged, going_on))
+
+    def features(self, seen: Tensor, memory: Tensor | None = None, privileged: Tensor | None = None,
+                 going_on: Tensor | None = None) -> tuple[Tensor, Tensor]:
+        """What actor and critic are heads on, by member; the same tensor unless the critic is privileged."""
+        given = self.architecture
+        x = self._looks(self._rows(seen))
+        if given.history and memory is not None:
+            x = torch.cat((x, self._rows(memory)), dim=-1)
+        features = self._through(self._trunk, x)
+        if given.units and memory is not None:
+            features = self._core(features, memory, going_on)
+        if not given.privileged:
+            return features, features
+        known = seen.new_ones(len(seen), given.privileged) if privileged is None else privileged
+        return features, self._through(self._critic, torch.cat((x, self._rows(known)), dim=-1))
+
+    def remember(self, seen: Tensor, memory: Tensor | None, command: Tensor, output: Output) -> Tensor | None:
+        """The memory (N, m) after a command (N, thrusters) to what was seen."""
+        if memory is None or self.architecture.units:
+            return memory if memory is None else output.core
+        newest = torch.cat((self._flat(self._normalised(self._rows(seen))), command), dim=1)
+        return torch.cat((memory[:, newest.shape[1]:], newest), dim=1)
+
+    def _rows(self, x: Tensor) -> Tensor:
+        """(N, ...) by member: (K, N / K, ...)."""
+        return x.unflatten(0, (self.members, -1)) if self.members > 1 else x
+
+    def _flat(self, x: Tensor) -> Tensor:
+        return x.flatten(0, 1) if self.members > 1 else x
+
+    def _statistic(self, x: Tensor) -> Tensor:
+        return x[:, None] if self.members > 1 else x
+
+    def _normalised(self, x: Tensor) -> Tensor:
+        """With zero mean and unit variance over the columns seen in training, clipped."""
+        scale, clip = torch.rsqrt(self._statistic(self._variance) + 1e-6), self.architecture.clip
+        return ((x - self._statistic(self._mean)) * scale).clamp(-clip, clip)
+
+    def _looks(self, seen: Tensor) -> Tensor:
+        """What the trunk is given of columns (..., k): (..., k), or (..., 2 k) zoomed.
+
+        Normalised; then the second look, which is steepest at zero: there is the goal of every column that
+        is no cosine.
+        """
+        x, zoom = self._normalised(seen), self.architecture.zoom
+        if not zoom:
+            return x
+        scale = torch.rsqrt(self._statistic(self._variance) + 1e-6)
+        return torch.cat((x, torch.tanh(seen * (scale * zoom))), dim=-1)
+
+    def _precision(self, x: Tensor) -> AbstractContextManager[object]:
+        bf16 = self.architecture.bf16 and x.is_cuda
+        return torch.autocast("cuda", torch.bfloat16) if bf16 else nullcontext()
+
+    def _through(self, layers: Sequence[tuple[Tensor, Tensor]], x: Tensor) -> Tensor:
+        dtype = x.dtype
+        with self._precision(x):
+            for weight, bias in layers:
+                x = self._activation(product(x, weight, bias))
+        return x.to(dtype)
+
+    def _core(self, x: Tensor, memory: Tensor, going_on: Tensor | None) -> Tensor:
+        """A gated recurrent unit (Cho et al., 2014), torch's `GRUCell`; (..., units) after every step."""
+        weights, biases = ([self.tensors[f"{EXTRACTOR}core.{kind}_{of}"] for of in ("ih", "hh")]
+                           for kind in ("weight", "bias"))
+        inputs = product(x, weights[0], biases[0])
+        steps = 1 if going_on is None else len(going_on)
+        inputs = inputs.unflatten(-2, (steps, -1))
+        state, states = self._rows(memory).unflatten(-2, (steps, -1)).select(-3, 0), []
+        for t in range(steps):
+            if going_on is not None and t > 0:
+                state = state * self._rows(going_on[t])[..., None]
+            states.append(state := _gated(inputs.select(-3, t), product(state, weights[1], biases[1]), state))
+        return torch.stack(states, dim=-3).flatten(-3, -2)
+
+    def _heads(self, features: Tensor, critic: Tensor) -> Output:
+        """Actor and critic, in one product where they share features.
+
+        SB3 gives each on/off thruster two logits and one distribution object; the probability of opening
+        needs only their difference, so both heads shrink to n + 1 outputs.
+        """
+        weight, bias = self._layer("action_net")
+        if not self.architecture.continuous:
+            weight, bias = weight[..., 1::2, :] - weight[..., 0::2, :], bias[..., 1::2] - bias[..., 0::2]
+        if critic is features:
+            value_weight, value_bias = self._layer("value_net")
+            out = product(features, torch.cat((weight, value_weight), dim=-2),
+                          torch.cat((bias, value_bias), dim=-1))
+            action, value = self._flat(out[..., :-1]), self._flat(out[..., -1])
+        else:
+            action = self._flat(product(features, weight, bias))
+            value = self._flat(product(critic, *self._layer("value_net"))[..., 0])
+        return Output(self._distribution(action), value, self._flat(features))
+
+    def _distribution(self, action: Tensor) -> OnOff | Duty:
+        if not self.architecture.continuous:
+            return OnOff(action)
+        spread = self.tensors["log_std"]
+        if self.members > 1:
+            spread = spread.repeat_interleave(len(action) // self.members, dim=0)
+        return Duty(action, spread)
+
+    @torch.no_grad()
+    def update_statistics(self, seen: Tensor, world: Processes = ALONE) -> None:
+        """Merge mean and variance of columns (T, N, k) of every process into the running ones, per member.
+
+        Chan, Golub and LeVeque, "Updating formulae and a pairwise algorithm for computing sample
+        variances", 1979.
+        """
+        rows = seen.unflatten(1, (self.members, -1))
+        count = rows.shape[0] * rows.shape[2] * world.size
+        variance, mean = world.pooled(*(x.view_as(self._mean) for x in torch.var_mean(
+            rows, dim=(0, 2), correction=0)))
+        share = count / (self._count + count)
+        share = share[:, None] if self.members > 1 else share
+        shift = mean - self._mean
+        self._mean += shift * share
+        self._variance += (variance - self._variance) * share + shift.square() * (share * (1 - share))
+        self._count += count
+
+    def member(self, number: int) -> dict[str, Tensor]:
+        """A copy of one member's weights and statistics, on the CPU, by their names in SB3's policy."""
+        return {name: (x[number] if self.members > 1 else x).detach().cpu().clone()
+                for name, x in self.tensors.items()}
+
+
+def product(x: Tensor, weight: Tensor, bias: Tensor) -> Tensor:
+    """A linear layer: x (n, i), weight (o, i), bias (o,); or K members', each with an axis (K, ...)."""
+    if weight.dim() == 2:
+        return functional.linear(x, weight, bias)
+    # Not baddbmm, which copies the bias to every row first: compiled, the activation adds it.
+    x = torch.bmm(x, weight.mT)
+    return x + bias[:, None].to(x.dtype)
+
+
+def _gated(inputs: Tensor, recalled: Tensor, state: Tensor) -> Tensor:
+    reset, update, fresh = inputs.chunk(3, dim=-1)
+    old_reset, old_update, old = recalled.chunk(3, dim=-1)
+    update = torch.sigmoid(update + old_update)
+    fresh = torch.tanh(fresh + torch.sigmoid(reset + old_reset) * old)
+    return fresh + update * (state - fresh)
+
+
+def set_precision(matmul: str, device: torch.device) -> None:
+    """Let a GPU multiply matrices of float32 like this, see `rans.fast.learn.config.Precision`; process-wide.
+
+    Raises:
+        ConfigError: there is no such precision.
+    """
+    if matmul not in get_args(Precision):
+        raise ConfigError(f"matmul must be one of {', '.join(get_args(Precision))}, got {matmul!r}.")
+    if device.type == "cuda":
+        torch.set_float32_matmul_precision("highest" if matmul == "float32" else "high")

@@ -1,0 +1,71 @@
+"""The first moment of a training."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import torch
+
+from rans.errors import ConfigError
+from rans.fast.engine import Engine
+from rans.fast.learn.architecture import Architecture
+from rans.fast.learn.config import PPOSettings
+from rans.fast.learn.network import Network
+from rans.fast.learn.ppo import Learner
+from rans.fast.symmetry import symmetries
+from rans.tasks.base import example
+
+
+def begin(engine: Engine, settings: Sequence[PPOSettings], seeds: Sequence[int],
+          continuous: bool = False) -> Learner:
+    """Members that have learnt nothing, on an engine whose episodes then began at random times.
+
+    Args:
+        engine: with the members' environments, in equal and contiguous parts.
+        settings: one a member.
+        seeds: of weights, actions and those times; one a member.
+        continuous: whether commands are duties in [0, 1] instead of on and off.
+
+    Raises:
+        ConfigError: the settings do not fit the engine.
+    """
+    first = settings[0]
+    for one in settings:
+        check_sizes(engine, one, len(settings))
+    given = architecture(engine, first, continuous)
+    drawn = [given.initial(seed, one.initial_duty) for seed, one in zip(seeds, settings, strict=True)]
+    network = Network.stacked(given, [tensors for tensors, _ in drawn], engine.device, engine.dtype)
+    generators = [generator for _, generator in drawn]
+    engine.stagger(*generators)
+    if engine.device.type == "cuda":
+        torch.cuda.manual_seed(seeds[0])
+    return Learner(engine, network, settings, generators)
+
+
+def architecture(engine: Engine, settings: PPOSettings, continuous: bool = False) -> Architecture:
+    """Of a network with these settings for an engine's spacecraft."""
+    craft, dimension = engine.craft, engine.craft.dimension
+    return Architecture.of(settings, engine.layout, len(craft.thrusters), symmetries(craft),
+                           engine.privileged_width, continuous, example(engine.task, dimension).bounds())
+
+
+def check_sizes(engine: Engine, settings: PPOSettings, members: int) -> None:
+    """Whether rollouts and minibatches can be cut as the settings say.
+
+    Raises:
+        ConfigError: they cannot.
+    """
+    steps, batch, processes = settings.n_steps, settings.batch_size, engine.processes
+    if steps > engine.timing.episode_steps:
+        raise ConfigError(
+            f"n_steps must not exceed the episode's {engine.timing.episode_steps} steps, got {steps}: an "
+            "episode may be cut off once a rollout at most.")
+    if engine.num_envs * processes.size != settings.n_envs * members:
+        raise ConfigError(f"n_envs must be the engine's {engine.num_envs * processes.size // members} "
+                          f"environments a member, got {settings.n_envs}.")
+    samples = settings.n_envs * steps
+    if batch % steps or samples % batch:
+        raise ConfigError(
+            f"batch_size must be a multiple of n_steps = {steps} that divides n_steps x environments = "
+            f"{samples}, got {batch}.")
+    processes.share("batch_size", batch // steps)

@@ -1,0 +1,178 @@
+"""`rans.PPO`: what Python users have of the trainer."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import stable_baselines3
+import torch
+from stable_baselines3.common.env_util import make_vec_env
+
+import rans
+from rans.errors import ConfigError
+from rans.fast.engine import Engine
+from rans.fast.envs.sb3 import SB3VecEnv
+from rans.model.timing import Timing
+from tests.fast.engines import FLYER, NEAR, PLATFORM, SHORT
+from tests.fast.test_policy import seen
+from tests.fast.training import weights
+
+SMALL: dict[str, Any] = {"n_steps": 8, "layers": (16, 16)}
+
+
+def made(craft: Any = PLATFORM, **settings: Any) -> rans.PPO:
+    return rans.PPO(Engine(craft, NEAR, 16, SHORT), **SMALL | settings)
+
+
+def test_it_learns_so_many_steps_more_and_says_how_it_went() -> None:
+    heard: list[int] = []
+    model = made().learn(300, lambda model: heard.append(model.num_timesteps))
+    assert heard == [128, 256, 384]
+    assert model.learn(1).num_timesteps == 512
+    assert {"train/loss", "rollout/success_rate", "return/position"} <= set(model.log)
+
+
+def test_learning_in_pieces_changes_nothing() -> None:
+    whole, parts = made().learn(1024), made()
+    for piece in (128, 256, 640):
+        parts.learn(piece)
+    assert torch.equal(weights(whole.network), weights(parts.network))
+
+
+def test_an_engine_or_sb3s_environment_around_it() -> None:
+    bare, around = made(), rans.PPO(SB3VecEnv(Engine(PLATFORM, NEAR, 16, SHORT)), **SMALL)
+    assert torch.equal(weights(bare.learn(256).network), weights(around.learn(256).network))
+
+
+KINDS = [{}, {"memory": "history"}, {"memory": "recurrent"}, {"privileged_critic": True}]
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=["plain", "history", "recurrent", "privileged"])
+@pytest.mark.parametrize("craft", [PLATFORM, FLYER], ids=lambda craft: craft.name)
+def test_saved_agents_open_in_sb3(craft: Any, kind: dict[str, Any], tmp_path: Path) -> None:
+    """And remember there what they remember here."""
+    model = made(craft, symmetric=not kind, **kind).learn(512)
+    model.save(tmp_path / "policy.zip")
+    loaded = stable_baselines3.PPO.load(tmp_path / "policy.zip", device="cpu")
+    assert loaded.num_timesteps == 512
+    here: Any = None
+    there: Any = None
+    alone: Any = None
+    said, first = [], []
+    for step in range(4):
+        observations, begins = seen(craft, 50, seed=step).numpy(), np.arange(50) % 7 == 3 * step
+        ours, here = model.predict(observations, here, begins)
+        theirs, there = loaded.predict(observations, there, begins, deterministic=True)
+        np.testing.assert_array_equal(theirs, ours)
+        one, alone = loaded.predict(observations[0], alone, deterministic=True)
+        assert one.shape == (len(craft.thrusters),)
+        said.append(ours)
+        first.append(model.predict(observations)[0])
+    assert 0.05 < np.mean(said) < 0.95
+    forgets = "memory" not in kind
+    assert (np.array(said) == np.array(first)).all() == forgets
+    assert (here is None) == forgets
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=["plain", "history", "recurrent", "privileged"])
+def test_a_loaded_agent_learns_on(tmp_path: Path, kind: dict[str, Any]) -> None:
+    """With its weights, its settings and Adam's memory."""
+    model = made(learning_rate=2e-3, gamma=0.9, symmetric=not kind, **kind).learn(1024)
+    model.save(tmp_path / "policy.zip")
+    again = rans.PPO.load(tmp_path / "policy.zip", Engine(PLATFORM, NEAR, 16, SHORT))
+    assert (again.settings, again.num_timesteps) == (model.settings, 1024)
+    assert torch.equal(weights(again.network), weights(model.network))
+    for name, moments in model.learner.adam.state().items():
+        torch.testing.assert_close(again.learner.adam.state()[name], moments, msg=name)
+    assert (weights(again.learn(128).network) != weights(model.network)).any()
+    with pytest.raises(ConfigError, match="is not an agent for free-flyer"):
+        rans.PPO.load(tmp_path / "policy.zip", Engine(FLYER, NEAR, 16, SHORT))
+
+
+def test_sb3_itself_learns_on_from_it(tmp_path: Path) -> None:
+    made().learn(1024).save(tmp_path / "policy.zip")
+    env = SB3VecEnv(Engine(PLATFORM, NEAR, 16, SHORT))
+    model = stable_baselines3.PPO.load(tmp_path / "policy.zip", env=env, device="cpu")
+    before = weights(model.policy)
+    model.learn(256, reset_num_timesteps=False)
+    assert model.num_timesteps == 1280
+    assert (weights(model.policy) != before).any()
+
+
+def test_prediction_needs_no_environment_and_no_compiler(tmp_path: Path) -> None:
+    model = made().learn(256)
+    model.save(tmp_path / "policy.zip")
+    observation = seen(PLATFORM, 1).numpy()
+    np.save(tmp_path / "observation.npy", observation)
+    script = ("import numpy, stable_baselines3, sys; "
+              "model = stable_baselines3.PPO.load('policy.zip', device='cpu'); "
+              "print(*model.predict(numpy.load('observation.npy'), deterministic=True)[0][0])")
+    root = str(Path(__file__).parents[3])
+    done = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True,
+                          env=os.environ | {"PATH": "", "PYTHONPATH": root}, check=True)
+    assert done.stdout.split() == [str(int(x)) for x in model.predict(observation)[0][0]]
+
+
+def test_defaults_fit_the_engine() -> None:
+    assert made().settings.batch_size == 32  # a quarter of 16 x 8
+    assert rans.PPO(Engine(PLATFORM, NEAR, 3, SHORT), **SMALL).settings.batch_size == 24
+
+
+def test_one_thread_unless_told_otherwise() -> None:
+    before = torch.get_num_threads()
+    try:
+        torch.set_num_threads(2)
+        made(threads=None)
+        assert torch.get_num_threads() == 2
+        made()
+        assert torch.get_num_threads() == 1
+    finally:
+        torch.set_num_threads(before)
+
+
+def test_what_it_does_not_know() -> None:
+    with pytest.raises(ConfigError, match="no setting n_envs, target_kl; those of"):
+        made(target_kl=0.1, n_envs=4)
+    with pytest.raises(ConfigError, match=r"rans\.Engine or the rans\.SB3VecEnv around it, got DummyVecEnv"):
+        rans.PPO(make_vec_env("rans/GoToPose2D-v0", 4))  # type: ignore[arg-type]
+    with pytest.raises(ConfigError, match="memory 'history' needs symmetric to be false"):
+        made(memory="history")
+
+
+@pytest.mark.parametrize("kind", KINDS[1:], ids=["history", "recurrent", "privileged"])
+def test_every_kind_learns(kind: dict[str, Any]) -> None:
+    """Forty thousand steps make its values less wrong by a quarter, and it flies nearer to the goal."""
+    engine = Engine(PLATFORM, rans.GoToPose(spawn_distance=(0.5, 1.0)), 64, Timing(episode_steps=100), seed=1)
+    model, told = rans.PPO(engine, n_steps=16, layers=(32, 32), symmetric=False, **kind), []
+    model.learn(40 * 1024, lambda model: told.append(model.log))
+    early, late = ({name: np.mean([log[name] for log in part]) for name in told[0]
+                    if name in ("train/value_loss", "return/position")} for part in (told[:5], told[-5:]))
+    assert late["train/value_loss"] < 0.75 * early["train/value_loss"]
+    assert late["return/position"] > early["return/position"]
+
+
+def test_a_head_for_duties_opens_in_sb3(tmp_path: Path) -> None:
+    from rans.fast.learn.policy_file import read_policy, write_policy
+    from tests.fast.training import TINY, scatter, tiny_learner
+
+    learner = tiny_learner(continuous=True)
+    learner.collect()
+    learner.update()
+    assert float(learner.rollout.all.action.min()) < 0.0  # what is learnt from is not clipped
+    network = scatter(learner.network)
+    write_policy(tmp_path / "policy.zip", network.architecture, network.member(0), TINY, 128)
+    loaded = stable_baselines3.PPO.load(tmp_path / "policy.zip", device="cpu")
+    observations = seen(PLATFORM, 50)
+    expected = network.evaluate(observations).policy.mode().detach().numpy()
+    said, _ = loaded.predict(observations.numpy(), deterministic=True)
+    np.testing.assert_allclose(said, expected, rtol=0, atol=1e-6)  # float32
+    again = read_policy(tmp_path / "policy.zip").network.evaluate(observations).policy.mode()
+    np.testing.assert_array_equal(again.detach().numpy(), expected)
+    assert 0.1 < said.mean() < 0.9
+    assert (said.min(), said.max()) == (0.0, 1.0)
