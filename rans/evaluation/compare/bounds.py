@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any, NamedTuple
 
 from rich.table import Table
@@ -18,8 +18,8 @@ from rans.errors import ConfigError, RansError
 from rans.model.fields import leaves
 from rans.model.spacecraft import Spacecraft
 from rans.optimal.certificate import hull
-from rans.optimal.certificate.certificate import Effort, least_fuel, least_time
-from rans.optimal.certificate.lattice import GoalSet, Lattice
+from rans.optimal.certificate.certificate import Effort, Unreachable, least_fuel, least_time
+from rans.optimal.certificate.lattice import GoalSet, Lattice, check_period, pulse, rounded_up
 from rans.processes import submitted
 from rans.scenario import Scenario
 from rans.tasks.base import Task
@@ -71,11 +71,14 @@ class Bound:
     """(T, thrusters) zeros and ones."""
     seconds: float = 0.0
     """Wall time of the certificate."""
+    unit: float = 0.0
+    """What on/off commands need comes in whole multiples of it (periods, pulses); 0: in any amount."""
 
     @property
     def best(self) -> float:
-        """What no on/off controller beats, by whichever proof there is."""
-        return self.hull if self.lower is None else self.lower
+        """What no on/off controller beats, by all proofs there are."""
+        hull = rounded_up(self.hull, self.unit) if self.unit else self.hull
+        return hull if self.lower is None else max(hull, self.lower)
 
     def to_json(self) -> dict[str, Any]:
         """Plain values; what is missing or infinite is null."""
@@ -138,27 +141,49 @@ def bounds(questions: Sequence[Question], starts: Sequence[int], workers: int | 
                             "memory.") from error
 
 
+def whole_periods(horizon: float, period: float) -> int:
+    """Control periods in a horizon.
+
+    Raises:
+        ConfigError: they do not make it up, or one of them is not a positive number.
+    """
+    check_period(period)
+    count = round(horizon / period) if math.isfinite(horizon) else 0
+    if count < 1 or abs(count * period - horizon) > 1e-9 * horizon:
+        raise ConfigError(f"a bound of thrust-time needs a horizon of whole control periods of {period:g} s, "
+                          f"got {horizon:g} s.")
+    return count
+
+
 def bound(start: int, question: Question) -> Bound:
-    """One answer; of a horizon in which nothing can arrive the bounds are infinite."""
+    """One answer; of a horizon in which nothing can arrive the bounds are infinite.
+
+    Raises:
+        ConfigError: start, goal, period or horizon is not finite, or the horizon not of whole periods.
+    """
     craft, wanted, goals, period, horizon, effort, scenario = question
+    check_period(period)
     begin, end = scenario.start, scenario.goal
-    loose = (hull.least_time(craft, wanted, begin, end, goals) if horizon is None
-             else hull.least_fuel(craft, wanted, begin, end, horizon, goals))
+    if horizon is None:
+        ask, steps, unit = least_time, max(1, round(_LONGEST / period)), period
+        least = hull.least_time(craft, wanted, begin, end, goals)
+    else:
+        ask, steps, unit = least_fuel, whole_periods(horizon, period), pulse(craft, period) or 0.0
+        least = hull.least_fuel(craft, wanted, begin, end, horizon, goals)
+    loose = Bound(start, horizon, least, unit=unit)
     if no_certificate(craft, wanted, period):
-        return Bound(start, horizon, loose)
+        return loose
     lattice = Lattice(craft, period)
     try:
         goals.net_spins(lattice, begin, end)  # type: ignore[arg-type]
     except ConfigError:  # a start whose spin no number of pulses takes to the goal's
-        return Bound(start, horizon, loose)
-    ask, length = (least_time, _LONGEST) if horizon is None else (least_fuel, horizon)
+        return loose
     try:
-        steps = max(1, round(length / period))
         found = ask(lattice, begin, end, steps, goals, effort)  # type: ignore[arg-type]
-    except ConfigError:  # what is left to refuse: a horizon too short for the goal set
-        return Bound(start, horizon, loose, math.inf)
+    except Unreachable:
+        return replace(loose, lower=math.inf)
     commands = None if found.commands is None else found.commands.astype(int).tolist()
-    return Bound(start, horizon, loose, found.lower, found.upper, commands, found.seconds)
+    return replace(loose, lower=found.lower, upper=found.upper, commands=commands, seconds=found.seconds)
 
 
 def table(sentence: str, measure: str, answers: Sequence[Bound], found: Sequence[float]) -> Table:

@@ -21,6 +21,10 @@ _EFFORT = Effort(seconds=20.0, nozzle_seconds=2.0, levels=4)
 no bound's truth."""
 
 
+_VERSION = 2
+"""Of the proofs: bounds kept from other versions are searched anew."""
+
+
 def certify(protocol: Protocol, count: int, horizons: tuple[float, ...], cache: Path | None = None,
             workers: int | None = None, progress: Callable[[], object] = lambda: None) -> Iterator[Bound]:
     """Bounds from the first starts, as they are found: the least time, and the least thrust-times.
@@ -39,7 +43,7 @@ def certify(protocol: Protocol, count: int, horizons: tuple[float, ...], cache: 
     known = _read(cache) if cache and cache.exists() else {}
     asked: list[tuple[str, int, Question]] = []
     for start, question in _questions(protocol, count, horizons):
-        key = hashlib.sha256(repr(question).encode()).hexdigest()[:32]
+        key = hashlib.sha256(f"{_VERSION} {question!r}".encode()).hexdigest()[:32]
         if key in known:
             yield replace(known[key], start=start)
             progress()

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from rans.evaluation.compare.bounds import REST_SPEED, REST_SPIN
+from rans.evaluation.compare.bounds import REST_SPEED, REST_SPIN, whole_periods
 from rans.evaluation.fly.judge import Engine, Flown, flown
 from rans.evaluation.fly.protocols import Setup
 from rans.evaluation.measure.metrics import final_errors, settling_times
@@ -176,7 +176,7 @@ class Entry:
 
     def thrust_by(self, horizon: float) -> np.ndarray:
         """Thrust-time of a flight that is in the goal set at this time, (N,) N s; infinite elsewhere."""
-        k = round(horizon / self._period)
+        k = whole_periods(horizon, self._period)
         return np.where(self.at_goal[k], self.spent[k], np.inf)
 
     @cached_property
