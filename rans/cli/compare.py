@@ -48,7 +48,7 @@ class Compare:
         from rich.progress import Progress
 
         from rans.errors import ConfigError
-        from rans.evaluation.compare.roster import protocol_of
+        from rans.evaluation.compare.roster import contest_of
         from rans.evaluation.compare.run import Comparison, fill
         from rans.evaluation.fly.contestants import output_folder
         from rans.files import ready_folder
@@ -59,7 +59,7 @@ class Compare:
             CONTROLLERS[name]  # a wrong name is told before anybody flies
         if self.certified < 0:
             raise ConfigError(f"--certified must be >= 0, got {self.certified}.")
-        comparison = Comparison(protocol_of(self.contestants[0], self.episodes, self.seed, self.engine))
+        comparison = Comparison(contest_of(self.contestants[0], self.episodes, self.seed, self.engine))
         folder = ready_folder(self.output or output_folder(self.contestants[0]))
         terminal = Console(stderr=True)
         try:
@@ -80,7 +80,7 @@ def _write(comparison: Comparison, folder: Path, console: Console) -> None:
     from rans.show.comparison_tables import scoreboard, to_json
 
     board = scoreboard(comparison)
-    table = Table("", *board, title=comparison.protocol.title(), title_justify="left")
+    table = Table("", *board, title=comparison.contest.title(), title_justify="left")
     for key in dict.fromkeys(key for row in board.values() for key in row):
         table.add_row(key, *(row[key].text() for row in board.values()))
     if board:

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from rans.evaluation.compare.protocol import Entry
+from rans.evaluation.compare.bounds import Event
+from rans.evaluation.compare.contest import Entry
 from rans.evaluation.compare.relaxed import Relaxed
 from rans.evaluation.compare.run import Comparison
 from rans.evaluation.measure.metrics import DISPLAY
@@ -69,7 +70,7 @@ def _scaled(estimate: Estimate, factor: float) -> Estimate:
 
 def scoreboard(comparison: Comparison) -> dict[str, Scores]:
     """The scores of every contestant over all starts."""
-    bootstrap = Bootstrap(comparison.protocol.episodes)
+    bootstrap = Bootstrap(comparison.contest.episodes)
     optimum = best_returns(comparison)
     return {entry.name: scores(entry, bootstrap, optimum) for entry in comparison.entries}
 
@@ -85,7 +86,7 @@ def best_returns(comparison: Comparison) -> np.ndarray | None:
 
 def differences(comparison: Comparison) -> dict[str, Scores]:
     """Median over starts of everybody's score less that of the first contestant from the same start."""
-    first, bootstrap = comparison.entries[0], Bootstrap(comparison.protocol.episodes)
+    first, bootstrap = comparison.entries[0], Bootstrap(comparison.contest.episodes)
     return {entry.name: {name: bootstrap.difference(of(entry), of(first)) for name, of in DIFFERENCES.items()}
             for entry in comparison.entries[1:]}
 
@@ -96,22 +97,16 @@ def gaps(comparison: Comparison) -> dict[str, dict[str, np.ndarray]]:
     A flight counts at a horizon if it is in the goal set at that time, and is infinite if not: the bound
     is for exactly that. Starts whose bound is infinite (nobody can be there) or 0 are left out.
     """
-    starts, found = comparison.certified_starts(), {}
-    if starts:
-        found["time"] = _ratios(comparison, None, lambda entry: entry.arrival)
-        for horizon in comparison.horizons():
-            found[f"thrust-time by {horizon:g} s"] = _ratios(
-                comparison, horizon, lambda entry, h=horizon: entry.thrust_by(h))
-    return found
+    events = comparison.events() if comparison.certified_starts() else []
+    return {event.text: _ratios(comparison, event) for event in events}
 
 
-def _ratios(comparison: Comparison, horizon: float | None,
-            of: Callable[[Entry], np.ndarray]) -> dict[str, np.ndarray]:
-    lower, upper = comparison.bounds(horizon)
-    possible = np.isfinite(lower) & (lower > 0)
+def _ratios(comparison: Comparison, event: Event) -> dict[str, np.ndarray]:
+    lower, upper = comparison.bounds(event)
+    possible = np.isfinite(lower.values) & (lower.values > 0)
     starts, lower = np.array(comparison.certified_starts())[possible], lower[possible]
-    found = {entry.name: of(entry)[starts] / lower for entry in comparison.entries}
-    best = upper[possible] / lower
+    found = {entry.name: entry.amounts(event)[starts].over(lower) for entry in comparison.entries}
+    best = upper[possible].over(lower)
     return found | ({"best found": best} if np.isfinite(best).any() else {})
 
 
@@ -134,10 +129,10 @@ def _median(rows: list[Relaxed], key: str) -> float | None:
 def to_json(comparison: Comparison, text: str) -> dict[str, Any]:
     """Plain values; infinities and NaN become null."""
     if not comparison.entries:
-        return {"title": comparison.protocol.title(), "failures": comparison.failures}
+        return {"title": comparison.contest.title(), "failures": comparison.failures}
     table, between = scoreboard(comparison), differences(comparison)
     found = {
-        "title": comparison.protocol.title(), "text": text, "engine": comparison.protocol.engine,
+        "title": comparison.contest.title(), "text": text, "engine": comparison.contest.engine,
         "summary": [*_summary(comparison, table), *_bound_summary(comparison)],
         "estimates": _estimates(table), "differences_from_first": _estimates(between),
         "contestants": {e.name: {"knows": e.contestant.knows, "tuning": e.contestant.tuning}

@@ -10,8 +10,9 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import asdict, dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
+import numpy as np
 from rich.table import Table
 
 from rans.errors import ConfigError, RansError
@@ -141,12 +142,47 @@ def bounds(questions: Sequence[Question], starts: Sequence[int], workers: int | 
                             "memory.") from error
 
 
-def whole_periods(horizon: float, period: float) -> int:
-    """Control periods in a horizon.
+class Event(NamedTuple):
+    """What numbers are about; those of different events are not compared."""
 
-    Raises:
-        ConfigError: they do not make it up, or one of them is not a positive number.
-    """
+    kind: Literal["arrival", "settling"] = "arrival"
+    """In the goal set, which asks for rest (see `goal_set`); or within the task's tolerances for good."""
+    horizon: float | None = None
+    """None: its time, s; else the thrust-time, N s, with which it holds at this time, s."""
+
+    @property
+    def text(self) -> str:
+        """As a heading, without units."""
+        return "time" if self.horizon is None else f"thrust-time by {self.horizon:g} s"
+
+
+@dataclass(frozen=True)
+class Amounts:
+    """Numbers of starts, with the event they are of."""
+
+    event: Event
+    values: np.ndarray
+    """(N,) s or N s; infinite where the event does not happen."""
+
+    def __getitem__(self, starts: Any) -> Amounts:
+        return replace(self, values=self.values[starts])
+
+    def over(self, bound: Amounts) -> np.ndarray:
+        """(N,) multiples of a bound; `ConfigError` if that is of another event."""
+        return self.values / self._same(bound)
+
+    def below(self, bound: Amounts) -> np.ndarray:
+        """(N,) whether they beat it by more than rounding, which a bound excludes; raises as `over`."""
+        return self.values < self._same(bound) - 1e-9
+
+    def _same(self, bound: Amounts) -> np.ndarray:
+        if self.event != bound.event:
+            raise ConfigError(f"{self.event} cannot be measured by a bound of {bound.event}.")
+        return bound.values
+
+
+def whole_periods(horizon: float, period: float) -> int:
+    """Control periods that a horizon is made of; `ConfigError` if it is not."""
     check_period(period)
     count = round(horizon / period) if math.isfinite(horizon) else 0
     if count < 1 or abs(count * period - horizon) > 1e-9 * horizon:
@@ -156,11 +192,7 @@ def whole_periods(horizon: float, period: float) -> int:
 
 
 def bound(start: int, question: Question) -> Bound:
-    """One answer; of a horizon in which nothing can arrive the bounds are infinite.
-
-    Raises:
-        ConfigError: start, goal, period or horizon is not finite, or the horizon not of whole periods.
-    """
+    """One answer, infinite where nothing can arrive by the horizon; `ConfigError` for what is not finite."""
     craft, wanted, goals, period, horizon, effort, scenario = question
     check_period(period)
     begin, end = scenario.start, scenario.goal

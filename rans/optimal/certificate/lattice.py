@@ -64,7 +64,7 @@ class Lattice:
     def __init__(self, craft: Spacecraft, period: float) -> None:
         check_period(period)
         _check(craft)
-        self.craft, self.period = craft, period
+        self.craft, self.period, self.pulse = craft, period, pulse(craft, period)
         torques = np.array([column[2] for column in craft.wrench_map])
         self.torque, self.multiples = _quantum(craft, torques)
         self.spin = self.torque * period / craft.inertia[2][2]
@@ -76,11 +76,6 @@ class Lattice:
     def drift(self, steps: int) -> float:
         """Heading by which torques that are not exact multiples may leave the lattice, rad."""
         return 0.5 * self._angular_error * (steps * self.period) ** 2
-
-    @property
-    def pulse(self) -> float | None:
-        """See `pulse`."""
-        return pulse(self.craft, self.period)
 
     @property
     def parity(self) -> bool:
@@ -185,32 +180,20 @@ class GoalSet:
 
 
 def check_finite(start: State, goal: State) -> None:
-    """Refuse states of which nothing can be proven: where a number is NaN, nothing compares.
-
-    Raises:
-        ConfigError: a number is NaN or infinite.
-    """
+    """Refuse (`ConfigError`) states with NaN or infinity: nothing compares with them, so all seems proven."""
     for name, state in (("start", start), ("goal", goal)):
         if not np.isfinite(leaves(state)).all():
-            raise ConfigError(f"a bound needs a finite {name}, got {state}; the usual cause is a flight that "
-                              "diverged.")
+            raise ConfigError(f"a bound needs a finite {name}, got {state}; did a flight diverge?")
 
 
 def check_period(period: float) -> None:
-    """Refuse a time for which no command can be held.
-
-    Raises:
-        ConfigError: it is not a positive number.
-    """
+    """Refuse (`ConfigError`) a time for which no command can be held."""
     if not (math.isfinite(period) and period > 0):
         raise ConfigError(f"a bound needs a finite control period > 0 s, got {period!r}.")
 
 
 def pulse(craft: Spacecraft, period: float) -> float | None:
-    """Thrust-time of which that of whole on/off periods is a whole multiple, N s, also with shared thrust.
-
-    None where thrusters differ in strength.
-    """
+    """Unit of thrust-time in on/off periods, shared or not, N s; None where thrusters differ in strength."""
     forces = np.array([thruster.force for thruster in craft.thrusters])
     equal = np.ptp(forces) <= 1e-12 * forces.max()
     return float(forces[0]) * period if equal else None

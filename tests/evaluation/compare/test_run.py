@@ -14,8 +14,8 @@ from rans.errors import ConfigError
 from rans.evaluation.compare import run
 from rans.evaluation.compare.bounds import Bound
 from rans.evaluation.compare.certified import certify
-from rans.evaluation.compare.protocol import Protocol, arrived
-from rans.evaluation.compare.roster import protocol_of
+from rans.evaluation.compare.contest import Contest, arrived
+from rans.evaluation.compare.roster import contest_of
 from rans.evaluation.compare.run import Comparison, fill
 from rans.flight import fly
 from rans.model.fields import map_leaves
@@ -32,7 +32,7 @@ IDLE = "python:tests.evaluation.policies:idle"
 SPECS = ["lqr:go-to-pose-2d", IDLE, "python:tests.evaluation.policies:broken", "runs/nobody",
          "lqr:go-to-pose-3d", "mpc:track-velocity-2d", "lqr:go-to-pose-2d@floating-platform-shared"]
 NEAR = GoToPose(evaluation_distance=(0.8, 0.9)).for_evaluation()
-PROTOCOL = Protocol(load_spacecraft("floating-platform"), NEAR, Timing(episode_steps=30), 4, 3)
+CONTEST = Contest(load_spacecraft("floating-platform"), NEAR, Timing(episode_steps=30), 4, 3)
 """Starts so near that the searches take little time."""
 
 
@@ -43,7 +43,7 @@ def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def comparison(cache: Path) -> Comparison:
-    found = Comparison(PROTOCOL)
+    found = Comparison(CONTEST)
     fill(found, SPECS, ("lqr", "optimal"), certified=2, cache=cache, workers=1)
     return found
 
@@ -116,7 +116,7 @@ def test_controls_found_fly_into_the_goal_set(comparison: Comparison) -> None:
     assert found
     for answer in found:
         commands = np.array(answer.commands, dtype=float)
-        flight = fly(PROTOCOL.craft, PROTOCOL.task, Script(commands), PROTOCOL.start(answer.start),
+        flight = fly(CONTEST.craft, CONTEST.task, Script(commands), CONTEST.start(answer.start),
                      Timing(episode_steps=len(commands)))
         assert arrived(flight.task, flight.states, flight.goals)[-1, 0]
         spent = 0.2 * commands.sum() if answer.horizon else 0.2 * len(commands)
@@ -128,16 +128,16 @@ def test_bounds_are_kept_for_the_next_time(comparison: Comparison, cache: Path,
     searched: list[object] = []
     monkeypatch.setattr("rans.evaluation.compare.certified.bounds",
                         lambda asked, *_: searched.extend(asked) or ())
-    again = list(certify(PROTOCOL, 2, comparison.horizons(), cache))
+    again = list(certify(CONTEST, 2, comparison.horizons(), cache))
     assert not searched
     key = lambda c: (c.start, c.horizon or 0.0)  # noqa: E731
     assert sorted(again, key=key) == sorted(comparison.certified, key=key)
-    other = replace(PROTOCOL, seed=5)  # other starts have other bounds
+    other = replace(CONTEST, seed=5)  # other starts have other bounds
     assert not list(certify(other, 1, (), cache))
     assert len(searched) == 1
     cache.write_text('{"key": 3}')
     with pytest.raises(ConfigError, match=r"bounds\.json does not hold bounds; delete it"):
-        list(certify(PROTOCOL, 1, (), cache))
+        list(certify(CONTEST, 1, (), cache))
 
 
 def test_horizon_that_nobody_can_meet(comparison: Comparison) -> None:
@@ -205,7 +205,7 @@ def test_files_for_others(comparison: Comparison) -> None:
 @pytest.mark.parametrize("spec", ["lqr:go-to-pose-3d", "lqr:track-velocity-2d", "lqr:go-to-position-2d"])
 def test_tasks_without_certificate_say_so(spec: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("rans.evaluation.compare.relaxed.objectives", lambda *_: [])
-    found = Comparison(replace(protocol_of(spec, 2), timing=Timing(episode_steps=20)))
+    found = Comparison(replace(contest_of(spec, 2), timing=Timing(episode_steps=20)))
     fill(found, [spec], ["lqr", "optimal"], certified=2)
     assert found.failures == []
     assert len(found.notes) == 1
@@ -219,7 +219,7 @@ def test_interrupt_keeps_what_is_finished(monkeypatch: pytest.MonkeyPatch) -> No
 
     monkeypatch.setattr(run, "certify", interrupted)
     monkeypatch.setattr("rans.evaluation.compare.relaxed.objectives", lambda *_: [])
-    found = Comparison(PROTOCOL)
+    found = Comparison(CONTEST)
     with pytest.raises(KeyboardInterrupt):
         fill(found, ["lqr:go-to-pose-2d"], ["optimal"])
     assert [entry.name for entry in found.entries] == ["LQR"]
@@ -227,7 +227,7 @@ def test_interrupt_keeps_what_is_finished(monkeypatch: pytest.MonkeyPatch) -> No
 
 
 def test_half_certified_starts_are_left_out() -> None:
-    found = Comparison(PROTOCOL)
+    found = Comparison(CONTEST)
     found.certified += [Bound(0, None, 1.0), Bound(1, None, 1.0)]
     found.certified += [Bound(1, horizon, 1.0) for horizon in found.horizons()]
     assert found.certified_starts() == [1]
@@ -240,9 +240,9 @@ def test_half_certified_starts_are_left_out() -> None:
 ])
 def test_without_a_first_contestant_there_is_nothing(spec: str, episodes: int, sentence: str) -> None:
     with pytest.raises(ConfigError, match=sentence):
-        protocol_of(spec, episodes)
+        contest_of(spec, episodes)
 
 
 def test_states_are_those_of_the_protocol() -> None:
-    start = PROTOCOL.start(2)
-    np.testing.assert_array_equal(map_leaves(lambda x: x[2:3], PROTOCOL.starts).start.p.x, start.start.p.x)
+    start = CONTEST.start(2)
+    np.testing.assert_array_equal(map_leaves(lambda x: x[2:3], CONTEST.starts).start.p.x, start.start.p.x)

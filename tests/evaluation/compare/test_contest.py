@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rans.evaluation.compare.bounds import goal_set
-from rans.evaluation.compare.protocol import Contestant, Entry, Protocol, arrived
+from rans.evaluation.compare.contest import Contest, Contestant, Entry, arrived
 from rans.evaluation.fly.user_policies import user_policy
 from rans.flight import Flight
 from rans.model.dynamics import PlanarState
@@ -20,7 +20,7 @@ from rans.tasks import GoToPose, GoToPosition, TrackVelocity
 from tests.evaluation.flights import flight_of
 
 CRAFT = load_spacecraft("floating-platform")
-PROTOCOL = Protocol(CRAFT, GoToPose().for_evaluation(), Timing(), 5, 3)
+CONTEST = Contest(CRAFT, GoToPose().for_evaluation(), Timing(), 5, 3)
 
 
 def entry_of(flight: Flight) -> Entry:
@@ -35,8 +35,8 @@ def test_goal_set_is_that_of_the_certificate() -> None:
     angle, w = random.uniform(-0.1, 0.1, (2, count))
     states = PlanarState(Vec2(x + 1.0, y), Heading(angle + math.pi), Vec2(u, v), w).normalised()
     goal = PlanarState(Vec2(1.0, 0.0), Heading(-math.pi), Vec2(0.0, 0.0), 0.0)
-    goals = goal_set(PROTOCOL.task)
-    ours = arrived(PROTOCOL.task, map_leaves(lambda f: np.asarray(f)[None], states), goal)[0]
+    goals = goal_set(CONTEST.task)
+    ours = arrived(CONTEST.task, map_leaves(lambda f: np.asarray(f)[None], states), goal)[0]
     theirs = [goals.contains(map_leaves(lambda f, k=k: float(f[k]), states), goal) for k in range(count)]
     np.testing.assert_array_equal(ours, theirs)
     assert 0.1 < ours.mean() < 0.9
@@ -84,7 +84,7 @@ def test_both_engines_fly_the_same_starts() -> None:
     """A controller without feedback on rounding: its flights agree to 1e-9 m in both engines."""
     policy = user_policy("python:tests.evaluation.policies:idle", CRAFT, GoToPose())
     timing = Timing(episode_steps=5)
-    fast, drake = (Protocol(CRAFT, PROTOCOL.task, timing, 5, 3, engine).fly(policy).flight
+    fast, drake = (Contest(CRAFT, CONTEST.task, timing, 5, 3, engine).fly(policy).flight
                    for engine in ("fast", "drake"))
     assert (fast.engine, drake.engine) == ("fast", "drake")
     for ours, theirs in zip(fast.states.p.columns(), drake.states.p.columns(), strict=True):
@@ -92,6 +92,6 @@ def test_both_engines_fly_the_same_starts() -> None:
 
 
 def test_latency_is_of_every_action() -> None:
-    latencies = PROTOCOL.latencies(LQR(CRAFT, PROTOCOL.task, PROTOCOL.timing))
+    latencies = CONTEST.latencies(LQR(CRAFT, CONTEST.task, CONTEST.timing))
     assert latencies.shape == (3 * 25,)  # three starts, a fifth of 125 steps
     assert (latencies > 0).all()
