@@ -22,7 +22,7 @@ _UNTUNED = "none: default settings"
 
 
 def contest_of(spec: str, episodes: int, seed: int = EVALUATION_SEED,
-                engine: Literal["fast", "drake"] = "fast") -> Contest:
+               engine: Literal["fast", "drake"] = "fast") -> Contest:
     """The conditions of the first contestant, under which all others fly too.
 
     Raises:
