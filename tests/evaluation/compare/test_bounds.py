@@ -187,3 +187,15 @@ def test_the_table_shows_every_number() -> None:
 def test_bounds_for_json() -> None:
     row = Bound(4, None, 1.0, 2.0, math.inf).to_json()
     assert [row[key] for key in ("start", "hull", "lower", "upper", "horizon")] == [4, 1.0, 2.0, None, None]
+
+
+def test_least_time_is_looked_for_up_to_25_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[int] = []
+
+    def search(lattice: object, begin: object, end: object, steps: int, *rest: object) -> Any:
+        asked.append(steps)
+        raise Unreachable("not today")
+
+    monkeypatch.setattr("rans.evaluation.compare.bounds.least_time", search)
+    list(bounds([one_start(), one_start(period=0.25), one_start(period=30.0)], [0, 1, 2], 1))
+    assert asked == [125, 100, 1]

@@ -44,6 +44,21 @@ def test_unequal_thrusters() -> None:
     assert not lattice.parity
 
 
+def test_a_quantum_that_no_thruster_has() -> None:
+    """Torques of 0.2, -0.3 and 0.5 N m are 2, -3 and 5 times 0.1."""
+    arms = (0.2, -0.3, 0.5)
+    nozzles = tuple(dataclasses.replace(t, position=(arm, 0.0, 0.0), direction=(0.0, 1.0, 0.0), force=1.0)
+                    for t, arm in zip(PLATFORM.thrusters, arms, strict=False))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # they push in one direction only
+        lattice = Lattice(dataclasses.replace(PLATFORM, thrusters=nozzles), PERIOD)
+    assert list(lattice.multiples) == [2, -3, 5]
+    assert lattice.torque == pytest.approx(0.1)
+    assert lattice.quanta_per_fuel == pytest.approx(5 / PERIOD)
+    assert list(lattice.torque_range) == list(range(-3, 8))
+    assert lattice.drift(10) < 1e-12
+
+
 @pytest.mark.parametrize("craft", [PLATFORM, lopsided()], ids=lambda craft: craft.name)
 @given(choices=st.lists(st.integers(0, 2**30), min_size=12, max_size=12),
        start=st.tuples(*[numbers] * 6))
