@@ -260,7 +260,7 @@ def by_hand(arrival: float, thrust: float, bounds: dict[float | None, Bound]) ->
     commands[:round(thrust / 0.2), :, 0] = 1.0
     flight = replace(flight_of(distance, 0.0, commands), timing=CONTEST.timing)
     found = Comparison(replace(CONTEST, episodes=2))
-    who = Contestant("x", user_policy(IDLE, CONTEST.craft), "", "")
+    who = Contestant("x", user_policy(IDLE, CONTEST.craft, CONTEST.task), "", "")
     found.entries.append(Entry(who, flight, np.zeros(1)))
     for start in (0, 1):
         for horizon in (None, *found.horizons()):

@@ -303,3 +303,14 @@ def test_out_of_reach_is_a_sentence() -> None:
 def test_effort_refuses() -> None:
     with pytest.raises(ConfigError, match="effort"):
         Effort(seconds=0.0)
+
+
+def test_what_cannot_be_split_is_not_excluded(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One attitude left, no commands found for it and nothing to branch on: the level stays open."""
+    monkeypatch.setattr("rans.optimal.certificate.certificate._parts", lambda *_: [])
+    monkeypatch.setattr("rans.optimal.certificate.certificate._commands", lambda *_: None)
+    start, goal, flown = instance(PLATFORM, 2, 0)
+    reached = flown.arrived(goal, SNUG, ("position", "velocity", "heading", "spin"))
+    answer = least_fuel(Lattice(PLATFORM, PERIOD), start, goal, 2, SNUG)
+    assert answer.lower <= flown.fuel[reached].min() + 1e-12
+    assert answer.commands is None
