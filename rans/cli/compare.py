@@ -45,7 +45,7 @@ class Compare:
     def run(self) -> int:
         """Print the table of scores."""
         from rans.errors import ConfigError
-        from rans.evaluation.compare.roster import protocol_of
+        from rans.evaluation.compare.roster import contest_of
         from rans.evaluation.compare.run import Comparison, fill
         from rans.evaluation.fly.contestants import output_folder
         from rans.files import ready_folder
@@ -58,7 +58,7 @@ class Compare:
         if self.certified < 0:
             raise ConfigError(f"--certified must be >= 0, got {self.certified}.")
         check_count("--episodes", self.episodes)
-        comparison = Comparison(protocol_of(self.contestants[0], self.episodes, self.seed, self.engine))
+        comparison = Comparison(contest_of(self.contestants[0], self.episodes, self.seed, self.engine))
         folder = ready_folder(self.output or output_folder(self.contestants[0]))
         try:
             with progress() as bars:
@@ -81,7 +81,7 @@ def _write(comparison: Comparison, folder: Path, console: Terminal) -> None:
     page(comparison).write(folder / "compare.html")
     if board:
         keys = dict.fromkeys(key for row in board.values() for key in row)
-        console.print(table(comparison.protocol.title(), ("", *board),
+        console.print(table(comparison.contest.title(), ("", *board),
                             [(key, *(row[key].text() for row in board.values())) for key in keys]))
     for sentence in (*comparison.notes, *comparison.failures):
         console.print(sentence, soft_wrap=True)

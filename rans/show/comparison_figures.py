@@ -12,7 +12,7 @@ from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
-from rans.evaluation.compare.protocol import Entry
+from rans.evaluation.compare.contest import Entry
 from rans.evaluation.compare.run import Comparison
 from rans.evaluation.measure.metrics import DISPLAY
 from rans.evaluation.measure.statistics import Bootstrap, Estimate
@@ -49,7 +49,7 @@ def plane(comparison: Comparison) -> Figure:
 
     These are the certified starts if there are any, else all.
     """
-    starts = comparison.certified_starts() or list(range(comparison.protocol.episodes))
+    starts = comparison.certified_starts() or list(range(comparison.contest.episodes))
     bootstrap = Bootstrap(len(starts))
     figure = Figure(figsize=(9.6, 5.6), layout="constrained")
     axes = figure.subplots()
@@ -69,11 +69,13 @@ def plane(comparison: Comparison) -> Figure:
 
 def _draw_certified(axes: Axes, comparison: Comparison) -> None:
     """Least time as a line, least thrust-time as bars with what was found on or above them."""
-    least = float(np.median(comparison.bounds(None)[0]))
+    first, *others = ([np.median(bound.values) for bound in comparison.bounds(event)]
+                      for event in comparison.events())
+    least = float(first[0])
     axes.axvspan(1e-3, least, color=GREY, alpha=0.15, linewidth=0)
     axes.axvline(least, color=INK, linewidth=1.2, label="certified least time")
     horizons = np.array(comparison.horizons())
-    lower, upper = (np.array([np.median(comparison.bounds(h)[i]) for h in horizons]) for i in (0, 1))
+    lower, upper = np.transpose(others)
     shown = np.isfinite(lower)
     axes.plot(horizons[shown], lower[shown], linestyle=":", color=INK, linewidth=0.8)
     axes.plot(horizons[shown], lower[shown], linestyle="", marker="_", markersize=16, markeredgewidth=2.5,

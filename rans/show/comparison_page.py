@@ -44,14 +44,14 @@ class _Script:
 
 def page(comparison: Comparison) -> Page:
     """Whatever the comparison holds, failures on top."""
-    sections, protocol = [_summary(comparison)], comparison.protocol
+    sections, contest = [_summary(comparison)], comparison.contest
     if comparison.entries:
         sections += [_plane(comparison), *_gaps(comparison), *_starts(comparison), _errors(comparison),
                      _returns(comparison), *_differences(comparison)]
     if comparison.relaxed:
         sections.append(_relaxed(comparison))
-    return Page(f"Comparison: {protocol.title()}", sections, header({
-        "task": type(protocol.task).__name__, "spacecraft": protocol.craft.name, "motion by": protocol.engine,
+    return Page(f"Comparison: {comparison.contest.title()}", sections, header({
+        "task": type(contest.task).__name__, "spacecraft": contest.craft.name, "motion by": contest.engine,
         "environment": environment()}))
 
 
@@ -86,11 +86,11 @@ def _gaps(comparison: Comparison) -> Iterator[Section]:
     names = list(dict.fromkeys(name for found in gaps.values() for name in found))
     rows = [[name, *(_middle(found.get(name)) for found in gaps.values())] for name in names]
     bounds = []
-    for question, horizon in zip(gaps, (None, *comparison.horizons()), strict=True):
-        lower, upper = comparison.bounds(horizon)
+    for event in comparison.events():
+        lower, upper = (bound.values for bound in comparison.bounds(event))
         closed = f"{(upper <= lower + 1e-9).sum()} of {len(lower)}"
         best = float(np.median(upper))
-        bounds.append([question, float(np.median(lower)), best if np.isfinite(best) else None, closed])
+        bounds.append([event.text, float(np.median(lower)), best if np.isfinite(best) else None, closed])
     text = (f"From {len(starts)} starts, times the certified lower bound: 1 cannot be beaten. Thrust-time by "
             "a time counts for flights that are in the goal set at that time, in brackets how many; it is "
             "infinite for the others.")
@@ -111,7 +111,7 @@ def _middle(ratios: np.ndarray | None) -> str | None:
 
 def _starts(comparison: Comparison) -> Iterator[Section]:
     """The median and the worst start of the first contestant, with the controls found where there are."""
-    candidates = comparison.certified_starts() or list(range(comparison.protocol.episodes))
+    candidates = comparison.certified_starts() or list(range(comparison.contest.episodes))
     ranking = sorted(candidates, key=lambda k: comparison.entries[0].arrival[k])
     chosen = dict.fromkeys((ranking[(len(ranking) - 1) // 2], ranking[-1]))
     pictures = [Picture.of(figures.side_by_side([*_flights(comparison, k)]), f"Start {k}.") for k in chosen]
@@ -120,7 +120,7 @@ def _starts(comparison: Comparison) -> Iterator[Section]:
 
 
 def _flights(comparison: Comparison, k: int) -> Iterator[tuple[str, Flight, int]]:
-    protocol = comparison.protocol
+    contest = comparison.contest
     for entry in comparison.entries:
         yield entry.name, entry.flight, k
     last = comparison.horizons()[-1]
@@ -128,9 +128,9 @@ def _flights(comparison: Comparison, k: int) -> Iterator[tuple[str, Flight, int]
         if answer.start == k and answer.commands is not None and answer.horizon in (None, last):
             name = "least time found" if answer.horizon is None else f"least thrust by {last:g} s found"
             commands = np.array(answer.commands, dtype=float)
-            until = replace(protocol.timing, episode_steps=len(commands))
+            until = replace(contest.timing, episode_steps=len(commands))
             script = _Script(name, commands)
-            yield name, fly(protocol.craft, protocol.task, script, protocol.start(k), until), 0
+            yield name, fly(contest.craft, contest.task, script, contest.start(k), until), 0
 
 
 def _errors(comparison: Comparison) -> Section:

@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from rans.evaluation.compare.protocol import Entry
+from rans.evaluation.compare.bounds import Event
+from rans.evaluation.compare.contest import Entry
 from rans.evaluation.compare.relaxed import Relaxed
 from rans.evaluation.compare.run import Comparison
 from rans.evaluation.measure.metrics import DISPLAY
@@ -65,7 +66,7 @@ def _latency(entry: Entry) -> Estimate:
 
 def scoreboard(comparison: Comparison) -> dict[str, Scores]:
     """The scores of every contestant over all starts."""
-    bootstrap = Bootstrap(comparison.protocol.episodes)
+    bootstrap = Bootstrap(comparison.contest.episodes)
     optimum = best_returns(comparison)
     return {entry.name: scores(entry, bootstrap, optimum) for entry in comparison.entries}
 
@@ -81,7 +82,7 @@ def best_returns(comparison: Comparison) -> np.ndarray | None:
 
 def differences(comparison: Comparison) -> dict[str, Scores]:
     """Median over starts of everybody's score less that of the first contestant from the same start."""
-    first, bootstrap = comparison.entries[0], Bootstrap(comparison.protocol.episodes)
+    first, bootstrap = comparison.entries[0], Bootstrap(comparison.contest.episodes)
     return {entry.name: {name: bootstrap.difference(of(entry), of(first)) for name, of in DIFFERENCES.items()}
             for entry in comparison.entries[1:]}
 
@@ -92,22 +93,16 @@ def gaps(comparison: Comparison) -> dict[str, dict[str, np.ndarray]]:
     A flight counts at a horizon if it is in the goal set at that time, and is infinite if not: the bound
     is for exactly that. Starts whose bound is infinite (nobody can be there) or 0 are left out.
     """
-    starts, found = comparison.certified_starts(), {}
-    if starts:
-        found["time"] = _ratios(comparison, None, lambda entry: entry.arrival)
-        for horizon in comparison.horizons():
-            found[f"thrust-time by {horizon:g} s"] = _ratios(
-                comparison, horizon, lambda entry, h=horizon: entry.thrust_by(h))
-    return found
+    events = comparison.events() if comparison.certified_starts() else []
+    return {event.text: _ratios(comparison, event) for event in events}
 
 
-def _ratios(comparison: Comparison, horizon: float | None,
-            of: Callable[[Entry], np.ndarray]) -> dict[str, np.ndarray]:
-    lower, upper = comparison.bounds(horizon)
-    possible = np.isfinite(lower) & (lower > 0)
+def _ratios(comparison: Comparison, event: Event) -> dict[str, np.ndarray]:
+    lower, upper = comparison.bounds(event)
+    possible = np.isfinite(lower.values) & (lower.values > 0)
     starts, lower = np.array(comparison.certified_starts())[possible], lower[possible]
-    found = {entry.name: of(entry)[starts] / lower for entry in comparison.entries}
-    best = upper[possible] / lower
+    found = {entry.name: entry.amounts(event)[starts].over(lower) for entry in comparison.entries}
+    best = upper[possible].over(lower)
     return found | ({"best found": best} if np.isfinite(best).any() else {})
 
 
@@ -132,7 +127,7 @@ def to_json(comparison: Comparison, text: str) -> dict[str, Any]:
     board = scoreboard(comparison)
     found = outcome(comparison, board)
     return found if not comparison.entries else found | {
-        "text": text, "engine": comparison.protocol.engine,
+        "text": text, "engine": comparison.contest.engine,
         "estimates": _estimates(board), "differences_from_first": _estimates(differences(comparison)),
         "contestants": {e.name: {"knows": e.contestant.knows, "tuning": e.contestant.tuning}
                         for e in comparison.entries},
@@ -150,7 +145,7 @@ def to_json(comparison: Comparison, text: str) -> dict[str, Any]:
 
 def outcome(comparison: Comparison, board: dict[str, Scores]) -> dict[str, Any]:
     """What `rans.show.report.comparison_section` reads: who got there, and what went wrong."""
-    return {"title": comparison.protocol.title(),
+    return {"title": comparison.contest.title(),
             "summary": [*_summary(comparison, board), *_bound_summary(comparison)],
             "notes": comparison.notes, "failures": comparison.failures}
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import warnings
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,6 +29,31 @@ def lopsided() -> Spacecraft:
               thruster(0.1, 0.0, 180.0, 0.8))
     sphere = ((0.11, 0.0, 0.0), (0.0, 0.11, 0.0), (0.0, 0.0, 0.11))
     return Spacecraft("lopsided", 2, 4.0, sphere, layout)
+
+
+def through() -> Spacecraft:
+    """Four equal thrusters of 1 and -1 quanta and two through the centre: pulses, but no parity."""
+    return _equal("through", ((0.3, 0.1, 80.0), (-0.2, 0.3, 190.0), (0.2, 0.0, 0.0), (-0.1, 0.0, 180.0)),
+                  (0.25, -0.25, 0.0, 0.0))
+
+
+def doubled() -> Spacecraft:
+    """Four equal thrusters with torques of 2, -1, 1 and 0 quanta."""
+    return _equal("doubled", ((0.3, 0.1, 80.0), (-0.2, 0.3, 190.0), (0.2, 0.0, 0.0), (-0.1, 0.0, 200.0)),
+                  (0.4, -0.2, 0.2, 0.0))
+
+
+def _equal(name: str, layout: tuple[tuple[float, float, float], ...], arms: tuple[float, ...]) -> Spacecraft:
+    """Thrusters of 1 N by heading (degrees), moved sideways until their arms are exactly the given ones."""
+    nozzles = []
+    for (x, y, degrees), arm in zip(layout, arms, strict=True):
+        c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+        aside = arm - (x * s - y * c)
+        nozzles.append(Thruster((x + aside * s, y - aside * c, 0.0), (c, s, 0.0), 1.0))
+    sphere = ((0.11, 0.0, 0.0), (0.0, 0.11, 0.0), (0.0, 0.0, 0.11))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # that some cannot be steered everywhere does not matter here
+        return Spacecraft(name, 2, 4.0, sphere, tuple(nozzles))
 
 
 @dataclass(frozen=True)

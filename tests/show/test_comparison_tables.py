@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from rans.evaluation.compare.bounds import Bound
-from rans.evaluation.compare.protocol import Contestant, Entry, Protocol
+from rans.evaluation.compare.contest import Contest, Contestant, Entry
 from rans.evaluation.compare.relaxed import Relaxed
 from rans.evaluation.compare.run import Comparison
 from rans.optimal.trajectory.objectives import MinimumTime
@@ -37,8 +37,8 @@ def entry() -> Entry:
 
 def comparison(**changes: Any) -> Comparison:
     flown = entry()
-    protocol = Protocol(flown.flight.craft, flown.flight.task, flown.flight.timing, 1, 3)
-    return Comparison(protocol, [flown], **changes)
+    contest = Contest(flown.flight.craft, flown.flight.task, flown.flight.timing, 1, 3)
+    return Comparison(contest, [flown], **changes)
 
 
 def certified(best: float) -> list[Bound]:

@@ -9,17 +9,18 @@ import math
 from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, replace
+from typing import Any, Literal, NamedTuple
 
+import numpy as np
 from rich.table import Table
 
 from rans.errors import ConfigError, RansError
 from rans.model.fields import leaves
 from rans.model.spacecraft import Spacecraft
 from rans.optimal.certificate import hull
-from rans.optimal.certificate.certificate import Effort, least_fuel, least_time
-from rans.optimal.certificate.lattice import GoalSet, Lattice
+from rans.optimal.certificate.certificate import Effort, Unreachable, least_fuel, least_time
+from rans.optimal.certificate.lattice import GoalSet, Lattice, check_period, pulse, rounded_up
 from rans.processes import submitted
 from rans.scenario import Scenario
 from rans.tasks.base import Task
@@ -71,11 +72,14 @@ class Bound:
     """(T, thrusters) zeros and ones."""
     seconds: float = 0.0
     """Wall time of the certificate."""
+    unit: float = 0.0
+    """What on/off commands need comes in whole multiples of it (periods, pulses); 0: in any amount."""
 
     @property
     def best(self) -> float:
-        """What no on/off controller beats, by whichever proof there is."""
-        return self.hull if self.lower is None else self.lower
+        """What no on/off controller beats, by all proofs there are."""
+        hull = rounded_up(self.hull, self.unit) if self.unit else self.hull
+        return hull if self.lower is None else max(hull, self.lower)
 
 
 def goal_set(task: Task) -> GoalSet:
@@ -133,27 +137,80 @@ def bounds(questions: Sequence[Question], starts: Sequence[int], workers: int | 
                             "memory.") from error
 
 
+class Event(NamedTuple):
+    """What numbers are about; those of different events are not compared."""
+
+    kind: Literal["arrival", "settling"] = "arrival"
+    """In the goal set, which asks for rest (see `goal_set`); or within the task's tolerances for good."""
+    horizon: float | None = None
+    """None: its time, s; else the thrust-time, N s, with which it holds at this time, s."""
+
+    @property
+    def text(self) -> str:
+        """As a heading, without units."""
+        return "time" if self.horizon is None else f"thrust-time by {self.horizon:g} s"
+
+
+@dataclass(frozen=True)
+class Amounts:
+    """Numbers of starts, with the event they are of."""
+
+    event: Event
+    values: np.ndarray
+    """(N,) s or N s; infinite where the event does not happen."""
+
+    def __getitem__(self, starts: Any) -> Amounts:
+        return replace(self, values=self.values[starts])
+
+    def over(self, bound: Amounts) -> np.ndarray:
+        """(N,) multiples of a bound; `ConfigError` if that is of another event."""
+        return self.values / self._same(bound)
+
+    def below(self, bound: Amounts) -> np.ndarray:
+        """(N,) whether they beat it by more than rounding, which a bound excludes; raises as `over`."""
+        return self.values < self._same(bound) - 1e-9
+
+    def _same(self, bound: Amounts) -> np.ndarray:
+        if self.event != bound.event:
+            raise ConfigError(f"{self.event} cannot be measured by a bound of {bound.event}.")
+        return bound.values
+
+
+def whole_periods(horizon: float, period: float) -> int:
+    """Control periods that a horizon is made of; `ConfigError` if it is not."""
+    check_period(period)
+    count = round(horizon / period) if math.isfinite(horizon) else 0
+    if count < 1 or abs(count * period - horizon) > 1e-9 * horizon:
+        raise ConfigError(f"a bound of thrust-time needs a horizon of whole control periods of {period:g} s, "
+                          f"got {horizon:g} s.")
+    return count
+
+
 def bound(start: int, question: Question) -> Bound:
-    """One answer; of a horizon in which nothing can arrive the bounds are infinite."""
+    """One answer, infinite where nothing can arrive by the horizon; `ConfigError` for what is not finite."""
     craft, wanted, goals, period, horizon, effort, scenario = question
+    check_period(period)
     begin, end = scenario.start, scenario.goal
-    loose = (hull.least_time(craft, wanted, begin, end, goals) if horizon is None
-             else hull.least_fuel(craft, wanted, begin, end, horizon, goals))
+    if horizon is None:
+        ask, steps, unit = least_time, max(1, round(_LONGEST / period)), period
+        least = hull.least_time(craft, wanted, begin, end, goals)
+    else:
+        ask, steps, unit = least_fuel, whole_periods(horizon, period), pulse(craft, period) or 0.0
+        least = hull.least_fuel(craft, wanted, begin, end, horizon, goals)
+    loose = Bound(start, horizon, least, unit=unit)
     if no_certificate(craft, wanted, period):
-        return Bound(start, horizon, loose)
+        return loose
     lattice = Lattice(craft, period)
     try:
         goals.net_spins(lattice, begin, end)  # type: ignore[arg-type]
     except ConfigError:  # a start whose spin no number of pulses takes to the goal's
-        return Bound(start, horizon, loose)
-    ask, length = (least_time, _LONGEST) if horizon is None else (least_fuel, horizon)
+        return loose
     try:
-        steps = max(1, round(length / period))
         found = ask(lattice, begin, end, steps, goals, effort)  # type: ignore[arg-type]
-    except ConfigError:  # what is left to refuse: a horizon too short for the goal set
-        return Bound(start, horizon, loose, math.inf)
+    except Unreachable:
+        return replace(loose, lower=math.inf)
     commands = None if found.commands is None else found.commands.astype(int).tolist()
-    return Bound(start, horizon, loose, found.lower, found.upper, commands, found.seconds)
+    return replace(loose, lower=found.lower, upper=found.upper, commands=commands, seconds=found.seconds)
 
 
 def table(sentence: str, measure: str, answers: Sequence[Bound], found: Sequence[float]) -> Table:

@@ -10,7 +10,7 @@ from typing import Any
 
 from rans.errors import ConfigError
 from rans.evaluation.compare.bounds import Bound, Question, bounds, goal_set
-from rans.evaluation.compare.protocol import Protocol
+from rans.evaluation.compare.contest import Contest
 from rans.files import number, read_json, write_json
 from rans.optimal.certificate.certificate import Effort
 from rans.optimal.trajectory.arrival import aims
@@ -21,12 +21,16 @@ _EFFORT = Effort(seconds=20.0, nozzle_seconds=2.0, levels=4)
 no bound's truth."""
 
 
-def certify(protocol: Protocol, count: int, horizons: tuple[float, ...], cache: Path | None = None,
+_VERSION = 2
+"""Of the proofs: bounds kept from other versions are searched anew."""
+
+
+def certify(contest: Contest, count: int, horizons: tuple[float, ...], cache: Path | None = None,
             workers: int | None = None, progress: Callable[[], object] = lambda: None) -> Iterator[Bound]:
     """Bounds from the first starts, as they are found: the least time, and the least thrust-times.
 
     Args:
-        protocol: gives the starts.
+        contest: gives the starts.
         count: of starts.
         horizons: for the least thrust-time, s.
         cache: JSON file that keeps the bounds for the next time.
@@ -38,8 +42,8 @@ def certify(protocol: Protocol, count: int, horizons: tuple[float, ...], cache: 
     """
     known = _read(cache) if cache and cache.exists() else {}
     asked: list[tuple[str, int, Question]] = []
-    for start, question in _questions(protocol, count, horizons):
-        key = hashlib.sha256(repr(question).encode()).hexdigest()[:32]
+    for start, question in _questions(contest, count, horizons):
+        key = hashlib.sha256(f"{_VERSION} {question!r}".encode()).hexdigest()[:32]
         if key in known:
             yield replace(known[key], start=start)
             progress()
@@ -54,11 +58,11 @@ def certify(protocol: Protocol, count: int, horizons: tuple[float, ...], cache: 
         yield answer
 
 
-def _questions(protocol: Protocol, count: int,
+def _questions(contest: Contest, count: int,
                horizons: tuple[float, ...]) -> Iterator[tuple[int, Question]]:
-    common = (protocol.craft, tuple(sorted(aims(protocol.task))), goal_set(protocol.task),
-              protocol.timing.control_period)
-    for start, scenario in zip(range(count), each(protocol.starts), strict=False):
+    common = (contest.craft, tuple(sorted(aims(contest.task))), goal_set(contest.task),
+              contest.timing.control_period)
+    for start, scenario in zip(range(count), each(contest.starts), strict=False):
         yield from ((start, Question(*common, horizon, _EFFORT, scenario)) for horizon in (None, *horizons))
 
 

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from rans.evaluation.compare.contest import Contest
 from rans.evaluation.compare.optima import Optimum, episode, optima
-from rans.evaluation.compare.protocol import Protocol
 from rans.evaluation.measure.metrics import impulses, settling_times
 from rans.optimal.trajectory.objectives import MaximumReward, MinimumFuel, MinimumTime, Objective
 from rans.optimal.trajectory.pool import each
@@ -48,36 +48,36 @@ class Relaxed:
     """Largest distance between the optimised path and the one flown in Drake, m."""
 
 
-def objectives(protocol: Protocol, horizons: Sequence[float]) -> list[Objective]:
+def objectives(contest: Contest, horizons: Sequence[float]) -> list[Objective]:
     """Least time, least thrust-time for each horizon (s), and the greatest sum of the task's rewards."""
-    period = protocol.timing.control_period
-    greatest: Any = MaximumReward(protocol.duration, period)
+    period = contest.timing.control_period
+    greatest: Any = MaximumReward(contest.duration, period)
     return [MinimumTime(), *(MinimumFuel(horizon, period) for horizon in horizons), greatest]
 
 
-def solve(protocol: Protocol, objective: Objective, workers: int | None = None,
+def solve(contest: Contest, objective: Objective, workers: int | None = None,
           progress: Callable[[], object] = lambda: None) -> list[Relaxed]:
     """The optimum from every start.
 
     Args:
-        protocol: gives the starts.
+        contest: gives the starts.
         objective: what to minimise.
         workers: processes, by default one per processor.
         progress: called once per start.
     """
     guesses = _GUESSES if isinstance(objective, MaximumReward) else 1
-    found = optima(protocol.craft, protocol.task, objective, protocol.starts, guesses, workers, progress)
-    return [_scored(protocol, objective, one, scenario)
-            for one, scenario in zip(found, each(protocol.starts), strict=True)]
+    found = optima(contest.craft, contest.task, objective, contest.starts, guesses, workers, progress)
+    return [_scored(contest, objective, one, scenario)
+            for one, scenario in zip(found, each(contest.starts), strict=True)]
 
 
-def _scored(protocol: Protocol, objective: Objective, one: Optimum, scenario: Scenario) -> Relaxed:
+def _scored(contest: Contest, objective: Objective, one: Optimum, scenario: Scenario) -> Relaxed:
     trajectory = one.trajectory
     head = (objective, one.start, one.sentence, one.good, trajectory.seconds)
     if not one.good:
         return Relaxed(*head)
-    flight = episode(protocol.craft, protocol.task, protocol.timing, scenario, trajectory)
-    same_rate = math.isclose(trajectory.control_period, protocol.timing.control_period)
+    flight = episode(contest.craft, contest.task, contest.timing, scenario, trajectory)
+    same_rate = math.isclose(trajectory.control_period, contest.timing.control_period)
     total = float(np.sum(list(flight.rewards().values())))
     return Relaxed(
         *head, arrival=len(trajectory.commands) * trajectory.control_period,

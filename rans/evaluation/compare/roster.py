@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from rans.errors import ConfigError
-from rans.evaluation.compare.protocol import Contestant, Protocol
+from rans.evaluation.compare.contest import Contest, Contestant
 from rans.evaluation.fly.agent import LoadedRun
 from rans.evaluation.fly.contestants import contestant, is_controller
 from rans.evaluation.fly.controllers import CONTROLLERS, controller
@@ -21,8 +21,7 @@ _MODEL = "state, exact model"
 _UNTUNED = "none: default settings"
 
 
-def protocol_of(spec: str, episodes: int, seed: int = EVALUATION_SEED,
-                engine: EngineName = "fast") -> Protocol:
+def contest_of(spec: str, episodes: int, seed: int = EVALUATION_SEED, engine: EngineName = "fast") -> Contest:
     """The conditions of the first contestant, under which all others fly too.
 
     Raises:
@@ -33,29 +32,29 @@ def protocol_of(spec: str, episodes: int, seed: int = EVALUATION_SEED,
     _, craft, task, timing = contestant(spec)
     if first := next(iter(task.parts())):
         raise ConfigError(f"{spec} knows several tasks: pick one, as in {spec}#{first}.")
-    return Protocol(craft, task.for_evaluation(), timing, seed, episodes, engine)
+    return Contest(craft, task.for_evaluation(), timing, seed, episodes, engine)
 
 
-def enlist(spec: str, protocol: Protocol) -> Contestant:
+def enlist(spec: str, contest: Contest) -> Contestant:
     """The contestant of this name, if it is for the same task and spacecraft.
 
     Raises:
         ConfigError: there is none, or it is for another task, spacecraft or control rate.
     """
-    run = contestant(spec, lent=protocol.setup)
-    _check_same(spec, run, protocol)
+    run = contestant(spec, lent=contest.setup)
+    _check_same(spec, run, contest)
     simple = is_controller(spec)
     return Contestant(run.controller.name, run.controller, _MODEL if simple else _OBSERVATION, _tuning(spec))
 
 
-def _check_same(spec: str, run: LoadedRun, protocol: Protocol) -> None:
-    if type(run.task) is not type(protocol.task):
+def _check_same(spec: str, run: LoadedRun, contest: Contest) -> None:
+    if type(run.task) is not type(contest.task):
         raise ConfigError(f"{spec} is for the task {type(run.task).__name__}, but the first contestant for "
-                          f"{type(protocol.task).__name__}; compare them separately.")
-    if run.craft != protocol.craft:
+                          f"{type(contest.task).__name__}; compare them separately.")
+    if run.craft != contest.craft:
         raise ConfigError(f"{spec} is for the spacecraft {run.craft.name}, but the first contestant for "
-                          f"{protocol.craft.name}, or for other values of it; compare them separately.")
-    periods = run.timing.control_period, protocol.timing.control_period
+                          f"{contest.craft.name}, or for other values of it; compare them separately.")
+    periods = run.timing.control_period, contest.timing.control_period
     if periods[0] != periods[1]:
         raise ConfigError(f"{spec} acts every {periods[0]:g} s, but the first contestant every "
                           f"{periods[1]:g} s; compare them separately.")
@@ -81,18 +80,18 @@ def _tuning(spec: str) -> str:
     return f"training: {training['steps'] / 1e6:,.1f} M steps, {training['seconds']:.3g} s on {device}"
 
 
-def simple_controller(name: str, protocol: Protocol) -> Contestant:
+def simple_controller(name: str, contest: Contest) -> Contestant:
     """A controller of `CONTROLLERS` with its default settings.
 
     Raises:
         ConfigError: it cannot fly this spacecraft.
     """
-    made = controller(name, protocol.setup)
+    made = controller(name, contest.setup)
     return Contestant(made.name, made, _MODEL, _UNTUNED)
 
 
-def swept(name: str, protocol: Protocol) -> list[Contestant]:
+def swept(name: str, contest: Contest) -> list[Contestant]:
     """The controller with other weights, of those that have a ``sweep``."""
     sweep = getattr(CONTROLLERS[name], "sweep", None)
-    found = sweep(*protocol.setup) if sweep else {}
+    found = sweep(*contest.setup) if sweep else {}
     return [Contestant(title, one, _MODEL, f"one of {len(found)} weights") for title, one in found.items()]

@@ -11,9 +11,9 @@ import numpy as np
 
 from rans.errors import RansError
 from rans.evaluation.compare import relaxed, roster
-from rans.evaluation.compare.bounds import Bound, no_certificate
+from rans.evaluation.compare.bounds import Amounts, Bound, Event, no_certificate
 from rans.evaluation.compare.certified import certify
-from rans.evaluation.compare.protocol import Contestant, Entry, Protocol
+from rans.evaluation.compare.contest import Contest, Contestant, Entry
 from rans.evaluation.compare.relaxed import Relaxed
 from rans.evaluation.fly.controllers import BESIDE
 from rans.files import first_line
@@ -34,7 +34,7 @@ several with their number."""
 class Comparison:
     """Everything found so far."""
 
-    protocol: Protocol
+    contest: Contest
     entries: list[Entry] = field(default_factory=list)
     """Contestants in their order; the first is the one that others are compared with."""
     curve: list[Entry] = field(default_factory=list)
@@ -53,7 +53,7 @@ class Comparison:
 
     def horizons(self, shares: Sequence[float] = _HORIZONS) -> tuple[float, ...]:
         """Times at which thrust is compared, s: whole control periods."""
-        timing = self.protocol.timing
+        timing = self.contest.timing
         steps = {max(1, round(share * timing.episode_steps)) for share in shares}
         return tuple(k * timing.control_period for k in sorted(steps))
 
@@ -62,11 +62,16 @@ class Comparison:
         counts = [c.start for c in self.certified]
         return [k for k in sorted(set(counts)) if counts.count(k) == 1 + len(self.horizons())]
 
-    def bounds(self, horizon: float | None) -> tuple[np.ndarray, np.ndarray]:
-        """Lower and upper bounds of the certified starts for one question."""
-        answers = {c.start: c for c in self.certified if c.horizon == horizon}
+    def events(self) -> list[Event]:
+        """What is bounded: arrival at rest as soon as possible, and by each horizon with the least thrust."""
+        return [Event(), *(Event(horizon=horizon) for horizon in self.horizons())]
+
+    def bounds(self, event: Event) -> tuple[Amounts, Amounts]:
+        """Lower and upper bounds of the certified starts for one event of arrival."""
+        answers = {c.start: c for c in self.certified if Event(horizon=c.horizon) == event}
         rows = [answers[k] for k in self.certified_starts()]
-        return np.array([c.best for c in rows]), np.array([c.upper for c in rows])
+        lower, upper = np.array([(c.best, c.upper) for c in rows]).reshape(-1, 2).T
+        return Amounts(event, lower), Amounts(event, upper)
 
     def impossible(self) -> list[str]:
         """Flights below a certified bound: each would prove an error of ours."""
@@ -75,10 +80,8 @@ class Comparison:
 
     def _beaten(self, entry: Entry) -> list[int]:
         starts = np.array(self.certified_starts(), dtype=int)
-        low = entry.arrival[starts] < self.bounds(None)[0] - 1e-9
-        for horizon in self.horizons():
-            low |= entry.thrust_by(horizon)[starts] < self.bounds(horizon)[0] - 1e-9
-        return [int(k) for k in starts[low]]
+        low = [entry.amounts(event)[starts].below(self.bounds(event)[0]) for event in self.events()]
+        return [int(k) for k in starts[np.any(low, axis=0)]]
 
 
 def fill(comparison: Comparison, specs: Sequence[str], beside: Sequence[str] = BESIDE,
@@ -88,7 +91,7 @@ def fill(comparison: Comparison, specs: Sequence[str], beside: Sequence[str] = B
 
     Args:
         comparison: is filled step by step, so that an interrupt leaves what was finished.
-        specs: contestants, see `rans.evaluation.fly.contestants.contestant`; the first gave the protocol.
+        specs: contestants, see `rans.evaluation.fly.contestants.contestant`; the first gave the contest.
         beside: names of controllers, and "optimal".
         certified: starts whose bounds are certified.
         cache: see `certify`.
@@ -97,14 +100,14 @@ def fill(comparison: Comparison, specs: Sequence[str], beside: Sequence[str] = B
     """
     for spec in dict.fromkeys(specs):
         with _noted(comparison, spec):
-            _fly(comparison, roster.enlist(spec, comparison.protocol), spec, track, workers)
+            _fly(comparison, roster.enlist(spec, comparison.contest), spec, track, workers)
     for name in dict.fromkeys(name for name in beside if name != "optimal"):
         with _noted(comparison, name):
-            simple = roster.simple_controller(name, comparison.protocol)
+            simple = roster.simple_controller(name, comparison.contest)
             if simple.name not in comparison.names():  # nobody flies twice
                 _fly(comparison, simple, name, track, workers)
             comparison.curve += [_entry(comparison, one, track, workers)
-                                 for one in roster.swept(name, comparison.protocol)]
+                                 for one in roster.swept(name, comparison.contest)]
     if "optimal" in beside:
         _find_relaxed(comparison, track, workers)
         _find_certified(comparison, certified, cache, track, workers)
@@ -120,12 +123,12 @@ def _fly(comparison: Comparison, contestant: Contestant, spec: str, track: Track
 
 
 def _entry(comparison: Comparison, contestant: Contestant, track: Track, workers: int | None) -> Entry:
-    step = track(f"flying {contestant.name}", comparison.protocol.episodes)
-    flight, stopped = comparison.protocol.fly(contestant.controller, workers, step)
+    step = track(f"flying {contestant.name}", comparison.contest.episodes)
+    flight, stopped = comparison.contest.fly(contestant.controller, workers, step)
     if stopped:
         comparison.failures.append(f"{contestant.name}: its solver stopped {stopped} times; the plan before "
                                    "was flown on.")
-    return Entry(contestant, flight, comparison.protocol.latencies(contestant.controller))
+    return Entry(contestant, flight, comparison.contest.latencies(contestant.controller))
 
 
 @contextlib.contextmanager
@@ -140,11 +143,11 @@ def _noted(comparison: Comparison, what: str) -> Iterator[None]:
 
 
 def _find_relaxed(comparison: Comparison, track: Track, workers: int | None) -> None:
-    protocol = comparison.protocol
-    for objective in relaxed.objectives(protocol, comparison.horizons(_RELAXED)):
-        step = track(f"relaxed optimum: {objective.name}", protocol.episodes)
+    contest = comparison.contest
+    for objective in relaxed.objectives(contest, comparison.horizons(_RELAXED)):
+        step = track(f"relaxed optimum: {objective.name}", contest.episodes)
         with _noted(comparison, objective.name):
-            found = relaxed.solve(protocol, objective, workers, step)
+            found = relaxed.solve(contest, objective, workers, step)
             comparison.relaxed[objective.name] = found
             lost = [one.status for one in found if not one.solved]
             if lost:
@@ -155,13 +158,13 @@ def _find_relaxed(comparison: Comparison, track: Track, workers: int | None) -> 
 
 def _find_certified(comparison: Comparison, count: int, cache: Path | None, track: Track,
                     workers: int | None) -> None:
-    protocol, horizons = comparison.protocol, comparison.horizons()
-    count = min(count, protocol.episodes)
-    missing = no_certificate(protocol.craft, aims(protocol.task), protocol.timing.control_period)
+    contest, horizons = comparison.contest, comparison.horizons()
+    count = min(count, contest.episodes)
+    missing = no_certificate(contest.craft, aims(contest.task), contest.timing.control_period)
     if missing:
         comparison.notes.append(f"No tight certificate exists: {missing} The bounds shown let translation "
                                 "and rotation use all thrusters each, and hold for throttled thrust too.")
     step = track("certified bounds", count * (1 + len(horizons)))
     with _noted(comparison, "certified bounds"):
-        for answer in certify(protocol, count, horizons, cache, workers, step):
+        for answer in certify(contest, count, horizons, cache, workers, step):
             comparison.certified.append(answer)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rans.optimal.certificate.dual import Bound, Branch, Relaxation
+from rans.optimal.certificate.dual import Branch, DualValue, Relaxation
 
 _FARTHEST = 10.0
 """Half the edge of the largest box, in scaled costate; those of least fuel are about 1."""
@@ -33,7 +33,7 @@ class Cut:
 class Ascent:
     """Where the maximisation stopped."""
 
-    best: Bound
+    best: DualValue
     """The greatest bound found."""
     cuts: list[Cut]
     """Of every costate asked for."""

@@ -25,6 +25,10 @@ from rans.optimal.certificate.onoff import flown, fuel, nozzles
 _DEFAULT_SET = GoalSet()
 
 
+class Unreachable(ConfigError):
+    """Proven: no on/off controller is in the goal set at that time."""
+
+
 @dataclass(frozen=True)
 class Effort:
     """When to stop looking; less of it gives wider gaps, never wrong bounds."""
@@ -100,7 +104,8 @@ def least_fuel(lattice: Lattice, start: PlanarState, goal: PlanarState, steps: i
         effort: when to stop.
 
     Raises:
-        ConfigError: see `Relaxation`; or no on/off controller can be in the goal set at that time.
+        Unreachable: no on/off controller can be in the goal set at that time.
+        ConfigError: see `Relaxation`.
     """
     _check_steps(steps)
     began, cap = time.monotonic(), 8.0 * _grain(lattice)
@@ -166,8 +171,8 @@ def least_time(lattice: Lattice, start: PlanarState, goal: PlanarState, most_ste
 
 
 def _check_steps(steps: int) -> None:
-    if steps < 1:
-        raise ConfigError(f"the certificate needs at least one control period, got {steps}.")
+    if not isinstance(steps, int) or steps < 1:
+        raise ConfigError(f"the certificate needs at least one control period, a whole number, got {steps}.")
 
 
 def _grain(lattice: Lattice) -> float:
@@ -203,8 +208,8 @@ def _everything(lattice: Lattice, steps: int) -> float:
     return steps * lattice.period * forces * (1.0 + 1e-12)
 
 
-def _unreachable(lattice: Lattice, steps: int) -> ConfigError:
-    return ConfigError(f"no on/off controller can reach the goal set in {steps} control periods of "
+def _unreachable(lattice: Lattice, steps: int) -> Unreachable:
+    return Unreachable(f"no on/off controller can reach the goal set in {steps} control periods of "
                        f"{lattice.period:g} s; the usual cause is too short a time.")
 
 

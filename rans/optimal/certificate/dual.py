@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from rans.errors import ConfigError
+from rans.errors import ConfigError, NonFiniteState
 from rans.model.dynamics import PlanarState
 from rans.model.fields import wrap
 from rans.optimal.certificate.lattice import GoalSet, Lattice
@@ -21,6 +21,8 @@ _EPSILON = float(np.finfo(np.float64).eps)
 _MERGED = 3e-12
 """Patterns whose forces differ by less than 1e-12 of the largest, in x and in y, count as one."""
 _LARGEST = float(np.finfo(np.float64).max)
+_HUGE = 1e200
+"""A margin (which exceeds 1e-12 of any sum) from which on sums of costs might overflow, N s."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +61,7 @@ class Branch:
 
 
 @dataclass(frozen=True)
-class Bound:
+class DualValue:
     """What one costate proves."""
 
     value: float
@@ -85,7 +87,8 @@ class Relaxation:
         fuel: weight of the fuel: 1, or 0 to ask only whether the goal set can be reached.
 
     Raises:
-        ConfigError: no whole number of pulses ends with the goal's spin, or numba is missing.
+        ConfigError: no whole number of pulses ends with the goal's spin, a number is not finite, or numba
+            is missing.
     """
 
     def __init__(self, lattice: Lattice, start: PlanarState, goal: PlanarState, goal_set: GoalSet,
@@ -148,19 +151,24 @@ class Relaxation:
         return (self.fuel * self.lattice.period, turns, self._fixed, branch.low, branch.high,
                 branch.patterns)
 
-    def bound(self, costate: np.ndarray, branch: Branch) -> Bound:
-        """The dual function: its value is infinite where the branch holds no path."""
+    def bound(self, costate: np.ndarray, branch: Branch) -> DualValue:
+        """The dual function: its value is infinite where the branch holds no path.
+
+        Raises:
+            NonFiniteState: numbers are too large, so that infinity might mean an overflow.
+        """
+        margin = self.margin(costate)
         arguments = self._arguments(costate, branch)
         self._kernel.backward(*arguments, self._after)
         constant, slope = self.constant(costate)
         inside = branch.low[0, self._reach] <= self._origin < branch.high[0, self._reach]
         inner = self._after[0, self._reach, self._origin] if inside else np.inf
-        if not np.isfinite(inner):
-            return Bound(np.inf, np.zeros(4), costate, np.zeros(0, dtype=int))
+        if inner == np.inf:
+            return DualValue(np.inf, np.zeros(4), costate, np.zeros(0, dtype=int))
         path = self._kernel.trace(*arguments, self._after)
         gained, moved = self.effect(path)
         effect = np.array([gained.real, gained.imag, moved.real, moved.imag])
-        return Bound(constant + inner - self.margin(costate), slope + effect, costate, path)
+        return DualValue(constant + inner - margin, slope + effect, costate, path)
 
     def reachable(self) -> Branch:
         """All paths that end in the goal attitude within the cap."""
@@ -175,10 +183,10 @@ class Relaxation:
             branch: to shrink.
             limit: of the relaxation's value.
         """
-        arguments = self._arguments(costate, branch)
+        margin, arguments = self.margin(costate), self._arguments(costate, branch)
         self._kernel.backward(*arguments, self._after)
         self._kernel.forward(*arguments, self._before)
-        limit = limit - self.constant(costate)[0] + self.margin(costate)
+        limit = limit - self.constant(costate)[0] + margin
         low, high = self._kernel.shrink(self._before, self._after, limit, branch.low, branch.high)
         return replace(branch, low=low, high=high)
 
@@ -257,7 +265,11 @@ class Relaxation:
         miss = float(np.abs(costate) @ np.abs(self.miss))
         rounding = _EPSILON * (64.0 + 8.0 * angle + 2.0 * self.steps)
         relative = _MERGED + rounding + self.lattice.drift(self.steps)
-        return self.steps * stage * relative + 16.0 * _EPSILON * miss
+        found = self.steps * stage * relative + 16.0 * _EPSILON * miss
+        if not found < _HUGE:
+            raise NonFiniteState("a bound of fuel or time would overflow; the usual cause is a start, goal "
+                                 "or spacecraft with far too large numbers.")
+        return found
 
 
 def _kernel() -> Any:

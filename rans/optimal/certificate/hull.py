@@ -19,7 +19,7 @@ import numpy as np
 from rans.errors import ConfigError
 from rans.model.dynamics import State
 from rans.model.spacecraft import Spacecraft
-from rans.optimal.certificate.lattice import GoalSet
+from rans.optimal.certificate.lattice import GoalSet, check_finite
 from rans.optimal.trajectory.guess import rotation_vector
 
 _MOST_THRUSTERS = 16
@@ -47,6 +47,8 @@ class Reach:
     """Greatest torque about any axis, N m."""
     arm: float
     """Torque per newton of thrust at most, m."""
+    most: float
+    """The greatest thrust, N: turning may need more than the greatest force on B does."""
 
     @classmethod
     @cache
@@ -55,17 +57,18 @@ class Reach:
         wrenches, forces = np.array(craft.wrench_map), np.array([t.force for t in craft.thrusters])
         torques = np.linalg.norm(wrenches[:, craft.dimension:], axis=1)
         torques = np.maximum(torques, _LEVER * forces)
-        arm = float((torques / forces).max())
+        arm, most = float((torques / forces).max()), float(forces.sum())
         if craft.thrust_sharing == "split":
-            return cls(np.append(0.0, forces), np.append(0.0, forces), float(torques.max()), arm)
+            single = np.append(0.0, forces)
+            return cls(single, single, float(torques.max()), arm, float(forces.max()))
         if len(forces) > _MOST_THRUSTERS:  # no force exceeds the thrust
-            ends = np.array([0.0, forces.sum()])
-            return cls(ends, ends, float(torques.sum()), arm)
+            ends = np.array([0.0, most])
+            return cls(ends, ends, float(torques.sum()), arm, most)
         sets = (np.arange(2 ** len(forces))[:, None] >> np.arange(len(forces))) & 1
         total = sets @ wrenches
         size = np.linalg.norm(total[:, :craft.dimension], axis=1)
         turning = float(np.linalg.norm(total[:, craft.dimension:], axis=1).max())
-        return cls(*_frontier(sets @ forces, size), max(turning, _LEVER * float(forces.sum())), arm)
+        return cls(*_frontier(sets @ forces, size), max(turning, _LEVER * most), arm, most)
 
 
 def _frontier(thrust: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -86,6 +89,9 @@ def least_time(craft: Spacecraft, aims: Collection[str], start: State, goal: Sta
         start: of floats.
         goal: of floats.
         goal_set: what counts as arrived.
+
+    Raises:
+        ConfigError: the start or the goal is not finite.
     """
     reach, body = Reach.of(craft), _rotation(craft, aims, start, goal, goal_set)
     times = [_least_time(body.way, body.before, body.after, body.change, reach.torque)]
@@ -145,7 +151,7 @@ def least_fuel(craft: Spacecraft, aims: Collection[str], start: State, goal: Sta
         goal_set: what counts as arrived.
 
     Raises:
-        ConfigError: the horizon is not positive.
+        ConfigError: the horizon is not positive, or the start or the goal not finite.
     """
     if not (math.isfinite(horizon) and horizon > 0):
         raise ConfigError(f"a bound of thrust-time needs a finite horizon > 0 s, got {horizon}.")
@@ -155,7 +161,7 @@ def least_fuel(craft: Spacecraft, aims: Collection[str], start: State, goal: Sta
     turning = swing / reach.arm if swing > 0 else 0.0
     dual = _Dual(craft, aims, start, goal, horizon, goal_set)
     bound = max(turning, dual.ascend(), 0.0) * (1.0 - _ROUNDING)
-    return bound if bound <= horizon * float(reach.thrust.max()) else math.inf
+    return bound if bound <= horizon * reach.most else math.inf
 
 
 @dataclass(frozen=True)
@@ -174,6 +180,7 @@ class _Rotation:
 
 def _rotation(craft: Spacecraft, aims: Collection[str], start: Any, goal: Any,
               goal_set: GoalSet) -> _Rotation:
+    check_finite(start, goal)
     inertia = np.array([[craft.inertia[2][2]]] if craft.dimension == 2 else craft.inertia)
     moments = np.linalg.eigvalsh(inertia)
     angle = float(np.linalg.norm(rotation_vector(start.attitude.to(goal.attitude)))) - goal_set.heading

@@ -18,8 +18,8 @@ from functools import cached_property
 import numpy as np
 
 from rans.errors import ConfigError
-from rans.model.dynamics import PlanarState
-from rans.model.fields import wrap
+from rans.model.dynamics import PlanarState, State
+from rans.model.fields import leaves, wrap
 from rans.model.spacecraft import Spacecraft
 
 _LARGEST_MULTIPLE = 64
@@ -58,12 +58,13 @@ class Lattice:
         period: time for which a command is held, s.
 
     Raises:
-        ConfigError: this spacecraft has no such lattice.
+        ConfigError: this spacecraft has no such lattice, or the period is not a positive number.
     """
 
     def __init__(self, craft: Spacecraft, period: float) -> None:
+        check_period(period)
         _check(craft)
-        self.craft, self.period = craft, period
+        self.craft, self.period, self.pulse = craft, period, pulse(craft, period)
         torques = np.array([column[2] for column in craft.wrench_map])
         self.torque, self.multiples = _quantum(craft, torques)
         self.spin = self.torque * period / craft.inertia[2][2]
@@ -75,13 +76,6 @@ class Lattice:
     def drift(self, steps: int) -> float:
         """Heading by which torques that are not exact multiples may leave the lattice, rad."""
         return 0.5 * self._angular_error * (steps * self.period) ** 2
-
-    @property
-    def pulse(self) -> float | None:
-        """Fuel of one thruster open for one period where all are equally strong, N s, else None."""
-        forces = np.array([thruster.force for thruster in self.craft.thrusters])
-        equal = np.ptp(forces) <= 1e-12 * forces.max()
-        return float(forces[0]) * self.period if equal else None
 
     @property
     def parity(self) -> bool:
@@ -97,7 +91,7 @@ class Lattice:
         """
         if self.pulse is None:
             return fuel
-        count = max(0, math.ceil(fuel / self.pulse * (1.0 - 1e-12)))
+        count = round(rounded_up(fuel, self.pulse) / self.pulse)
         if self.parity and len({n % 2 for n in net}) == 1:
             count += (count - next(iter(net))) % 2
         return count * self.pulse
@@ -163,8 +157,9 @@ class GoalSet:
         """Changes of spin, in quanta, that end within the tolerance of the goal's spin.
 
         Raises:
-            ConfigError: there is none.
+            ConfigError: there is none, or start or goal are not finite.
         """
+        check_finite(start, goal)
         exact = (goal.w - start.w) / lattice.spin
         reach = self.spin / lattice.spin + 1e-9
         found = set(range(math.ceil(exact - reach), math.floor(exact + reach) + 1))
@@ -182,6 +177,31 @@ class GoalSet:
                     and (goal.v - state.v).norm() <= self.velocity
                     and abs(wrap(state.attitude.angle - goal.attitude.angle)) <= self.heading
                     and abs(state.w - goal.w) <= self.spin + 1e-9)
+
+
+def check_finite(start: State, goal: State) -> None:
+    """Refuse (`ConfigError`) states with NaN or infinity: nothing compares with them, so all seems proven."""
+    for name, state in (("start", start), ("goal", goal)):
+        if not np.isfinite(leaves(state)).all():
+            raise ConfigError(f"a bound needs a finite {name}, got {state}; did a flight diverge?")
+
+
+def check_period(period: float) -> None:
+    """Refuse (`ConfigError`) a time for which no command can be held."""
+    if not (math.isfinite(period) and period > 0):
+        raise ConfigError(f"a bound needs a finite control period > 0 s, got {period!r}.")
+
+
+def pulse(craft: Spacecraft, period: float) -> float | None:
+    """Unit of thrust-time in on/off periods, shared or not, N s; None where thrusters differ in strength."""
+    forces = np.array([thruster.force for thruster in craft.thrusters])
+    equal = np.ptp(forces) <= 1e-12 * forces.max()
+    return float(forces[0]) * period if equal else None
+
+
+def rounded_up(value: float, unit: float) -> float:
+    """The least whole multiple of a unit that is not below a value by more than rounding."""
+    return max(0, math.ceil(value / unit * (1.0 - 1e-12))) * unit if math.isfinite(value) else value
 
 
 def _check(craft: Spacecraft) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 from rans.model.body import Body
 from rans.model.dynamics import PlanarState, advance, wrench
 from rans.model.spacecraft import Spacecraft
-from rans.optimal.certificate.dual import Bound, Relaxation
+from rans.optimal.certificate.dual import DualValue, Relaxation
 
 _SIDES = 16
 """Of the polygon inside the goal's discs: it gives away 2 % of their radius."""
@@ -35,7 +35,7 @@ def fuel(craft: Spacecraft, commands: np.ndarray, period: float) -> float:
     return float(commands.sum(axis=0) @ [thruster.force for thruster in craft.thrusters]) * period
 
 
-def nozzles(relaxation: Relaxation, path: np.ndarray, bound: Bound, limit: float,
+def nozzles(relaxation: Relaxation, path: np.ndarray, bound: DualValue, limit: float,
             seconds: float) -> np.ndarray | None:
     """Commands that turn the spacecraft as the path does and end in the goal set, if any are found.
 
@@ -72,7 +72,7 @@ def flown(relaxation: Relaxation, path: np.ndarray, limit: float) -> np.ndarray 
     return commands if goal_set.contains(final, relaxation.goal) else None
 
 
-def _choices(relaxation: Relaxation, path: np.ndarray, bound: Bound,
+def _choices(relaxation: Relaxation, path: np.ndarray, bound: DualValue,
              limit: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Period and pattern of every choice worth offering, and its velocity and position at the end."""
     patterns = relaxation.lattice.patterns

@@ -21,7 +21,7 @@ from rans.tasks.rewards import Transition
 
 
 @dataclass(frozen=True)
-class Path:
+class SymbolicTrajectory:
     """A trajectory in CasADi's symbols, T control periods long."""
 
     craft: Spacecraft
@@ -66,7 +66,7 @@ class Objective(Protocol):
         """s; None where the optimiser chooses it."""
         ...
 
-    def cost(self, path: Path) -> Any:
+    def cost(self, path: SymbolicTrajectory) -> Any:
         """What to minimise, of a trajectory's symbols."""
         ...
 
@@ -106,7 +106,7 @@ class _GivenTime(ABC):
         return max(1, round(self.horizon / self.control_period))
 
     @abstractmethod
-    def cost(self, path: Path) -> Any:
+    def cost(self, path: SymbolicTrajectory) -> Any:
         """See `Objective`."""
 
 
@@ -120,7 +120,7 @@ class MinimumFuel(_GivenTime):
     kind = "minimum fuel"
     measure = "fuel N s"
 
-    def cost(self, path: Path) -> Any:
+    def cost(self, path: SymbolicTrajectory) -> Any:
         """Thrust times time, summed over the thrusters, N s."""
         return path.period * ca.dot(_forces(path.craft), ca.sum2(path.commands))
 
@@ -135,7 +135,7 @@ class MinimumEnergy(_GivenTime):
     kind = "minimum energy"
     measure = "energy N^2 s"
 
-    def cost(self, path: Path) -> Any:
+    def cost(self, path: SymbolicTrajectory) -> Any:
         """The integral of the sum of the thrusters' squared forces, N^2 s."""
         return path.period * ca.dot(_forces(path.craft) ** 2, ca.sum2(path.commands**2))
 
@@ -158,7 +158,7 @@ class QuadraticTracking(_GivenTime):
         """See `Objective`."""
         return "free"
 
-    def cost(self, path: Path) -> Any:
+    def cost(self, path: SymbolicTrajectory) -> Any:
         """The integral of |residual - target|^2 + weight |commands|^2 over time, s."""
         (state, goal), arguments = _symbols(path)
         gap = sum(x**2 for x in residual(path.task, state, goal))
@@ -185,7 +185,7 @@ class MaximumReward(_GivenTime):
         """See `Objective`."""
         return "free"
 
-    def cost(self, path: Path) -> Any:
+    def cost(self, path: SymbolicTrajectory) -> Any:
         """Minus the return: the sum of all terms of `Task.reward` over all steps."""
         (state, goal), arguments = _symbols(path)
         now, before = ([ca.SX.sym("u") for _ in path.craft.thrusters] for _ in range(2))  # type: ignore[call-arg]
@@ -221,7 +221,7 @@ class MinimumTime:
         if self.intervals < 1:
             raise ConfigError(f"minimum time: intervals must be >= 1, got {self.intervals}.")
 
-    def cost(self, path: Path) -> Any:
+    def cost(self, path: SymbolicTrajectory) -> Any:
         """Time of arrival, s."""
         return self.intervals * path.period
 
@@ -230,12 +230,12 @@ def _forces(craft: Spacecraft) -> ca.DM:
     return ca.DM([thruster.force for thruster in craft.thrusters])
 
 
-def _symbols(path: Path) -> tuple[list[Any], list[ca.SX]]:
+def _symbols(path: SymbolicTrajectory) -> tuple[list[Any], list[ca.SX]]:
     """A state and a goal of SX symbols, and the columns of their leaves."""
     like = scenario(path.task, path.craft.dimension, seed=0, episode=0)
     states: list[Any] = [map_leaves(lambda _: ca.SX.sym("s"), s) for s in (like.start, like.goal)]  # type: ignore[call-arg]
     return states, [ca.vertcat(*leaves(s)) for s in states]
 
 
-def _each_step(path: Path) -> Any:
+def _each_step(path: SymbolicTrajectory) -> Any:
     return ca.repmat(path.goal, 1, path.states.shape[1])

@@ -24,7 +24,7 @@ from rans.model.spacecraft import Spacecraft, controls_every_direction
 from rans.optimal.trajectory.allocation import Allocation
 from rans.optimal.trajectory.arrival import Arrival, aims
 from rans.optimal.trajectory.guess import guess, needed_wrenches, transfer_time
-from rans.optimal.trajectory.objectives import Objective, Path
+from rans.optimal.trajectory.objectives import Objective, SymbolicTrajectory
 from rans.optimal.trajectory.smoothing import ROUNDINGS
 from rans.scenario import scenario
 from rans.tasks.base import Task
@@ -147,7 +147,7 @@ class Transcription:
         if self._craft.thrust_sharing == "split":
             constraints.append(ca.sum1(commands).T)
         corner = ca.MX.sym("corner")  # type: ignore[call-arg]
-        path = Path(self._craft, self._task, after, commands, period, goal, corner)
+        path = SymbolicTrajectory(self._craft, self._task, after, commands, period, goal, corner)
         cost = self._objective.cost(path)
         problem = {"x": variables, "p": ca.vertcat(start, goal, corner), "g": ca.vertcat(*constraints),
                    "f": cost}

@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
+from rans.errors import ConfigError
 from rans.evaluation.compare.bounds import Bound, Question, bounds, goal_set, no_certificate, table
 from rans.model.fields import Heading, Vec2
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
-from rans.optimal.certificate.certificate import Effort
+from rans.optimal.certificate.certificate import Effort, Unreachable
+from rans.optimal.certificate.lattice import GoalSet
 from rans.optimal.trajectory.arrival import aims
 from rans.optimal.trajectory.pool import each
 from rans.scenario import Scenario, scenarios
-from rans.tasks import GoToPose, GoToPosition, Task
+from rans.tasks import GoToPose, GoToPosition, Task, TrackVelocity
+from tests.crafts import nasty_planar
 
 PLATFORM, TASK = load_spacecraft("floating-platform"), GoToPose(spawn_distance=(0.5, 0.6))
 
@@ -43,7 +47,9 @@ def test_hull_is_below_certificate_is_below_control_found() -> None:
 def test_where_no_certificate_exists_the_hull_counts(craft: Spacecraft, task: Task, reason: str) -> None:
     assert reason in no_certificate(craft, aims(task), 0.2)
     found = asked(craft, task, scenarios(task, craft, 5, 2), 10.0)
-    assert all(answer.lower is None and answer.best == answer.hull > 0 for answer in found)
+    assert all(answer.lower is None and answer.best >= answer.hull > 0 for answer in found)
+    assert [answer.best for answer in found] == pytest.approx([  # whole pulses of 0.2 N s
+        math.ceil(answer.hull / 0.2) * 0.2 for answer in found])
     assert table("no", "N s", found, [math.nan, 5.0]).row_count == 2
 
 
@@ -61,7 +67,8 @@ def test_a_spin_that_no_pulse_stops_has_no_certificate() -> None:
     question = Question(PLATFORM, tuple(sorted(aims(TASK))), goal_set(TASK), 0.2, None, Effort(5.0), spinning)
     [(_, answer)] = bounds([question], [7], 1)
     assert (answer.start, answer.lower, answer.upper) == (7, None, math.inf)
-    assert answer.best == answer.hull > 0
+    assert answer.hull > 0
+    assert answer.best == pytest.approx(math.ceil(answer.hull / 0.2) * 0.2)  # whole periods
 
 
 def test_who_is_there_already_needs_nothing() -> None:
@@ -71,3 +78,119 @@ def test_who_is_there_already_needs_nothing() -> None:
     question = Question(PLATFORM, tuple(sorted(aims(TASK))), goal_set(TASK), 0.2, None, Effort(5.0), there)
     [(_, answer)] = bounds([question], [0], 1)
     assert answer.hull == answer.lower == answer.upper == 0.0
+
+
+def one_start(**changes: Any) -> Question:
+    [one] = each(scenarios(TASK, PLATFORM, 5, 1))
+    question = Question(PLATFORM, tuple(sorted(aims(TASK))), goal_set(TASK), 0.2, None, Effort(5.0), one)
+    return question._replace(**changes)
+
+
+def test_while_a_gap_is_open_only_its_lower_end_is_proven() -> None:
+    assert Bound(0, None, 1.0, 2.0, 3.0).best == 2.0
+    assert Bound(0, None, 1.0, 2.0, math.inf).best == 2.0
+    assert Bound(0, None, 2.5, 2.0, 3.0).best == 2.5  # both are proofs
+    assert Bound(0, None, 1.0).best == 1.0
+    assert Bound(0, None, 1.01, unit=0.2).best == pytest.approx(1.2)
+    assert Bound(0, None, 1.0 - 1e-15, unit=0.2).best == pytest.approx(1.0)
+    assert Bound(0, None, math.inf, unit=0.2).best == math.inf
+
+
+def test_unequal_thrusters_have_no_pulse_to_round_to() -> None:
+    [(_, answer)] = bounds([one_start(craft=nasty_planar(), horizon=10.0)], [0], 1)
+    assert answer.unit == 0.0
+    assert answer.best == answer.hull > 0
+
+
+@pytest.mark.parametrize("periods", [43, 81, 86, 91])
+def test_horizons_are_whole_periods(periods: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """0.2 s times these, over 0.2 s again, is just below the whole number."""
+    assert int(periods * 0.2 / 0.2) == periods - 1
+    asked: list[int] = []
+
+    def search(lattice: object, begin: object, end: object, steps: int, *rest: object) -> Any:
+        asked.append(steps)
+        raise Unreachable("not today")
+
+    monkeypatch.setattr("rans.evaluation.compare.bounds.least_fuel", search)
+    [(_, answer)] = bounds([one_start(horizon=periods * 0.2)], [0], 1)
+    assert asked == [periods]
+    assert answer.lower == math.inf
+
+
+@pytest.mark.parametrize(("changes", "sentence"), [
+    ({"horizon": 10.1}, r"whole control periods of 0\.2 s, got 10\.1 s"),
+    ({"horizon": 0.05}, "whole control periods"), ({"horizon": math.nan}, "whole control periods"),
+    ({"horizon": math.inf}, "whole control periods"), ({"horizon": -2.0}, "whole control periods"),
+    ({"period": 0.0}, r"control period > 0 s, got 0\.0"), ({"period": math.nan}, "control period > 0 s"),
+    ({"period": -0.2}, "control period > 0 s"), ({"period": math.inf}, "control period > 0 s"),
+])
+def test_times_that_bound_nothing(changes: dict[str, float], sentence: str) -> None:
+    with pytest.raises(ConfigError, match=sentence):
+        list(bounds([one_start(**changes)], [0], 1))
+
+
+@pytest.mark.parametrize("horizon", [None, 4.0])
+@pytest.mark.parametrize(("field", "value"), [("w", math.nan), ("p", Vec2(math.nan, 0.0)),
+                                              ("v", Vec2(math.inf, 0.0)), ("attitude", Heading(math.nan))])
+def test_what_is_not_finite_is_not_bounded(horizon: float | None, field: str, value: Any) -> None:
+    """It would compare with nothing, and so look impossible at every horizon."""
+    question = one_start(horizon=horizon)
+    one: Any = question.scenario
+    for name in ("start", "goal"):
+        wrong = replace(one, **{name: replace(getattr(one, name), **{field: value})})
+        with pytest.raises(ConfigError, match=f"finite {name}"):
+            list(bounds([question._replace(scenario=wrong)], [0], 1))
+
+
+def test_a_missing_package_proves_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Only a proof makes a bound infinite; whatever else stops the search is an error."""
+    def missing() -> None:
+        raise ConfigError("install numba")
+
+    monkeypatch.setattr("rans.optimal.certificate.dual._kernel", missing)
+    for horizon in (None, 10.0):
+        with pytest.raises(ConfigError, match="install numba"):
+            list(bounds([one_start(horizon=horizon)], [0], 1))
+
+
+def test_what_is_looked_for_is_what_was_asked() -> None:
+    """Least time in s, least thrust-time in N s; by which the commands found are judged."""
+    [(_, timed)] = bounds([one_start()], [3], 1)
+    [(_, fuelled)] = bounds([one_start(horizon=6.0)], [4], 1)
+    assert (timed.start, timed.horizon, fuelled.start, fuelled.horizon) == (3, None, 4, 6.0)
+    assert timed.commands is not None
+    assert fuelled.commands is not None
+    assert len(timed.commands) * 0.2 == pytest.approx(timed.upper)
+    assert len(fuelled.commands) == 30
+    assert 0.2 * sum(map(sum, fuelled.commands)) == pytest.approx(fuelled.upper)
+    assert (timed.unit, fuelled.unit) == (0.2, 0.2)
+
+
+def test_goal_set_of_a_task() -> None:
+    """Tolerances of the task, rest (5 cm/s, 5 degrees/s) beside a place, nothing for what is left open."""
+    degrees = math.radians(5.0)
+    assert goal_set(GoToPose()) == GoalSet(0.05, 0.05, degrees, degrees)
+    tracked = TrackVelocity()
+    assert goal_set(tracked) == GoalSet(0.0, tracked.tolerances()["velocity"], 0.0, degrees)
+
+
+def test_the_table_shows_every_number() -> None:
+    answers = [Bound(4, 8.0, 1.0, 2.0, 2.5), Bound(5, 8.0, 1.25), Bound(6, 8.0, 1.0, math.inf)]
+    shown = table("why", "N s", answers, [1.5, math.nan, 2.0])
+    cells = [list(column.cells) for column in shown.columns]
+    assert cells == [["4", "5", "6"], ["1.000", "1.250", "1.000"], ["1.500", "-", "2.000"],
+                     ["2.000", "-", "inf"], ["2.500", "-", "inf"], ["25.0 %", "-", "-"]]
+    assert (shown.title, shown.caption) == ("What nothing can beat: N s", "why")
+
+
+def test_least_time_is_looked_for_up_to_25_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[int] = []
+
+    def search(lattice: object, begin: object, end: object, steps: int, *rest: object) -> Any:
+        asked.append(steps)
+        raise Unreachable("not today")
+
+    monkeypatch.setattr("rans.evaluation.compare.bounds.least_time", search)
+    list(bounds([one_start(), one_start(period=0.25), one_start(period=30.0)], [0, 1, 2], 1))
+    assert asked == [125, 100, 1]

@@ -15,6 +15,7 @@ from rans.model.fields import map_leaves
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.optimal.trajectory.objectives import MinimumFuel, MinimumTime
+from rans.optimal.trajectory.pool import each
 from rans.optimal.trajectory.transcription import Trajectory
 from rans.reference.flight import replay
 from rans.scenario import Scenario, scenarios
@@ -86,3 +87,47 @@ def test_files_hold_everything(tmp_path: Path) -> None:
         path: Trajectory = answers[2].trajectory
         column = list(arrays["leaves"]).index("heading")
         assert np.array_equal(arrays["states"][2, :, column], path.states.attitude.angle)
+
+
+def made_up(count: int, period: float, solved: bool = True) -> Trajectory:
+    """Rest at the start's place, T periods of nothing."""
+    [first, *_] = each(starts(1))
+    states = map_leaves(lambda x: np.full(count + 1, x), first.start)
+    shut = np.zeros((count, 8))
+    return Trajectory("nothing", "Solve_Succeeded", solved, 1.5, states, shut, period, 7, 0.25)
+
+
+@pytest.mark.parametrize(("count", "period", "steps"), [
+    (10, 0.2, 25), (30, 0.2, 30), (4, 0.3, 17), (5, 5 / 3, 5), (25, 0.2, 25)])
+def test_a_flight_lasts_an_episode(count: int, period: float, steps: int) -> None:
+    """5 s in whole periods of its own, and longer only if the trajectory is."""
+    [scenario] = each(starts(1))
+    flight = optima.episode(PLATFORM, TASK, Timing(0.2, episode_steps=25), scenario, made_up(count, period))
+    assert flight.timing == Timing(control_period=period, episode_steps=steps)
+    assert flight.commands.shape == (steps, 1, 8)
+    assert len(flight.states.p.x) == steps + 1
+    assert flight.engine == "drake"
+
+
+def test_those_of_one_rate_fly_together(monkeypatch: pytest.MonkeyPatch) -> None:
+    rates = [0.2, 0.3, 0.2, 0.2, 0.3, 0.2]
+    found = [made_up(4, rate, solved=k != 3) for k, rate in enumerate(rates)]
+    assert list(optima._groups(found)) == [[0, 2, 5], [1, 4]]
+    monkeypatch.setattr(optima, "_AT_ONCE", 2)
+    assert list(optima._groups(found)) == [[0, 2], [5], [1, 4]]
+
+
+def test_a_row_of_numbers() -> None:
+    """2 cm and 1 degree off at the end, 0.4 mm from Drake's path, 250 ms."""
+    answer = optima.Optimum(3, made_up(4, 0.2), 4e-4, {"position": 0.02, "attitude": math.radians(1.0)})
+    shown = optima.table("title", FUEL, [answer, replace(answer, start=4, replay_error=0.002)])
+    cells = [list(column.cells) for column in shown.columns]
+    assert cells == [["3", "4"], ["1.500"] * 2, ["2.000"] * 2, ["1.000"] * 2, ["0.400", "2.000"], ["7"] * 2,
+                     ["250"] * 2, ["solved", "lost"]]
+    assert str(shown.caption) == "Start 4: solved, but Drake flies elsewhere."
+    row = answer.to_json()
+    assert (row["cost"], row["time"], row["seconds"], row["replay_error"]) == (1.5, 0.8, 0.25, 4e-4)
+    assert (row["start"], row["good"], row["iterations"], row["attempts"]) == (3, True, 7, 1)
+    assert replace(answer, trajectory=made_up(4, 0.2, solved=False)).to_json()["time"] is None
+    assert answer.good
+    assert not replace(answer, replay_error=math.nan).good

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,11 +13,12 @@ import pytest
 
 from rans.errors import ConfigError
 from rans.evaluation.compare import run
-from rans.evaluation.compare.bounds import Bound
+from rans.evaluation.compare.bounds import Bound, Event
 from rans.evaluation.compare.certified import certify
-from rans.evaluation.compare.protocol import Protocol, arrived
-from rans.evaluation.compare.roster import protocol_of
+from rans.evaluation.compare.contest import Contest, Contestant, Entry, arrived
+from rans.evaluation.compare.roster import contest_of
 from rans.evaluation.compare.run import Comparison, fill
+from rans.evaluation.fly.user_policies import user_policy
 from rans.files import plain
 from rans.flight import fly
 from rans.model.fields import map_leaves
@@ -28,12 +30,14 @@ from rans.show.comparison_page import TEXT, _middle, page
 from rans.show.comparison_tables import RETURN, best_returns, differences, gaps, scoreboard, to_json
 from rans.show.report import comparison_section
 from rans.tasks import GoToPose
+from tests.evaluation.flights import flight_of
 
+SWEEP = (0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0)
 IDLE = "python:tests.evaluation.policies:idle"
 SPECS = ["lqr:go-to-pose-2d", IDLE, "python:tests.evaluation.policies:broken", "runs/nobody",
          "lqr:go-to-pose-3d", "mpc:track-velocity-2d", "lqr:go-to-pose-2d@floating-platform-shared"]
 NEAR = GoToPose(evaluation_distance=(0.8, 0.9)).for_evaluation()
-PROTOCOL = Protocol(load_spacecraft("floating-platform"), NEAR, Timing(episode_steps=30), 4, 3)
+CONTEST = Contest(load_spacecraft("floating-platform"), NEAR, Timing(episode_steps=30), 4, 3)
 """Starts so near that the searches take little time."""
 
 
@@ -44,7 +48,7 @@ def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def comparison(cache: Path) -> Comparison:
-    found = Comparison(PROTOCOL)
+    found = Comparison(CONTEST)
     fill(found, SPECS, ("lqr", "optimal"), certified=2, cache=cache, workers=1)
     return found
 
@@ -117,7 +121,7 @@ def test_controls_found_fly_into_the_goal_set(comparison: Comparison) -> None:
     assert found
     for answer in found:
         commands = np.array(answer.commands, dtype=float)
-        flight = fly(PROTOCOL.craft, PROTOCOL.task, Script(commands), PROTOCOL.start(answer.start),
+        flight = fly(CONTEST.craft, CONTEST.task, Script(commands), CONTEST.start(answer.start),
                      Timing(episode_steps=len(commands)))
         assert arrived(flight.task, flight.states, flight.goals)[-1, 0]
         spent = 0.2 * commands.sum() if answer.horizon else 0.2 * len(commands)
@@ -129,16 +133,16 @@ def test_bounds_are_kept_for_the_next_time(comparison: Comparison, cache: Path,
     searched: list[object] = []
     monkeypatch.setattr("rans.evaluation.compare.certified.bounds",
                         lambda asked, *_: searched.extend(asked) or ())
-    again = list(certify(PROTOCOL, 2, comparison.horizons(), cache))
+    again = list(certify(CONTEST, 2, comparison.horizons(), cache))
     assert not searched
     key = lambda c: (c.start, c.horizon or 0.0)  # noqa: E731
     assert sorted(again, key=key) == sorted(comparison.certified, key=key)
-    other = replace(PROTOCOL, seed=5)  # other starts have other bounds
+    other = replace(CONTEST, seed=5)  # other starts have other bounds
     assert not list(certify(other, 1, (), cache))
     assert len(searched) == 1
     cache.write_text('{"key": 3}')
     with pytest.raises(ConfigError, match=r"bounds\.json does not hold bounds; delete it"):
-        list(certify(PROTOCOL, 1, (), cache))
+        list(certify(CONTEST, 1, (), cache))
 
 
 def test_horizon_that_nobody_can_meet(comparison: Comparison) -> None:
@@ -206,7 +210,7 @@ def test_files_for_others(comparison: Comparison) -> None:
 @pytest.mark.parametrize("spec", ["lqr:go-to-pose-3d", "lqr:track-velocity-2d", "lqr:go-to-position-2d"])
 def test_tasks_without_certificate_say_so(spec: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("rans.evaluation.compare.relaxed.objectives", lambda *_: [])
-    found = Comparison(replace(protocol_of(spec, 2), timing=Timing(episode_steps=20)))
+    found = Comparison(replace(contest_of(spec, 2), timing=Timing(episode_steps=20)))
     fill(found, [spec], ["lqr", "optimal"], certified=2)
     assert found.failures == []
     assert len(found.notes) == 1
@@ -220,7 +224,7 @@ def test_interrupt_keeps_what_is_finished(monkeypatch: pytest.MonkeyPatch) -> No
 
     monkeypatch.setattr(run, "certify", interrupted)
     monkeypatch.setattr("rans.evaluation.compare.relaxed.objectives", lambda *_: [])
-    found = Comparison(PROTOCOL)
+    found = Comparison(CONTEST)
     with pytest.raises(KeyboardInterrupt):
         fill(found, ["lqr:go-to-pose-2d"], ["optimal"])
     assert [entry.name for entry in found.entries] == ["LQR"]
@@ -228,7 +232,7 @@ def test_interrupt_keeps_what_is_finished(monkeypatch: pytest.MonkeyPatch) -> No
 
 
 def test_half_certified_starts_are_left_out() -> None:
-    found = Comparison(PROTOCOL)
+    found = Comparison(CONTEST)
     found.certified += [Bound(0, None, 1.0), Bound(1, None, 1.0)]
     found.certified += [Bound(1, horizon, 1.0) for horizon in found.horizons()]
     assert found.certified_starts() == [1]
@@ -241,9 +245,89 @@ def test_half_certified_starts_are_left_out() -> None:
 ])
 def test_without_a_first_contestant_there_is_nothing(spec: str, episodes: int, sentence: str) -> None:
     with pytest.raises(ConfigError, match=sentence):
-        protocol_of(spec, episodes)
+        contest_of(spec, episodes)
 
 
 def test_states_are_those_of_the_protocol() -> None:
-    start = PROTOCOL.start(2)
-    np.testing.assert_array_equal(map_leaves(lambda x: x[2:3], PROTOCOL.starts).start.p.x, start.start.p.x)
+    start = CONTEST.start(2)
+    np.testing.assert_array_equal(map_leaves(lambda x: x[2:3], CONTEST.starts).start.p.x, start.start.p.x)
+
+
+def by_hand(arrival: float, thrust: float, bounds: dict[float | None, Bound]) -> Comparison:
+    """Two starts; a flight that is in the goal set from an instant on, having spent as much until then."""
+    steps = CONTEST.timing.episode_steps
+    distance = np.where(np.arange(steps + 1)[:, None] * 0.2 >= arrival - 1e-9, [[0.01, 0.01]], 1.0)
+    commands = np.zeros((steps, 2, 8))
+    commands[:round(thrust / 0.2), :, 0] = 1.0
+    flight = replace(flight_of(distance, 0.0, commands), timing=CONTEST.timing)
+    found = Comparison(replace(CONTEST, episodes=2))
+    who = Contestant("x", user_policy(IDLE, CONTEST.craft, CONTEST.task), "", "")
+    found.entries.append(Entry(who, flight, np.zeros(1)))
+    for start in (0, 1):
+        for horizon in (None, *found.horizons()):
+            given = bounds.get(horizon, Bound(start, horizon, 0.1)) if start else Bound(start, horizon, 0.1)
+            found.certified.append(replace(given, start=start, horizon=horizon))
+    return found
+
+
+def test_each_flight_is_held_against_the_bound_of_its_event() -> None:
+    """Arrives at 2 s and spends 1 N s, then rests; horizons of 1.4, 2, 2.4, 3.6 and 4.8 s."""
+    loose = by_hand(2.0, 1.0, {})
+    assert loose.horizons() == pytest.approx((1.4, 2.0, 2.4, 3.6, 4.8))
+    assert loose.impossible() == []
+    last = loose.horizons()[-1]
+    said = ["x beats the certified bound from start 1: the certificate or a flight is wrong."]
+    # 1.8 N s by 4.8 s is more than the 1 N s spent, though less than the 2 s of arrival
+    assert by_hand(2.0, 1.0, {last: Bound(1, last, 1.8)}).impossible() == said
+    assert by_hand(2.0, 1.0, {None: Bound(1, None, 1.8)}).impossible() == []
+    assert by_hand(2.0, 1.0, {None: Bound(1, None, 2.2)}).impossible() == said
+    assert by_hand(2.0, 3.0, {last: Bound(1, last, 2.5)}).impossible() == []
+    # an open gap: what the best controls found need is no bound
+    assert by_hand(2.0, 1.0, {None: Bound(1, None, 1.0, 1.8, 2.6)}).impossible() == []
+    # exactly at the bound, but for rounding
+    assert by_hand(2.0, 1.0, {last: Bound(1, last, 1.0 + 1e-12)}).impossible() == []
+
+
+def test_bounds_are_lower_and_upper_ends() -> None:
+    gap = by_hand(2.0, 1.0, {None: Bound(1, None, 1.0, 1.8, 2.6)})
+    lower, upper = gap.bounds(Event())
+    assert (lower.values.tolist(), upper.values.tolist()) == ([0.1, 1.8], [math.inf, 2.6])
+    assert lower.event == upper.event == Event()
+    assert [event.horizon for event in gap.events()] == [None, *gap.horizons()]
+    ratios = gaps(gap)
+    assert ratios["time"]["x"] == pytest.approx([20.0, 2.0 / 1.8])
+    assert ratios["thrust-time by 4.8 s"]["x"] == pytest.approx([10.0, 10.0])
+    assert np.isinf(ratios["thrust-time by 1.4 s"]["x"]).all()
+
+
+def test_horizons_are_shares_of_an_episode() -> None:
+    """6, 8, 10, 15 and 20 s of 25 s; of very short episodes at least one period."""
+    usual = Comparison(replace(CONTEST, timing=Timing()))
+    assert usual.horizons() == pytest.approx((6.0, 8.0, 10.0, 15.0, 20.0))
+    assert Comparison(replace(CONTEST, timing=Timing(episode_steps=1))).horizons() == (0.2,)
+    assert usual.horizons((0.4,)) == pytest.approx((10.0,))
+
+
+def test_steps_of_every_piece_of_work_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What begins and how many steps it has: what a progress bar shows."""
+    monkeypatch.setattr("rans.evaluation.compare.relaxed.objectives", lambda *_: [])
+    told: dict[str, int] = {}
+    done: list[object] = []
+
+    def track(what: str, count: int) -> Callable[..., object]:
+        told[what] = count
+        return lambda *_: done.append(what)
+
+    found = Comparison(CONTEST)
+    monkeypatch.setattr(run, "certify", lambda *given: iter(()))
+    fill(found, ["lqr:go-to-pose-2d"], ["optimal"], certified=99, track=track)
+    assert told == {"flying LQR": 3, "certified bounds": 3 * 6}  # no more starts than there are
+    assert found.curve == []
+
+
+def test_nobody_flies_twice_and_names_differ(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = Comparison(replace(CONTEST, episodes=1, timing=Timing(episode_steps=3)))
+    fill(found, ["lqr:go-to-pose-2d", "lqr:go-to-pose-2d", "lqr:go-to-pose-2d@floating-platform"], ["lqr"])
+    assert [entry.name for entry in found.entries] == ["LQR", "lqr:go-to-pose-2d@floating-platform"]
+    assert len(found.curve) == len(SWEEP)
+    assert found.failures == []

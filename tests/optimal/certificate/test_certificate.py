@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import dataclasses
+import itertools
 import math
+from collections.abc import Callable
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rans.errors import ConfigError
+from rans.errors import ConfigError, NonFiniteState
 from rans.flight import fly
 from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading, Vec2, map_leaves
+from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.optimal.certificate import hull
@@ -28,17 +33,18 @@ from rans.reference.flight import rows_from_states, states_from_rows
 from rans.reference.plant import Plant
 from rans.scenario import scenarios
 from rans.tasks import GoToPose
-from tests.optimal.tiny import PERIOD, Flown, fly_everything, instance, lopsided
+from tests.optimal.tiny import PERIOD, Flown, doubled, fly_everything, instance, lopsided, through
 
 PLATFORM = load_spacecraft("floating-platform")
-CRAFTS = {"floating-platform": (PLATFORM, 2), "lopsided": (lopsided(), 3)}
+CRAFTS = {"floating-platform": (PLATFORM, 2), "lopsided": (lopsided(), 3), "through": (through(), 3),
+          "doubled": (doubled(), 3)}
 SNUG = GoalSet(0.01, 0.01, 0.03)
 multipliers = st.lists(st.floats(-30.0, 30.0, allow_subnormal=False), min_size=4, max_size=4)
 
 
 @lru_cache
 def tiny(name: str, seed: int) -> tuple[Relaxation, PlanarState, Flown]:
-    """65,536 or 32,768 sequences."""
+    """65,536, 32,768 or 4,096 sequences."""
     craft, steps = CRAFTS[name]
     start, goal, flown = instance(craft, steps, seed)
     return Relaxation(Lattice(craft, PERIOD), start, goal, SNUG, steps, None), goal, flown
@@ -75,8 +81,77 @@ def test_least_fuel_against_brute_force(name: str, seed: int) -> None:
     assert answer.commands is not None
     assert SNUG.contains(replay(craft, start, answer.commands, PERIOD), goal)
     assert answer.upper == pytest.approx(fuel(craft, answer.commands, PERIOD))
-    if name == "floating-platform":  # whole pulses: branching closes the gap
+    if name != "lopsided":  # whole pulses: branching closes the gap
         assert answer.lower == pytest.approx(answer.upper)
+
+
+@pytest.mark.parametrize("build", [through, doubled, lopsided], ids=lambda build: build.__name__)
+def test_least_fuel_of_every_goal_is_that_of_brute_force(build: Callable[[], Spacecraft]) -> None:
+    """Every other goal is one that an odd number of pulses reaches; nothing is gained by parity alone."""
+    craft, tight = build(), GoalSet(1e-6, 1e-6, 1e-6)
+    start = PlanarState(Vec2(0.2, -0.1), Heading(0.4), Vec2(0.05, 0.1), 0.3)
+    flown = fly_everything(craft, start, 2)
+    lattice = Lattice(craft, PERIOD)
+    for k in np.random.default_rng(3).integers(0, len(flown.fuel), 12):
+        goal = map_leaves(lambda x, k=k: float(x[k]), flown.final)
+        reached = flown.arrived(goal, tight, ("position", "velocity", "heading", "spin"))
+        answer = least_fuel(lattice, start, goal, 2, tight)
+        assert answer.lower <= flown.fuel[reached].min() + 1e-12
+        assert answer.upper == pytest.approx(flown.fuel[reached].min())
+
+
+def test_in_whole_pulses_the_next_fuel_is_one_that_exists() -> None:
+    """Two of the nozzles turn nothing: any number of pulses ends with any spin there is."""
+    lattice, fuels = Lattice(through(), PERIOD), set()
+    for choice in itertools.product(range(16), repeat=2):
+        commands = np.array([[n >> i & 1 for i in range(4)] for n in choice])
+        fuels.add((int((commands @ lattice.multiples).sum()), int(commands.sum())))
+    for net, pulses in fuels:
+        assert lattice.next_fuel((pulses - 0.5) * PERIOD, {net}) == pytest.approx(pulses * PERIOD)
+        assert lattice.fuel_above((pulses - 1) * PERIOD, {net}) == pytest.approx(pulses * PERIOD)
+
+
+@pytest.mark.parametrize("name", ["through", "doubled"])
+@pytest.mark.parametrize("seed", range(4))
+def test_least_time_of_crafts_without_parity(name: str, seed: int) -> None:
+    craft, most = CRAFTS[name]
+    start, goal, _ = instance(craft, most, seed)
+    names = ("position", "velocity", "heading", "spin")
+    first = next(steps for steps in (1, 2, 3)
+                 if fly_everything(craft, start, steps).arrived(goal, SNUG, names).any())
+    answer = least_time(Lattice(craft, PERIOD), start, goal, most, SNUG)
+    assert (answer.lower, answer.upper) == pytest.approx((first * PERIOD, first * PERIOD))
+
+
+@pytest.mark.parametrize(("field", "value"), [("w", math.nan), ("w", math.inf), ("p", Vec2(math.nan, 0.0)),
+                                              ("v", Vec2(0.0, math.inf)), ("attitude", Heading(math.nan))])
+def test_numbers_that_are_none_prove_nothing(field: str, value: Any) -> None:
+    rest = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
+    lattice, wrong = Lattice(PLATFORM, PERIOD), dataclasses.replace(rest, **{field: value})
+    for start, goal, name in ((wrong, rest, "start"), (rest, wrong, "goal")):
+        for ask in (least_fuel, least_time):
+            with pytest.raises(ConfigError, match=f"a bound needs a finite {name}"):
+                ask(lattice, start, goal, 5)
+
+
+@pytest.mark.filterwarnings("ignore:overflow encountered")
+def test_overflow_is_no_proof() -> None:
+    """Infinite costs once meant that no path is left; with such numbers they may be sums too large."""
+    rest = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
+    relaxation = Relaxation(Lattice(PLATFORM, PERIOD), rest, rest, GoalSet(), 3, None)
+    for costate in (np.full(4, np.nan), np.full(4, 1e305)):
+        with pytest.raises(NonFiniteState, match="far too large numbers"):
+            relaxation.bound(costate, relaxation.everything)
+        with pytest.raises(NonFiniteState, match="far too large numbers"):
+            relaxation.shrunk(costate, relaxation.everything, 1.0)
+
+
+@pytest.mark.parametrize("steps", [0, -3, math.nan, math.inf, 2.5])
+def test_periods_are_counted(steps: Any) -> None:
+    rest = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
+    for ask in (least_fuel, least_time):
+        with pytest.raises(ConfigError, match="at least one control period"):
+            ask(Lattice(PLATFORM, PERIOD), rest, rest, steps)
 
 
 def test_a_goal_that_only_throttled_thrust_reaches_in_time_is_out_of_reach() -> None:
@@ -228,3 +303,14 @@ def test_out_of_reach_is_a_sentence() -> None:
 def test_effort_refuses() -> None:
     with pytest.raises(ConfigError, match="effort"):
         Effort(seconds=0.0)
+
+
+def test_what_cannot_be_split_is_not_excluded(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One attitude left, no commands found for it and nothing to branch on: the level stays open."""
+    monkeypatch.setattr("rans.optimal.certificate.certificate._parts", lambda *_: [])
+    monkeypatch.setattr("rans.optimal.certificate.certificate._commands", lambda *_: None)
+    start, goal, flown = instance(PLATFORM, 2, 0)
+    reached = flown.arrived(goal, SNUG, ("position", "velocity", "heading", "spin"))
+    answer = least_fuel(Lattice(PLATFORM, PERIOD), start, goal, 2, SNUG)
+    assert answer.lower <= flown.fuel[reached].min() + 1e-12
+    assert answer.commands is None

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import itertools
 import math
+import warnings
 from dataclasses import replace
 from functools import cache
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -16,8 +18,8 @@ from rans.errors import ConfigError
 from rans.flight import fly
 from rans.model.body import Body
 from rans.model.dynamics import PlanarState, advance, thrust, wrench
-from rans.model.fields import Heading, Vec2, leaves, map_leaves, unflatten
-from rans.model.spacecraft import Spacecraft
+from rans.model.fields import Heading, Quat, Vec2, Vec3, leaves, map_leaves, unflatten
+from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.optimal.certificate import hull
@@ -85,6 +87,80 @@ def test_out_of_reach_is_infinite() -> None:
     assert hull.least_fuel(PLATFORM, POSE, planar(x=-30.0), planar(), 2.0, EXACT) == math.inf
     with pytest.raises(ConfigError, match="horizon > 0 s, got 0"):
         hull.least_fuel(PLATFORM, POSE, planar(), planar(), 0.0, EXACT)
+
+
+def couple(sharing: Literal["none", "split"] = "none") -> Spacecraft:
+    """Two nozzles of 1 N, 0.3 m either side of the centre, that together only turn."""
+    sphere = ((0.1, 0.0, 0.0), (0.0, 0.1, 0.0), (0.0, 0.0, 0.1))
+    nozzles = tuple(Thruster((x, 0.0, 0.0), (0.0, way, 0.0), 1.0) for x, way in ((0.3, 1.0), (-0.3, -1.0)))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # that it cannot be steered everywhere does not matter here
+        return Spacecraft("couple", 2, 4.0, sphere, nozzles, thrust_sharing=sharing)
+
+
+def test_turning_may_take_more_thrust_than_pushing() -> None:
+    """Both open for 2 s spin it up by 0.6 N m x 2 s / 0.1 kg m^2 for 4 N s; pushing never takes over 1 N."""
+    spun = planar(w=12.0)
+    assert hull.least_fuel(couple(), {"spin"}, planar(), spun, 2.0, EXACT) == pytest.approx(4.0)
+    assert hull.least_fuel(couple(), {"spin"}, planar(), planar(w=12.1), 2.0, EXACT) == math.inf
+    shared = couple("split")  # together they give the worth of one
+    assert hull.least_fuel(shared, {"spin"}, planar(), planar(w=6.0), 2.0, EXACT) == pytest.approx(2.0)
+    assert hull.least_fuel(shared, {"spin"}, planar(), planar(w=6.1), 2.0, EXACT) == math.inf
+
+
+@pytest.mark.parametrize(("bad", "name"), [
+    (planar(x=math.nan), "start"), (planar(v=(math.inf, 0.0)), "start"),
+    (planar(heading=math.nan), "goal"), (planar(w=math.inf), "goal")])
+def test_no_bound_from_numbers_that_are_none(bad: PlanarState, name: str) -> None:
+    start, goal = (bad, planar()) if name == "start" else (planar(), bad)
+    with pytest.raises(ConfigError, match=f"a bound needs a finite {name}"):
+        hull.least_time(PLATFORM, POSE, start, goal, EXACT)
+    with pytest.raises(ConfigError, match=f"a bound needs a finite {name}"):
+        hull.least_fuel(PLATFORM, POSE, start, goal, 10.0, EXACT)
+
+
+@pytest.mark.parametrize("horizon", [0.0, -1.0, math.nan, math.inf])
+def test_horizons_that_are_none(horizon: float) -> None:
+    with pytest.raises(ConfigError, match="horizon > 0 s"):
+        hull.least_fuel(PLATFORM, POSE, planar(), planar(), horizon, EXACT)
+
+
+def test_tolerances_are_granted() -> None:
+    """By hand, with a = 2.828 N / 5.32 kg = 0.5317 m/s^2 and 1.24 N m / 0.2045 kg m^2 for the turn."""
+    push, turn = 2 * math.sqrt(2) / PLATFORM.mass, 1.24 / PLATFORM.inertia[2][2]
+    slow = hull.least_time(PLATFORM, aims(TrackVelocity()), planar(v=(0.5, 0.0)), planar(),
+                           GoalSet(0.0, 0.2, 0.0, 0.0))
+    assert slow == pytest.approx(0.3 / push)
+    near = hull.least_time(PLATFORM, POSE, planar(x=-3.0), planar(), GoalSet(0.5, 0.0, 0.0, 0.0))
+    assert near == pytest.approx(2 * math.sqrt(2.5 / push))
+    # at 0.2 m/s at the end: v0 = 0, way = 3 = the triangle less what braking to 0.2 spares
+    fast = hull.least_time(PLATFORM, POSE, planar(x=-3.0), planar(), GoalSet(0.0, 0.2, 0.0, 0.0))
+    peak = math.sqrt(push * 3.0 + 0.5 * 0.2**2)
+    assert fast == pytest.approx((2 * peak - 0.2) / push)
+    heading = hull.least_time(PLATFORM, POSE, planar(heading=2.0), planar(), GoalSet(0.0, 0.0, 0.5, 0.0))
+    assert heading == pytest.approx(2 * math.sqrt(1.5 / turn))
+    spin = hull.least_time(PLATFORM, POSE, planar(w=2.0), planar(), GoalSet(9.0, 9.0, 3.0, 0.5))
+    assert spin == pytest.approx(1.5 / turn)
+    saved = hull.least_fuel(PLATFORM, POSE, planar(w=2.0), planar(), 20.0, GoalSet(0.0, 0.0, 3.0, 0.5))
+    assert saved == pytest.approx(1.5 * PLATFORM.inertia[2][2] / 0.31)
+    loose = hull.least_fuel(PLATFORM, POSE, planar(x=-3.0), planar(), 200.0, GoalSet(0.5, 0.0, 0.0, 0.0))
+    assert loose == pytest.approx(2 * PLATFORM.mass * 2.5 / 200.0, rel=0.01)  # approached from above
+
+
+def test_a_long_body_turns_about_its_easiest_axis() -> None:
+    """Momentum L turns no faster than L / I_min: with moments 0.1, 0.4, 0.4 the angle counts by 0.1."""
+    craft = replace(FLYER, inertia=((0.1, 0.0, 0.0), (0.0, 0.4, 0.0), (0.0, 0.0, 0.4)))
+    torques = [np.array(row[3:]) for row in craft.wrench_map]
+    torque = max(float(np.linalg.norm(sum(some))) for count in range(1, len(torques) + 1)
+                 for some in itertools.combinations(torques, count))
+    case = scenario(GoToPose().for_evaluation(), 3, 3, 0)
+    start = replace(case.goal, attitude=Quat(math.cos(0.5), math.sin(0.5), 0.0, 0.0))
+    goal = replace(case.goal, attitude=Quat(1.0, 0.0, 0.0, 0.0))
+    assert hull.least_time(craft, POSE, start, goal, EXACT) == pytest.approx(2 * math.sqrt(0.1 / torque))
+    # spin in the goal set costs up to I_max times the tolerance
+    spinning = replace(goal, w=Vec3(0.0, 1.0, 0.0))
+    bound = hull.least_time(craft, {"spin"}, spinning, goal, GoalSet(0.0, 0.0, 0.0, 0.5))
+    assert bound == pytest.approx((0.4 * 1.0 - 0.4 * 0.5) / torque)
 
 
 TASKS: list[Task] = [GoToPosition(), GoToPose(), TrackVelocity(), TrackTwist(), TrackVelocityHeading()]

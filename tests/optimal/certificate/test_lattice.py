@@ -19,7 +19,7 @@ from rans.model.fields import Heading, Vec2
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.certificate.dual import Relaxation
-from rans.optimal.certificate.lattice import GoalSet, Lattice
+from rans.optimal.certificate.lattice import GoalSet, Lattice, pulse, rounded_up
 from rans.optimal.certificate.onoff import replay
 from tests.crafts import nasty_planar
 from tests.optimal.tiny import PERIOD, lopsided
@@ -43,6 +43,21 @@ def test_unequal_thrusters() -> None:
     assert lattice.torque == pytest.approx(0.3)
     assert lattice.pulse is None
     assert not lattice.parity
+
+
+def test_a_quantum_that_no_thruster_has() -> None:
+    """Torques of 0.2, -0.3 and 0.5 N m are 2, -3 and 5 times 0.1."""
+    arms = (0.2, -0.3, 0.5)
+    nozzles = tuple(dataclasses.replace(t, position=(arm, 0.0, 0.0), direction=(0.0, 1.0, 0.0), force=1.0)
+                    for t, arm in zip(PLATFORM.thrusters, arms, strict=False))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # they push in one direction only
+        lattice = Lattice(dataclasses.replace(PLATFORM, thrusters=nozzles), PERIOD)
+    assert list(lattice.multiples) == [2, -3, 5]
+    assert lattice.torque == pytest.approx(0.1)
+    assert lattice.quanta_per_fuel == pytest.approx(5 / PERIOD)
+    assert list(lattice.torque_range) == list(range(-3, 8))
+    assert lattice.drift(10) < 1e-12
 
 
 @pytest.mark.parametrize("craft", [PLATFORM, lopsided()], ids=lambda craft: craft.name)
@@ -106,6 +121,27 @@ def test_no_lattice_is_a_sentence() -> None:
         Lattice(load_spacecraft("free-flyer"), PERIOD)
     with pytest.raises(ConfigError, match="thrust_sharing"):
         Lattice(dataclasses.replace(PLATFORM, thrust_sharing="split"), PERIOD)
+
+
+@pytest.mark.parametrize("period", [0.0, -0.2, math.nan, math.inf])
+def test_a_period_holds_a_command(period: float) -> None:
+    with pytest.raises(ConfigError, match=r"a bound needs a finite control period > 0 s, got"):
+        Lattice(PLATFORM, period)
+
+
+@pytest.mark.parametrize(("value", "unit", "expected"), [
+    (0.0, 0.2, 0.0), (-1.0, 0.2, 0.0), (0.01, 0.2, 0.2), (0.2, 0.2, 0.2), (0.6, 0.2, 0.6), (0.601, 0.2, 0.8),
+    (43 * 0.2, 0.2, 8.6), (math.inf, 0.2, math.inf)])
+def test_rounded_up(value: float, unit: float, expected: float) -> None:
+    """0.6 / 0.2 is 2.9999999999999996 and 0.6000000000000001 / 0.2 is 3.0000000000000004."""
+    assert rounded_up(value, unit) == pytest.approx(expected)
+    assert rounded_up(3 * 0.2, 0.2) == pytest.approx(0.6)
+
+
+def test_pulses_of_a_craft() -> None:
+    assert pulse(PLATFORM, 0.25) == pytest.approx(0.25)
+    assert pulse(dataclasses.replace(PLATFORM, thrust_sharing="split"), 0.25) == pytest.approx(0.25)
+    assert pulse(lopsided(), 0.25) is None
 
 
 def test_thrusters_that_turn_nothing() -> None:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from rans.model.spacecraft_file import load_spacecraft
-from rans.optimal.trajectory.objectives import MinimumFuel, MinimumTime, Path
+from rans.optimal.trajectory.objectives import MinimumFuel, MinimumTime, SymbolicTrajectory
 from rans.optimal.trajectory.pool import solve_all
 from rans.scenario import scenarios
 from rans.tasks import GoToPose
@@ -23,7 +23,7 @@ PLATFORM, TASK = load_spacecraft("floating-platform"), GoToPose(spawn_distance=(
 class Fatal(MinimumTime):
     """Kills the process that tries to solve it."""
 
-    def cost(self, path: Path) -> Any:
+    def cost(self, path: SymbolicTrajectory) -> Any:
         os._exit(9)
 
 

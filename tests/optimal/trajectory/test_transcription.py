@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import replace
 from typing import Any
@@ -23,7 +24,7 @@ from rans.optimal.trajectory.objectives import (
     Objective,
     QuadraticTracking,
 )
-from rans.optimal.trajectory.transcription import Transcription
+from rans.optimal.trajectory.transcription import Transcription, _best
 from rans.reference.flight import replay
 from rans.scenario import scenario
 from rans.tasks import (
@@ -186,6 +187,27 @@ def test_a_craft_that_cannot_turn_still_flies_straight() -> None:
             Thruster((0.0, 0.0, 0.0), (way, 0.0, 0.0), 2.0) for way in (1.0, -1.0)))
     trajectory = solved(pair, MinimumFuel(10.0), planar(x=-3.0), planar())
     assert trajectory.cost == pytest.approx(_linear_program(3.0, pair.mass, 2.0, 50, 0.2), rel=SOLVER)
+
+
+def test_the_best_is_the_cheapest_of_those_solved() -> None:
+    """An attempt that stopped on the way may be cheaper, as it need not arrive."""
+    one = solved(PLATFORM, MinimumFuel(10.0), planar(x=-3.0), planar())
+    lost = replace(one, solved=False, cost=0.1, iterations=5, seconds=1.0)
+    dear = replace(one, cost=one.cost + 1.0, iterations=7, seconds=2.0)
+    for found in itertools.permutations((lost, dear, one)):
+        best = _best(found)
+        assert (best.solved, best.cost) == (True, one.cost)
+        assert best.iterations == one.iterations + 12
+        assert best.seconds == pytest.approx(one.seconds + 3.0)
+    assert _best((lost, replace(lost, cost=0.05))).cost == 0.05
+    assert _best((replace(lost, cost=math.nan), one)).solved
+
+
+@pytest.mark.parametrize("periods", [43, 81, 86, 91])
+def test_horizons_are_whole_periods(periods: int) -> None:
+    """0.2 s times these, over 0.2 s again, is just below the whole number."""
+    assert MinimumFuel(periods * 0.2, 0.2).intervals == periods
+    assert MinimumFuel(0.05, 0.2).intervals == 1
 
 
 @pytest.mark.parametrize(("wrong", "message"), [

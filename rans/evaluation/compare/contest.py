@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from rans.evaluation.compare.bounds import REST_SPEED, REST_SPIN
+from rans.errors import ConfigError
+from rans.evaluation.compare.bounds import REST_SPEED, REST_SPIN, Amounts, Event, whole_periods
 from rans.evaluation.fly.judge import EngineName, Flown, flown
 from rans.evaluation.fly.protocols import Setup
 from rans.evaluation.measure.metrics import final_errors, settling_times
@@ -27,7 +28,7 @@ _TIMED_STARTS = 4
 
 
 @dataclass(frozen=True)
-class Protocol:
+class Contest:
     """Same plant, starts, rate and goal set for everyone."""
 
     craft: Spacecraft
@@ -137,7 +138,7 @@ class Entry:
     contestant: Contestant
     flight: Flight
     latencies: np.ndarray
-    """See `Protocol.latencies`."""
+    """See `Contest.latencies`."""
 
     @property
     def name(self) -> str:
@@ -176,8 +177,16 @@ class Entry:
 
     def thrust_by(self, horizon: float) -> np.ndarray:
         """Thrust-time of a flight that is in the goal set at this time, (N,) N s; infinite elsewhere."""
-        k = round(horizon / self._period)
+        k = whole_periods(horizon, self._period)
         return np.where(self.at_goal[k], self.spent[k], np.inf)
+
+    def amounts(self, event: Event) -> Amounts:
+        """What a bound of an event is compared with."""
+        if event.horizon is None:
+            return Amounts(event, self.arrival if event.kind == "arrival" else self.settling)
+        if event.kind == "settling":
+            raise ConfigError("thrust-time by a horizon is scored for arrival only, not for settling.")
+        return Amounts(event, self.thrust_by(event.horizon))
 
     @cached_property
     def thrust(self) -> np.ndarray:

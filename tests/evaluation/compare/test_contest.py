@@ -1,0 +1,184 @@
+"""The goal set and the scores of flights that can be worked out on paper."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rans.errors import ConfigError
+from rans.evaluation.compare.bounds import Amounts, Event, goal_set
+from rans.evaluation.compare.contest import Contest, Contestant, Entry, arrived
+from rans.evaluation.fly.user_policies import user_policy
+from rans.flight import Flight
+from rans.model.dynamics import PlanarState
+from rans.model.fields import Heading, Vec2, map_leaves
+from rans.model.spacecraft_file import load_spacecraft
+from rans.model.timing import Timing
+from rans.optimal.control.lqr import LQR
+from rans.tasks import GoToPose, GoToPosition, TrackVelocity
+from tests.evaluation.flights import flight_of
+
+CRAFT = load_spacecraft("floating-platform")
+CONTEST = Contest(CRAFT, GoToPose().for_evaluation(), Timing(), 5, 3)
+
+
+def entry_of(flight: Flight) -> Entry:
+    return Entry(Contestant("x", LQR(flight.craft, flight.task, flight.timing), "", ""), flight, np.zeros(1))
+
+
+def test_goal_set_is_that_of_the_certificate() -> None:
+    """Around the goal, about a fifth of random states are in the set; both must name the same ones."""
+    random, count = np.random.default_rng(2), 4000
+    x, y = random.uniform(-0.06, 0.06, (2, count))
+    u, v = random.uniform(-0.05, 0.05, (2, count))
+    angle, w = random.uniform(-0.1, 0.1, (2, count))
+    states = PlanarState(Vec2(x + 1.0, y), Heading(angle + math.pi), Vec2(u, v), w).normalised()
+    goal = PlanarState(Vec2(1.0, 0.0), Heading(-math.pi), Vec2(0.0, 0.0), 0.0)
+    goals = goal_set(CONTEST.task)
+    ours = arrived(CONTEST.task, map_leaves(lambda f: np.asarray(f)[None], states), goal)[0]
+    theirs = [goals.contains(map_leaves(lambda f, k=k: float(f[k]), states), goal) for k in range(count)]
+    np.testing.assert_array_equal(ours, theirs)
+    assert 0.1 < ours.mean() < 0.9
+
+
+@pytest.mark.parametrize(("speed", "spin", "there"), [
+    ((0.0, 0.0), 0.0, True), ((0.03, 0.03), 0.08, True),
+    ((0.04, 0.04), 0.0, False), ((0.0, 0.0), -0.09, False),
+])
+def test_who_is_at_a_pose_must_rest(speed: tuple[float, float], spin: float, there: bool) -> None:
+    """5 cm/s and 5 degrees/s = 0.0873 rad/s; (4, 4) cm/s is 5.7 cm/s fast."""
+    flight = flight_of([[0.01]] * 2, 0.0, None, speed, spin)
+    assert arrived(flight.task, flight.states, flight.goals).tolist() == [[there]] * 2
+
+
+def test_only_what_is_asked_for_must_rest() -> None:
+    """At a position spin is free; a velocity to track has no place to rest at."""
+    spinning = flight_of([[0.01]] * 2, 90.0, spin=1.0, task=GoToPosition())
+    assert arrived(spinning.task, spinning.states, spinning.goals).all()
+    moving = flight_of([[3.0]] * 2, 0.0, speed=(0.04, 0.0), spin=1.0, task=TrackVelocity())
+    assert arrived(moving.task, moving.states, moving.goals).all()
+
+
+def test_scores_worked_out() -> None:
+    """At the goal at 1.5 s, out again, back at 3 s to stay. Two thrusters of 1 N open in periods 1 to 3,
+    one in period 5, of half a second each."""
+    distance = np.array([[1.0, 0.5, 0.2, 0.04, 0.06, 0.2, 0.04, 0.03]]).T
+    commands = np.zeros((7, 1, 8))
+    commands[0:3, 0, 0:2] = commands[4, 0, 5] = 1.0
+    entry = entry_of(flight_of(distance, 0.0, commands))
+    assert (entry.arrival[0], entry.settling[0]) == (1.5, 3.0)
+    assert (entry.arrival_thrust[0], entry.thrust[0]) == (3.0, 3.5)
+    assert [entry.thrust_by(t)[0] for t in (1.0, 1.5, 2.0, 3.0)] == [math.inf, 3.0, math.inf, 3.5]
+    assert entry.duty[0] == pytest.approx(7 / 56)
+    assert entry.errors["position"][0] == pytest.approx(0.03)
+
+
+def test_who_never_arrives_is_infinitely_late() -> None:
+    entry = entry_of(flight_of(np.full((4, 2), 1.0), 0.0))
+    assert entry.arrival.tolist() == entry.arrival_thrust.tolist() == [math.inf] * 2
+    assert entry.thrust.tolist() == [0.0] * 2
+
+
+def test_both_engines_fly_the_same_starts() -> None:
+    """A controller without feedback on rounding: its flights agree to 1e-9 m in both engines."""
+    policy = user_policy("python:tests.evaluation.policies:idle", CRAFT, GoToPose())
+    timing = Timing(episode_steps=5)
+    fast, drake = (Contest(CRAFT, CONTEST.task, timing, 5, 3, engine).fly(policy).flight
+                   for engine in ("fast", "drake"))
+    assert (fast.engine, drake.engine) == ("fast", "drake")
+    for ours, theirs in zip(fast.states.p.columns(), drake.states.p.columns(), strict=True):
+        np.testing.assert_allclose(ours, theirs, atol=1e-9)
+
+
+def test_latency_is_of_every_action() -> None:
+    latencies = CONTEST.latencies(LQR(CRAFT, CONTEST.task, CONTEST.timing))
+    assert latencies.shape == (3 * 25,)  # three starts, a fifth of 125 steps
+    assert (latencies > 0).all()
+
+
+def test_amounts_are_of_their_event() -> None:
+    """Arrives at 1.5 s, settles at 3 s: arrival at rest is never measured by a bound of settling."""
+    distance = np.array([[1.0, 0.5, 0.2, 0.04, 0.06, 0.2, 0.04, 0.03]]).T
+    entry = entry_of(flight_of(distance, 0.0))
+    assert entry.amounts(Event()).values.tolist() == [1.5]
+    assert entry.amounts(Event("settling")).values.tolist() == [3.0]
+    bound = Amounts(Event(), np.array([1.2]))
+    assert entry.amounts(Event()).over(bound).tolist() == [1.25]
+    assert not entry.amounts(Event()).below(bound).any()
+    assert entry.amounts(Event()).below(Amounts(Event(), np.array([1.6]))).tolist() == [True]
+    for event in (Event("settling"), Event(horizon=3.0)):
+        with pytest.raises(ConfigError, match="cannot be measured by a bound of"):
+            entry.amounts(event).over(bound)
+        with pytest.raises(ConfigError, match="cannot be measured by a bound of"):
+            entry.amounts(event).below(bound)
+    with pytest.raises(ConfigError, match="cannot be measured by a bound of"):
+        entry.amounts(Event(horizon=3.0)).over(Amounts(Event(horizon=3.5), np.array([1.0])))
+    with pytest.raises(ConfigError, match="for arrival only"):
+        entry.amounts(Event("settling", 3.0))
+    assert [Event().text, Event(horizon=2.4).text] == ["time", "thrust-time by 2.4 s"]
+
+
+@pytest.mark.parametrize("periods", [43, 81, 86, 91])
+def test_thrust_by_a_whole_number_of_periods(periods: int) -> None:
+    """0.2 s times these, over 0.2 s again, is just below the whole number; one pulse of 1 N a period."""
+    commands = np.zeros((100, 1, 8))
+    commands[:, 0, 0] = 1.0
+    flight = replace(flight_of(np.full((101, 1), 0.01), 0.0, commands), timing=Timing(0.2, episode_steps=100))
+    entry = entry_of(flight)
+    assert entry.thrust_by(periods * 0.2) == pytest.approx([0.2 * periods])
+    assert entry.amounts(Event(horizon=periods * 0.2)).values == pytest.approx([0.2 * periods])
+    with pytest.raises(ConfigError, match="whole control periods"):
+        entry.thrust_by(periods * 0.2 + 0.1)
+
+
+def test_forces_count_in_thrust_time() -> None:
+    """Thrusters of 2 N and 0.5 N open for one period of 0.5 s each: 1.25 N s; the goal is reached between."""
+    forces = [2.0, 0.5] + [1.0] * 6
+    stronger = tuple(replace(t, force=f) for t, f in zip(CRAFT.thrusters, forces, strict=True))
+    commands = np.zeros((3, 2, 8))
+    commands[0, 0, 0] = commands[1, 0, 1] = 1.0
+    distance = np.array([[1.0, 1.0], [0.5, 0.5], [0.01, 0.5], [0.01, 0.01]])
+    flight = replace(flight_of(distance, 0.0, commands), craft=replace(CRAFT, thrusters=stronger))
+    entry = Entry(Contestant("x", LQR(CRAFT, flight.task, flight.timing), "", ""), flight, np.zeros(1))
+    np.testing.assert_allclose(entry.spent[:, 0], [0.0, 1.0, 1.25, 1.25])
+    assert entry.arrival.tolist() == [1.0, 1.5]
+    assert entry.arrival_thrust.tolist() == [1.25, 0.0]
+    assert entry.duty == pytest.approx([2 / 24, 0.0])
+    assert entry.name == "x"
+
+
+def test_shared_thrust_counts_once() -> None:
+    """Two open nozzles share the worth of one: 0.5 N s in a period of half a second."""
+    commands = np.zeros((2, 1, 8))
+    commands[:, 0, :2] = 1.0
+    flight = flight_of([[1.0]] * 3, 0.0, commands, craft="floating-platform-shared")
+    assert entry_of(flight).thrust.tolist() == [1.0]
+
+
+def test_returns_are_the_sum_of_all_terms() -> None:
+    flight = flight_of([[1.0, 0.2]] * 4, 0.0)
+    terms = flight.rewards()
+    by_hand = [sum(float(term[k, n]) for term in terms.values() for k in range(3)) for n in (0, 1)]
+    assert entry_of(flight).returns == pytest.approx(by_hand)
+
+
+def test_spin_at_rest_is_relative_to_the_goal() -> None:
+    """A goal that spins is met by who spins with it."""
+    flight = flight_of([[0.01]] * 2, 0.0, spin=0.5)
+    goals = replace(flight.goals, w=flight.goals.w + 0.5)
+    assert arrived(flight.task, flight.states, goals).all()
+    assert not arrived(flight.task, flight.states, flight.goals).any()
+    moving = flight_of([[0.01]] * 2, 0.0, speed=(0.3, 0.0))
+    goals = replace(moving.goals, v=Vec2(moving.goals.v.x + 0.3, moving.goals.v.y))
+    assert arrived(moving.task, moving.states, goals).all()
+
+
+def test_one_start_of_many() -> None:
+    assert CONTEST.duration == 25.0
+    one = CONTEST.start(1)
+    assert one.start.p.x.shape == (1,)
+    assert one.start.p.x[0] == CONTEST.starts.start.p.x[1]
+    assert CONTEST.starts.start.p.x.shape == (3,)

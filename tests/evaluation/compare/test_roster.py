@@ -1,0 +1,112 @@
+"""Who takes part, under whose conditions, and what is said of what they cost."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from rans.errors import ConfigError
+from rans.evaluation.compare import roster
+from rans.evaluation.compare.contest import Contest
+from rans.evaluation.compare.roster import contest_of, enlist, simple_controller, swept
+from rans.model.timing import Timing
+from rans.scenario import EVALUATION_SEED
+from rans.tasks import GoToPose
+
+SWEEP = (0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0)
+IDLE = "python:tests.evaluation.policies:idle"
+
+
+@pytest.fixture(scope="module")
+def contest() -> Contest:
+    return contest_of("lqr:go-to-pose-2d", 2)
+
+
+def test_conditions_of_the_first() -> None:
+    """The task with the starts that agents are judged on, an episode of 25 s at 5 Hz."""
+    found = contest_of("lqr:go-to-pose-2d", 3, 11, "drake")
+    assert (found.episodes, found.seed, found.engine) == (3, 11, "drake")
+    assert found.task == GoToPose().for_evaluation()
+    assert (found.craft.name, found.duration) == ("floating-platform", 25.0)
+    assert found.title() == "3 starts of seed 11, floating-platform, 25 s at 5 Hz"
+    usual = contest_of("lqr:go-to-pose-2d", 1)
+    assert (usual.episodes, usual.seed, usual.engine) == (1, EVALUATION_SEED, "fast")
+
+
+def test_several_tasks_are_none() -> None:
+    with pytest.raises(ConfigError, match="knows several tasks: pick one, as in pretrained:multi-task-2d#"):
+        contest_of("pretrained:multi-task-2d", 2)
+
+
+@pytest.mark.parametrize(("change", "spec", "sentence"), [
+    ({"timing": Timing(0.1)}, "lqr:go-to-pose-2d", "acts every 0.2 s, but .* every 0.1 s"),
+    ({}, "lqr:go-to-position-2d", "is for the task GoToPosition, but the first contestant for GoToPose"),
+    ({}, "lqr:go-to-pose-2d@floating-platform-shared", "is for the spacecraft floating-platform-shared"),
+])
+def test_only_the_same_is_compared(contest: Contest, change: dict[str, Timing], spec: str,
+                                   sentence: str) -> None:
+    with pytest.raises(ConfigError, match=sentence):
+        enlist(spec, replace(contest, **change))
+
+
+def test_a_craft_of_the_same_name_with_other_values_is_another(contest: Contest) -> None:
+    heavier = replace(contest, craft=replace(contest.craft, mass=2 * contest.craft.mass))
+    with pytest.raises(ConfigError, match="or for other values of it"):
+        enlist("lqr:go-to-pose-2d", heavier)
+
+
+def test_what_everybody_knows_and_cost(contest: Contest) -> None:
+    lqr, idle = enlist("lqr:go-to-pose-2d", contest), enlist(IDLE, contest)
+    assert (lqr.name, lqr.knows, lqr.tuning) == ("LQR", "state, exact model", "none: default settings")
+    assert (idle.knows, idle.tuning) == ("observation", "not known")
+    beside = simple_controller("mpc", contest)
+    assert (beside.name, beside.knows) == ("MPC", "state, exact model")
+    assert beside.tuning == "none: default settings"
+
+
+def test_the_cost_of_an_agent_is_that_on_its_card(contest: Contest, monkeypatch: pytest.MonkeyPatch,
+                                                  tmp_path: Path) -> None:
+    """Also of one of its tasks, as 'NAME#TASK'."""
+    card = {"training": {"steps": 26_200_000, "seconds": 0.2549, "device": "cuda:0"}}
+    (tmp_path / "card.json").write_text(json.dumps(card))
+    monkeypatch.setattr(roster, "pretrained_folder", lambda name: tmp_path if name == "mine" else Path("no"))
+    said = "training: 26.2 M steps, 0.255 s on a GPU"
+    assert roster._tuning("pretrained:mine") == roster._tuning("pretrained:mine#go-to-pose") == said
+    assert roster._tuning(str(tmp_path)) == said
+    card["training"]["device"] = "cpu"
+    (tmp_path / "card.json").write_text(json.dumps(card))
+    assert roster._tuning("pretrained:mine") == "training: 26.2 M steps, 0.255 s on a CPU"
+    (tmp_path / "card.json").unlink()
+    assert roster._tuning("pretrained:mine") == "training: not known"
+
+
+def test_the_cost_of_a_run_is_in_its_last_row(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    class Folder:
+        def __init__(self, folder: Path) -> None:
+            assert folder == tmp_path
+
+        def metrics(self) -> list[dict[str, float]]:
+            return [{"steps": 1e6, "seconds": 1.0}, {"steps": 3e6, "seconds": 12.0}]
+
+        def config(self) -> object:
+            return type("Config", (), {"device": "cpu"})
+
+    monkeypatch.setattr(roster, "RunFolder", Folder)
+    assert roster._tuning(str(tmp_path)) == "training: 3.0 M steps, 12 s on a CPU"
+
+
+def test_the_sweep_scales_every_weight(contest: Contest) -> None:
+    """Half the weight is stiffer: from the same start it pushes harder."""
+    found = swept("lqr", contest)
+    assert [one.name for one in found] == [f"LQR x {factor:g}" for factor in SWEEP]
+    assert {one.tuning for one in found} == {f"one of {len(SWEEP)} weights"}
+    assert {one.knows for one in found} == {"state, exact model"}
+    one = contest.start(0)
+    pushes = [float(abs(entry.controller.wrench(one.start, one.goal)).max()) for entry in found]  # type: ignore[attr-defined]
+    assert pushes == sorted(pushes, reverse=True)
+    assert pushes[0] > 2 * pushes[-1]
+    usual = simple_controller("lqr", contest).controller.wrench(one.start, one.goal)  # type: ignore[attr-defined]
+    assert pushes[SWEEP.index(1.0)] == pytest.approx(float(abs(usual).max()))

@@ -1,0 +1,49 @@
+"""Random spacecraft and flights against their bounds, and a broken bound found out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rans.optimal.certificate import hull
+from validation import bounds
+from validation.bounds import Bounds, beaten, random_craft
+
+
+def test_no_random_flight_is_below_its_bounds() -> None:
+    """Some are on them: what holds all its thrusters open from rest cannot be done sooner."""
+    report = Bounds(40, seed=100).run()
+    assert report.passed, [check.reason for check in report.checks]
+    shares = [row["least time"] for row in map(beaten, range(100, 130)) if row]
+    assert len(shares) > 15
+    assert max(shares) == pytest.approx(1.0, abs=1e-6)
+
+
+def test_a_bound_that_is_too_high_is_found_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The cap that once forgot the thrusters that turn."""
+    of = hull.Reach.of.__func__  # type: ignore[attr-defined]
+    monkeypatch.setattr(hull.Reach, "of", lambda craft: replace(found := of(hull.Reach, craft),
+                                                                most=float(found.thrust.max())))
+    report = Bounds(10, seed=35).run()
+    assert [check.passed for check in report.checks] == [True, False, True]
+    assert "seeds [" in report.checks[1].reason
+
+
+def test_random_craft_are_of_every_kind() -> None:
+    some = [random_craft(np.random.default_rng(seed)) for seed in range(80)]
+    assert {craft.dimension for craft in some} == {2, 3}
+    assert {craft.thrust_sharing for craft in some} == {"none", "split"}
+    equal = [len({t.force for t in craft.thrusters}) == 1 for craft in some]
+    assert 10 < sum(equal) < 70
+    central = [any(np.allclose(np.cross(t.position, t.direction), 0.0) for t in craft.thrusters)
+               for craft in some]
+    assert sum(central) > 20
+
+
+def test_flights_that_need_nothing() -> None:
+    assert bounds._share(0.0, 0.0) == 1.0
+    assert bounds._share(0.1, 0.0) == np.inf
+    assert bounds._share(1.0, 2.0) == 0.5
+    assert any("dual of the certificate" in beaten(seed) for seed in range(30))
