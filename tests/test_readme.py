@@ -83,7 +83,7 @@ def test_the_layout_is_the_layout() -> None:
 
 def test_the_spacecraft_page_has_a_spacecraft_and_all_its_keys() -> None:
     page = ROOT / "docs" / "spacecraft.md"
-    toml, = blocks(page, "toml")
+    toml, *_ = blocks(page, "toml")
     craft = parse_spacecraft(toml, page.name)  # warns, which is an error here, if it cannot be controlled
     # Thruster 0 pushes along x at y = 0.2 m: a torque of -0.2 N m, wherever along x the centre is.
     assert craft.wrench_map[0] == pytest.approx((1.0, 0.0, -0.2), abs=1e-15)

@@ -13,7 +13,7 @@ import pytest
 
 from rans.errors import ConfigError
 from rans.registry import Registry
-from rans.tasks import TASKS, GoToPose
+from rans.tasks import TASKS, GoToPose, SingleTask
 
 MODULE = """
 import sys
@@ -133,14 +133,11 @@ class Far(GoToPose):
     spawn_distance: tuple[float, float] = (5.0, 6.0)
 
 
-@dataclass
-class Unfinished:
+@dataclass(frozen=True)
+class Unfinished(SingleTask):
     """It has next to nothing of a task."""
 
-    length: float
-
-    def parts(self) -> None:
-        """Only this."""
+    length: float = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -152,7 +149,7 @@ class Demanding(GoToPose):
 
 @pytest.mark.parametrize(("name", "said"), [
     ("math:sin", "a task must be a dataclass"),
-    ("tests.test_registry:Unfinished", "Unfinished has no drawn, errors, failed"),
+    ("tests.test_registry:Unfinished", "Unfinished has no errors, failed, reward, sample, sight, tolerances"),
     ("tests.test_registry:Demanding", "the settings limit of Demanding have no defaults"),
 ])
 def test_what_is_no_task(name: str, said: str) -> None:

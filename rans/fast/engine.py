@@ -157,7 +157,7 @@ class Engine:
         if seed is None:
             self._write(clock, world.next_episode(clock))
         else:
-            self._set_seed(self._words(seed))
+            self._set_seed(seed_words(seed) if isinstance(seed, int) else self._words(seed))
             self._write(clock, 0)
         start, goal = world.begin(self._seed, world.number(clock, self._numbers), self._fields)
         now = self._episode
@@ -276,7 +276,7 @@ class Engine:
             self._seed = (words[0], words[1])
         else:
             for tensor, word in zip(self._seed, words, strict=True):
-                tensor.copy_(torch.as_tensor(word))
+                tensor.fill_(word) if isinstance(word, int) else tensor.copy_(torch.as_tensor(word))
 
     def _first_numbers(self) -> Any:
         mine = np.arange(self.num_envs, dtype=np.int32) % self._each

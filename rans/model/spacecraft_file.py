@@ -104,9 +104,10 @@ def parse_spacecraft(text: str, source: str) -> Spacecraft:
 
 def to_toml(craft: Spacecraft) -> str:
     """The TOML text that `parse_spacecraft` reads this spacecraft from, up to rounding of directions."""
-    table = dataclasses.asdict(craft)
+    table: dict[str, Any] = dataclasses.asdict(craft)
+    actuators = {"kind": craft.actuators.kind} | table.pop("actuators")
     thrusters = "".join(f"\n[[thruster]]\n{_lines(table)}" for table in table.pop("thrusters"))
-    return _lines(table) + thrusters
+    return f"{_lines(table)}\n[actuators]\n{_lines(actuators)}{thrusters}"
 
 
 def _lines(table: dict[str, Any]) -> str:

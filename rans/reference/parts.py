@@ -23,6 +23,12 @@ from rans.model.drift import ClohessyWiltshire, Drift, FreeFlight, UniformGravit
 from rans.model.spacecraft import Spacecraft, Thruster
 
 
+def designed(craft: Spacecraft) -> Body:
+    """The body of a spacecraft as its author describes it: read here, not by those who are judged."""
+    tensor = np.array(craft.inertia)
+    return Body(craft.mass, (tensor[2, 2],) if craft.dimension == 2 else tuple(tensor[np.triu_indices(3)]))
+
+
 def spatial_inertia(craft: Spacecraft, body: Body, index: int) -> SpatialInertia:
     """Mass, centre of mass and inertia of one of many spacecraft, in the author's frame G.
 

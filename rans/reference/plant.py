@@ -36,7 +36,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from rans.model.body import Body
 from rans.model.drift import FREE, ClohessyWiltshire, Drift
 from rans.model.spacecraft import Spacecraft
-from rans.reference.parts import Orbit, gravity, pieces, pose, spatial_inertia, thruster_health
+from rans.reference.parts import Orbit, designed, gravity, pieces, pose, spatial_inertia, thruster_health
 
 
 class Plant:
@@ -66,7 +66,7 @@ class Plant:
     def __init__(self, craft: Spacecraft, count: int = 1, max_step: float = 0.01, body: Body | None = None,
                  drift: Drift = FREE) -> None:
         self.craft, self.count = craft, count
-        self._body, self._drift = body or Body.of(craft), drift
+        self._body, self._drift = body or designed(craft), drift
         self._gain, self._leak = thruster_health(craft, self._body, count)
         builder = DiagramBuilder()
         self._plant = MultibodyPlant(time_step=0.0)

@@ -113,7 +113,7 @@ def test_frames_of_many_are_those_of_each(name: str) -> None:
         _, _, terminated, truncated, _ = envs.step(command)
         assert not bool((terminated | truncated).any())
         single.step(command[0].numpy())
-        expected = scene.render(single._state, single._goal, single._command, single._trail)
+        expected = scene.render(single.state, single.goal, command[0].numpy(), single._trail)
         # Another order of operations: rounding may move an edge by a hair.
         assert np.abs(envs.render()[0].astype(int) - expected).mean() < 0.01
     assert bool(envs.step(commands[5])[3].all())

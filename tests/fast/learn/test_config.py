@@ -121,7 +121,7 @@ def test_whole_numbers_are_numbers() -> None:
     assert config == replace(CONFIG, ppo=replace(CONFIG.ppo, gamma=1.0))
 
 
-NOT_NUMBERS = ("layers", "activation", "symmetric", "matmul")
+NOT_NUMBERS = ("layers", "activation", "symmetric", "matmul", "memory", "privileged_critic")
 NUMBERS = [f.name for f in fields(PPOSettings) if f.name not in NOT_NUMBERS]
 
 
