@@ -54,7 +54,7 @@ class Flight:
     states: Any
     """`State` whose fields are float64 arrays (T + 1, N)."""
     goals: Any
-    """`State` whose fields are float64 arrays (N,)."""
+    """`State` whose fields are float64 arrays (N,), or where goals move (T + 1, N)."""
     commands: np.ndarray
     """(T, N, thrusters), 0 to 1."""
     controller: str
@@ -74,9 +74,10 @@ class Flight:
     def rewards(self) -> dict[str, np.ndarray]:
         """Reward terms of every step, each (T, N)."""
         after = map_leaves(lambda x: x[1:], self.states)
+        goals = map_leaves(lambda x: x[1:] if x.ndim == 2 else x, self.goals)
         command = np.moveaxis(self.commands, 2, 0)
         previous = np.insert(command[:, :-1], 0, 0.0, axis=1)
-        return self.task.reward(Transition(after, self.goals, tuple(command), tuple(previous)))
+        return self.task.reward(Transition(after, goals, tuple(command), tuple(previous)))
 
     def failed(self) -> np.ndarray:
         """(N,) whether the task ever declared the episode failed, or its state was no longer finite."""
@@ -107,7 +108,7 @@ def fly(craft: Spacecraft, task: Task, controller: Controller, starts: Scenario,
     now = Episode(starts.start, starts.goal, 0, body=body or Body.of(craft))
     count = len(leaves(starts.start)[0])
     controller.reset(count)
-    states, commands, alive = [starts.start], [], np.ones(count, dtype=bool)
+    states, goals, commands, alive = [starts.start], [starts.goal], [], np.ones(count, dtype=bool)
     for _ in range(timing.episode_steps):
         seen = np.stack(world.observe(now), axis=1).astype(np.float32)
         command = np.asarray(controller.act(now.state, now.goal, seen), dtype=np.float64)
@@ -118,9 +119,11 @@ def fly(craft: Spacecraft, task: Task, controller: Controller, starts: Scenario,
         else:
             states.append(_only(alive, now.state, map_leaves(lambda _: np.nan, now.state)))
             now = replace(now, state=_only(alive, now.state, starts.start))
+        goals.append(now.goal)
         commands.append(command)
-    return Flight(craft, task, timing, _stacked(states), starts.goal, np.stack(commands), controller.name,
-                  engine)
+    stand_still = all(goal is starts.goal for goal in goals)
+    return Flight(craft, task, timing, _stacked(states), starts.goal if stand_still else _stacked(goals),
+                  np.stack(commands), controller.name, engine)
 
 
 def _only(alive: np.ndarray, state: Any, otherwise: Any) -> Any:

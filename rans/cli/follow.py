@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Literal
 
 from tyro.conf import Positional, arg
 
@@ -32,6 +32,8 @@ class Follow:
     """Number of flights; each starts at rest near the path's first point with another attitude."""
     seed: int = EVALUATION_SEED
     """Of the starts."""
+    engine: Literal["fast", "drake"] = "fast"
+    """What computes the motion."""
 
     def run(self) -> int:
         """Print a table of how well the flights followed."""
@@ -47,7 +49,7 @@ class Follow:
         planner = LookAhead(find_path(self.path), self.speed, self.look_ahead)
         tracker, craft, task, timing = contestant(self.contestant)
         file = ready_folder(output_folder(self.contestant)) / f"follow-{planner.path.name}.json"
-        following = follow(craft, task, tracker, planner, timing, self.seed, self.flights)
+        following = follow(craft, task, tracker, planner, timing, self.seed, self.flights, self.engine)
         Terminal().print(following.table())
         write_json(file, following.to_json() | {"seed": self.seed})
         write_text(file.with_suffix(".svg"), svg(following_figure(following)))

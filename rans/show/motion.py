@@ -41,7 +41,7 @@ class Motion:
     def of(cls, flight: Flight, episode: int) -> Motion:
         """Of one episode of a flight, by its index in the batch."""
         states = map_leaves(lambda x: x[:, episode], flight.states)
-        goal = map_leaves(lambda x: x[episode:episode + 1], flight.goals)
+        goal = map_leaves(lambda x: x[episode:episode + 1] if x.ndim == 1 else x[:, episode], flight.goals)
         failed = np.asarray(flight.task.failed(states, goal))
         end = int(failed.argmax()) + 1 if failed.any() else len(failed)
         firing = np.zeros((end, len(flight.craft.thrusters)), dtype=bool)

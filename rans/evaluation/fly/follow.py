@@ -10,14 +10,18 @@ import numpy as np
 from rich.table import Table
 
 from rans.errors import ConfigError
-from rans.evaluation.fly.paths import SPACING, LookAhead, Path
-from rans.flight import Controller, Flight, fly
-from rans.model.fields import map_leaves
-from rans.model.random import Random, seed_words
+from rans.evaluation.fly.judge import EngineName, flown
+from rans.evaluation.fly.paths import SPACING, LookAhead
+from rans.evaluation.fly.protocols import Setup
+from rans.flight import Controller, Flight
+from rans.model.drift import FREE, Drift
+from rans.model.dynamics import PlanarState, SpatialState, State
+from rans.model.fields import Field
+from rans.model.random import Random
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
-from rans.scenario import Scenario
-from rans.tasks import Task, observation
+from rans.tasks import Task, Transition
+from rans.tasks.sight import Entry
 
 START_SPREAD = 0.2
 """Farthest that a flight starts from the path's first point, m."""
@@ -25,39 +29,69 @@ _PATIENCE, _GRACE = 1.5, 10.0
 """A flight may take so many times as long as at full speed, and so many seconds more."""
 
 
-class Guided:
-    """A velocity tracker whose goal is the planner's command of the moment.
+@dataclass(frozen=True)
+class PlanarGuide(PlanarState):
+    """The velocity to fly at now, in the plane."""
 
-    Args:
-        tracker: the controller that opens thrusters.
-        task: decides what the tracker observes.
-        planner: gives the commands.
-    """
+    progress: Field
+    """Point of the path that the flight has come to."""
 
-    def __init__(self, tracker: Controller, task: Task, planner: LookAhead) -> None:
-        self.name = tracker.name
-        self._tracker, self._task, self._planner = tracker, task, planner
-        self.progress: list[np.ndarray] = []
-        self.commands: list[np.ndarray] = []
 
-    def reset(self, count: int) -> None:
-        """See `rans.flight.Controller`; every flight starts at the path's first point."""
-        self._tracker.reset(count)
-        self.progress, self.commands = [], []
+@dataclass(frozen=True)
+class SpatialGuide(SpatialState):
+    """The same in space."""
 
-    def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        """See `rans.flight.Controller`; replaces the velocity of the goal it is given."""
+    progress: Field
+    """Point of the path that the flight has come to."""
+
+
+@dataclass(frozen=True)
+class Guided(Task):
+    """A velocity tracker's task with a goal that moves: the planner's command of the moment."""
+
+    task: Task
+    """The tracker's."""
+    planner: LookAhead
+
+    def flag_of(self, goal: State) -> Field:
+        """See `Task`."""
+        return self.task.flag_of(goal)
+
+    def sample(self, random: Random) -> tuple[State, State]:
+        """Start at rest near the path's first point, and the first command."""
+        first: Any = type(random.origin())(*self.planner.path.points[0])
+        offset = random.direction().scale(random.uniform(0.0, START_SPREAD))
+        start: Any = random.at_rest(first + offset, random.attitude())
+        goal: Any = random.at_rest(random.origin(), random.no_rotation())
+        kind = PlanarGuide if isinstance(start, PlanarState) else SpatialGuide
+        begun = kind(goal.p, goal.attitude, goal.v, goal.w, np.zeros(len(start.p.x), dtype=int))
+        return start, self.next_goal(begun, start, FREE, 0.0)
+
+    def next_goal(self, goal: Any, state: State, drift: Drift, period: Field) -> Any:
+        """The planner's command where the spacecraft is."""
         position = np.stack(state.p.columns(), axis=1)
-        before = self.progress[-1] if self.progress else np.zeros(len(position), dtype=int)
-        progress, _, command = self._planner.plan(position, before)
-        self.progress.append(progress)
-        self.commands.append(command)
-        wanted = replace(goal, v=type(goal.v)(*command.T))
-        return self._tracker.act(state, wanted, _seen(self._task, state, wanted))
+        progress, _, command = self.planner.plan(position, goal.progress.astype(int))
+        return replace(goal, v=type(goal.v)(*command.T), progress=progress)
 
+    def sight(self, state: State, goal: State) -> tuple[Entry, ...]:
+        """See `Task`."""
+        return self.task.sight(state, goal)
 
-def _seen(task: Task, state: Any, goal: Any) -> np.ndarray:
-    return np.stack(observation(task, state, goal), axis=1).astype(np.float32)
+    def errors(self, state: State, goal: State) -> dict[str, Field]:
+        """See `Task`."""
+        return self.task.errors(state, goal)
+
+    def tolerances(self) -> dict[str, float]:
+        """See `Task`."""
+        return self.task.tolerances()
+
+    def reward(self, transition: Transition) -> dict[str, Field]:
+        """See `Task`."""
+        return self.task.reward(transition)
+
+    def failed(self, state: State, goal: State) -> Field:
+        """See `Task`."""
+        return self.task.failed(state, goal)
 
 
 class Quantity(NamedTuple):
@@ -81,10 +115,15 @@ class Following:
     planner: LookAhead
     flight: Flight
     """Everybody's motion for the full time, however early they arrived."""
-    progress: np.ndarray
-    """(T, N) path point each flight had come to when it was given a command."""
-    commands: np.ndarray
-    """(T, N, d) velocity commands, m/s."""
+    @property
+    def progress(self) -> np.ndarray:
+        """(T, N) path point each flight had come to when it was given a command."""
+        return self.flight.goals.progress[:-1].astype(int)
+
+    @property
+    def commands(self) -> np.ndarray:
+        """(T, N, d) velocity commands, m/s."""
+        return np.stack(self.flight.goals.v.columns(), axis=2)[:-1]
 
     @property
     def positions(self) -> np.ndarray:
@@ -166,8 +205,8 @@ class Following:
 
 
 def follow(craft: Spacecraft, task: Task, tracker: Controller, planner: LookAhead, timing: Timing,
-           seed: int, count: int) -> Following:
-    """Fly along a path with our equations, in float64.
+           seed: int, count: int, engine: EngineName = "fast") -> Following:
+    """Fly along a path, in float64.
 
     Flights start at rest with any attitude, up to `START_SPREAD` from the path's first point.
 
@@ -179,6 +218,7 @@ def follow(craft: Spacecraft, task: Task, tracker: Controller, planner: LookAhea
         timing: gives the control period; flights end when all had time enough to arrive.
         seed: of the starts.
         count: number of flights.
+        engine: what computes the motion.
 
     Raises:
         ConfigError: the tracker does not track velocities or not such fast ones, or the path leaves
@@ -196,22 +236,8 @@ def follow(craft: Spacecraft, task: Task, tracker: Controller, planner: LookAhea
                           "give a path of x and y only, such as the circle.")
     if planner.path.dimension < craft.dimension:
         planner = replace(planner, path=planner.path.in_space())
-    guided = Guided(tracker, task, planner)
-    flight = fly(craft, task, guided, _starts(planner.path, seed, count), _long_enough(planner, timing))
-    return Following(planner, flight, np.stack(guided.progress), np.stack(guided.commands))
-
-
-def _starts(path: Path, seed: int, count: int) -> Scenario:
-    """At rest near the first point; the goal's velocity is the planner's to give."""
-    episodes = np.arange(count, dtype=np.int32)
-    dimension: Any = path.dimension
-    random: Any = Random(dimension, *seed_words(seed), episodes, np.float64)
-    first = type(random.origin())(*path.points[0])
-    offset = random.direction().scale(random.uniform(0.0, START_SPREAD))
-    start = random.at_rest(first + offset, random.attitude())
-    goal = random.at_rest(random.origin(), random.no_rotation())
-    full = lambda x: np.zeros(count) + x  # noqa: E731
-    return Scenario(map_leaves(full, start), map_leaves(full, goal))
+    setup = Setup(craft, Guided(task, planner), _long_enough(planner, timing))
+    return Following(planner, flown(tracker, setup, seed, count, engine).flight)
 
 
 def _long_enough(planner: LookAhead, timing: Timing) -> Timing:

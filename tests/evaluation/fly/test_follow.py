@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from rans.errors import ConfigError
-from rans.evaluation.fly.follow import START_SPREAD, Following, follow
+from rans.evaluation.fly.follow import START_SPREAD, Following, PlanarGuide, follow
 from rans.evaluation.fly.paths import LookAhead, Path, circle, helix
 from rans.files import plain
 from rans.flight import Flight
@@ -58,16 +58,15 @@ def by_hand() -> Following:
     x = np.array([[0.0, 0.4, 0.8, 1.2, 1.6, 2.0, 2.0], [0.0, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1]]).T
     y = np.array([[0.9, 0.03, 0.03, 0.04, 0.04, 0.9, 0.9], [0.9, 0.9, 0.9, 0.9, 0.9, -0.2, 0.9]]).T
     speed = np.array([[9.0, 9.0, 0.5, 0.5, 0.3, 0.3, 9.0], [9.0, 9.0, 9.0, 9.0, 9.0, 9.0, 0.8]]).T
-    zero, still = np.zeros((7, 2)), np.zeros(2)
+    zero = np.zeros((7, 2))
     states = PlanarState(Vec2(x, y), Heading(zero), Vec2(speed, zero), zero)
-    goals = PlanarState(Vec2(still, still), Heading(still), Vec2(still, still), still)
+    point = np.round(x / 0.005).astype(int)
+    goals = PlanarGuide(Vec2(zero, zero), Heading(zero), Vec2(zero + 0.4, zero), zero, point)
     thrusters = np.zeros((6, 2, 8))
     thrusters[1:3, 0, :4] = 1.0
     timing = Timing(control_period=0.5, episode_steps=6)
     flight = Flight(PLATFORM, TrackVelocity(), timing, states, goals, thrusters, "by hand")
-    commands = np.broadcast_to([0.4, 0.0], (6, 2, 2))
-    return Following(LookAhead(LINE, speed=0.4, radius=0.1), flight, np.round(x[:6] / 0.005).astype(int),
-                     commands)
+    return Following(LookAhead(LINE, speed=0.4, radius=0.1), flight)
 
 
 def test_the_approach_does_not_count() -> None:
@@ -185,3 +184,16 @@ def test_a_spatial_figure_has_three_velocities() -> None:
     ways, *stack = following_figure(following).axes
     assert ways.name == "3d"
     assert [axes.get_ylabel() for axes in stack] == ["v_x, m/s", "v_y, m/s", "v_z, m/s", "cm"]
+
+
+def test_drake_follows_as_we_do() -> None:
+    """The goal moves with the spacecraft, whoever moves that: same commands, ways apart by rounding."""
+    planner = LookAhead(LINE, speed=0.25, radius=0.1)
+    ours, drakes = (follow(PLATFORM, TrackVelocity(), Tracker(PLATFORM), planner, Timing(), seed=5, count=2,
+                           engine=engine) for engine in ("fast", "drake"))
+    assert drakes.flight.engine == "drake"
+    np.testing.assert_array_equal(drakes.progress, ours.progress)
+    np.testing.assert_array_equal(drakes.flight.commands, ours.flight.commands)
+    # Drake's Runge-Kutta at 0.01 s: 1e-12 m in 25 s (`rans.reference.plant`)
+    np.testing.assert_allclose(drakes.positions, ours.positions, rtol=0, atol=1e-10)
+    assert np.ptp(drakes.flight.goals.v.x, axis=0).min() > 0.01  # the command did change
