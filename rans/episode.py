@@ -13,7 +13,6 @@ from functools import cached_property
 from typing import Any
 
 from rans.model.body import Body
-from rans.model.drift import FREE, Drift
 from rans.model.dynamics import NODES, held
 from rans.model.fields import Field, finite, leaves, map_leaves, where
 from rans.model.random import Random
@@ -83,15 +82,13 @@ class World:
     craft: Spacecraft
     task: Task
     timing: Timing = field(default_factory=Timing)
-    drift: Drift = FREE
-    """How a free point moves."""
     nodes: int = NODES
     """Of the quadrature in the plane (`rans.model.dynamics.advance`)."""
 
     def move(self, episode: Episode, command: Command) -> Any:
         """The state after the command was held for one control period, by our equations."""
         return held(episode.state, self.craft, episode.body or Body.of(self.craft), command, self.timing,
-                    self.drift, self.nodes)
+                    self.task.drift, self.nodes)
 
     def observe(self, episode: Episode) -> tuple[Field, ...]:
         """What a policy sees now."""
@@ -144,7 +141,7 @@ def step(world: World, episode: Episode, command: Command, move: Mover | None = 
     """
     task = world.task
     state = (move or world.move)(episode, command)
-    goal = task.next_goal(episode.goal, state, world.drift, world.timing.control_period)
+    goal = task.next_goal(episode.goal, state, world.timing.control_period)
     clock = episode.clock + 1
     terminated = task.failed(state, goal) | ~finite(*leaves(state))
     return Outcome(

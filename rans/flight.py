@@ -9,7 +9,6 @@ import numpy as np
 
 from rans.episode import Episode, Mover, World, step
 from rans.model.body import Body
-from rans.model.drift import FREE, Drift
 from rans.model.fields import finite, leaves, map_leaves, unflatten
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
@@ -86,8 +85,7 @@ class Flight:
 
 
 def fly(craft: Spacecraft, task: Task, controller: Controller, starts: Scenario, timing: Timing,
-        engine: str = "fast", move: Mover | None = None, body: Body | None = None,
-        drift: Drift = FREE) -> Flight:
+        engine: str = "fast", move: Mover | None = None, body: Body | None = None) -> Flight:
     """Fly a batch of scenarios, in float64.
 
     Episodes run for the full time, failed or not, so that nothing is dropped from a statistic. One whose
@@ -102,9 +100,8 @@ def fly(craft: Spacecraft, task: Task, controller: Controller, starts: Scenario,
         engine: who moves, for `Flight.engine`.
         move: how; None: our equations.
         body: what flies, numbers or (N,); None: as designed.
-        drift: how a free point moves.
     """
-    world = World(craft, task, timing, drift)
+    world = World(craft, task, timing)
     now = Episode(starts.start, starts.goal, 0, body=body or Body.of(craft))
     count = len(leaves(starts.start)[0])
     controller.reset(count)

@@ -18,7 +18,6 @@ from rans.fast.distributed import ALONE, Processes
 from rans.fast.kernels.launch import Kernel
 from rans.fast.step import Step, results, step_and_restart, step_tensors
 from rans.model.body import Body, in_memory
-from rans.model.drift import FREE, Drift
 from rans.model.dynamics import NODES
 from rans.model.fields import leaves, map_leaves
 from rans.model.random import seed_words
@@ -57,7 +56,6 @@ class Engine:
             to 2.7 times as fast as torch.compile's, which stands in where it cannot be made.
         processes: those among which the batch is divided; ``num_envs`` are this one's.
         body: other than the craft's, each number or (N,), one for each spacecraft.
-        drift: how a free point moves.
 
     Raises:
         ConfigError: craft is no spacecraft, num_envs not a positive whole number, dtype another one, or mass
@@ -67,8 +65,7 @@ class Engine:
     def __init__(self, craft: Spacecraft, task: Task, num_envs: int, timing: Timing | None = None, *,
                  seed: int | Sequence[int] = 0, device: str | torch.device = "cpu",
                  dtype: torch.dtype = torch.float32, compiled: bool | None = None,
-                 generated: bool = True, processes: Processes = ALONE, body: Body | None = None,
-                 drift: Drift = FREE) -> None:
+                 generated: bool = True, processes: Processes = ALONE, body: Body | None = None) -> None:
         if not isinstance(craft, Spacecraft):
             raise ConfigError(f"craft must be a Spacecraft, got {craft!r}; rans.load_spacecraft reads one.")
         if isinstance(num_envs, bool) or not isinstance(num_envs, int) or num_envs < 1:
@@ -87,7 +84,7 @@ class Engine:
         self._on_numpy = not isinstance(fields, torch.dtype)
         nominal = Body.of(craft)
         self._fields = fields
-        self._world = World(craft, task, self.timing, drift,
+        self._world = World(craft, task, self.timing,
                             _FLOAT32_NODES if dtype == torch.float32 else NODES)
         step = step_tensors
         self._step = torch.compile(step, fullgraph=True, dynamic=False) if self.compiled else step
@@ -286,7 +283,7 @@ class Engine:
     def _allocate(self) -> Episode:
         """Buffers of the right shape; their content is written by `reset`."""
         start, goal = self._world.begin(self._seed, self._numbers[0], self._fields)
-        moved = self.task.next_goal(goal, start, self._world.drift, self.timing.control_period)
+        moved = self.task.next_goal(goal, start, self.timing.control_period)
         where = {} if self._on_numpy else {"device": self.device}
         zeros: Any = np.zeros if self._on_numpy else torch.zeros
         buffer = lambda _: zeros(self.num_envs, dtype=self._fields, **where)  # noqa: E731

@@ -20,4 +20,4 @@ class DrakeEnv(Environment):
     """
 
     def _mover(self) -> Mover:
-        return mover(Plant(self.craft), self.timing)
+        return mover(Plant(self.craft, drift=self.task.drift), self.timing)

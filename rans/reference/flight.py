@@ -20,10 +20,10 @@ from rans.tasks.base import Task
 
 
 def fly_in_drake(craft: Spacecraft, task: Task, controller: Controller, starts: Scenario,
-                 timing: Timing, body: Body | None = None, drift: Drift = FREE) -> Flight:
+                 timing: Timing, body: Body | None = None) -> Flight:
     """Fly a batch of scenarios as `rans.flight.fly` does, moved by Drake; substeps do not concern it."""
-    plant = Plant(craft, len(leaves(starts.start)[0]), body=body, drift=drift)
-    return fly(craft, task, controller, starts, timing, "drake", mover(plant, timing), body, drift)
+    plant = Plant(craft, len(leaves(starts.start)[0]), body=body, drift=task.drift)
+    return fly(craft, task, controller, starts, timing, "drake", mover(plant, timing), body)
 
 
 def mover(plant: Plant, timing: Timing) -> Mover:

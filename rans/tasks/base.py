@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from rans.errors import ConfigError
-from rans.model.drift import Drift
+from rans.model.drift import FREE, Drift
 from rans.model.dynamics import State
 from rans.model.fields import Field
 from rans.model.random import Random
@@ -56,13 +56,17 @@ class Task(ABC):
         """The task with the starts and goals that agents are judged on: by default those of training."""
         return self
 
-    def next_goal(self, goal: State, state: State, drift: Drift, period: Field) -> State:
+    @property
+    def drift(self) -> Drift:
+        """How a free point moves where the task is set: by default it flies free."""
+        return FREE
+
+    def next_goal(self, goal: State, state: State, period: Field) -> State:
         """The goal one control period later: by default it stands still.
 
         Args:
-            goal: of the period that ends.
+            goal: of the period that ends; one that drifts too goes on by `rans.model.dynamics.step_goal`.
             state: arrived in.
-            drift: how a free point moves; see `rans.model.dynamics.step_goal` for a goal that drifts too.
             period: s.
         """
         return goal

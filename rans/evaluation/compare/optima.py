@@ -136,7 +136,7 @@ def episode(craft: Spacecraft, task: Task, timing: Timing, scenario: Scenario,
     steps = max(planned, math.ceil(timing.episode_steps * timing.control_period / period - 1e-9))
     commands = np.vstack([trajectory.commands, np.zeros((steps - planned, len(craft.thrusters)))])
     own = Timing(control_period=period, episode_steps=steps)
-    states = map_leaves(lambda x: x[:, None], replay(craft, scenario.start, commands, own))
+    states = map_leaves(lambda x: x[:, None], replay(craft, scenario.start, commands, own, task.drift))
     return Flight(craft, task, own, states, map_leaves(lambda x: np.array([x]), scenario.goal),
                   commands[:, None], trajectory.objective, "drake")
 

@@ -14,7 +14,7 @@ from rans.evaluation.fly.judge import EngineName, flown
 from rans.evaluation.fly.paths import SPACING, LookAhead
 from rans.evaluation.fly.protocols import Setup
 from rans.flight import Controller, Flight
-from rans.model.drift import FREE, Drift
+from rans.model.drift import Drift
 from rans.model.dynamics import PlanarState, SpatialState, State
 from rans.model.fields import Field
 from rans.model.random import Random
@@ -53,6 +53,11 @@ class Guided(Task):
     """The tracker's."""
     planner: LookAhead
 
+    @property
+    def drift(self) -> Drift:
+        """See `Task`."""
+        return self.task.drift
+
     def flag_of(self, goal: State) -> Field:
         """See `Task`."""
         return self.task.flag_of(goal)
@@ -65,9 +70,9 @@ class Guided(Task):
         goal: Any = random.at_rest(random.origin(), random.no_rotation())
         kind = PlanarGuide if isinstance(start, PlanarState) else SpatialGuide
         begun = kind(goal.p, goal.attitude, goal.v, goal.w, np.zeros(len(start.p.x), dtype=int))
-        return start, self.next_goal(begun, start, FREE, 0.0)
+        return start, self.next_goal(begun, start, 0.0)
 
-    def next_goal(self, goal: Any, state: State, drift: Drift, period: Field) -> Any:
+    def next_goal(self, goal: Any, state: State, period: Field) -> Any:
         """The planner's command where the spacecraft is."""
         position = np.stack(state.p.columns(), axis=1)
         progress, _, command = self.planner.plan(position, goal.progress.astype(int))

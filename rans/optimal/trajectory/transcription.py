@@ -17,7 +17,7 @@ import numpy as np
 
 from rans.errors import ConfigError
 from rans.model.body import Body
-from rans.model.drift import FREE, Drift
+from rans.model.drift import Drift
 from rans.model.dynamics import State, Wrench, advance
 from rans.model.fields import Vec2, Vec3, leaves, map_leaves, unflatten
 from rans.model.spacecraft import Spacecraft, controls_every_direction
@@ -110,20 +110,20 @@ class Transcription:
         substeps: integration steps a control period, see `rans.model.dynamics.advance`. In the plane one is
             exact, in space of order six, which a replay in Drake shows to be enough.
 
-        drift: how a free point moves; the goal stands still.
+        drift: how a free point moves, None: as the task says; the goal stands still.
 
     Raises:
         ConfigError: the task is a multi-task.
     """
 
     def __init__(self, craft: Spacecraft, task: Task, objective: Objective, substeps: int = 1,
-                 drift: Drift = FREE) -> None:
+                 drift: Drift | None = None) -> None:
         self._craft, self._task, self._objective = craft, task, objective
         example = scenario(task, craft.dimension, seed=0, episode=0)
         self._like, self._aims = example.start, aims(task)
         self._arrival = Arrival(task, example.goal, objective.ending)
         self._wrenches = np.array(craft.wrench_map).T
-        self._step = _step(craft, example.start, substeps, drift)
+        self._step = _step(craft, example.start, substeps, drift or task.drift)
         self._allocation = Allocation(craft) if controls_every_direction(craft) else None
         self._rows = (len(craft.thrusters), len(self._wrenches), len(leaves(self._like)))
         self._build(len(leaves(example.goal)))
