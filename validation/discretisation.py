@@ -50,7 +50,8 @@ def discretisation_checks(craft: Spacecraft, seed: int, count: int) -> list[Chec
     for rate in _CONTROL_RATES:
         timing = Timing(control_period=1.0 / rate, episode_steps=25 * rate)
         starts = scenarios(GoToPose(), craft, seed, count)
-        commands = fly(craft, GoToPose(), Restless(craft, seed), starts, timing).commands
+        # Open for the whole period or not at all: then a step's length is its share of the period.
+        commands = np.ceil(fly(craft, GoToPose(), Restless(craft, seed), starts, timing).commands)
         drake = drake_states(craft, starts.start, commands, timing, 0.01)
         end = map_leaves(lambda x: x[-1], drake)
 

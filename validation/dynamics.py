@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from rans.model.body import Body
-from rans.model.dynamics import Wrench, advance, wrench
+from rans.model.dynamics import Wrench, advance, held, wrench
 from rans.model.fields import Vec2, Vec3
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
@@ -75,12 +75,11 @@ def acceleration_checks(craft: Spacecraft, seed: int, count: int) -> list[Check]
 
 
 def period_checks(craft: Spacecraft, seed: int, count: int) -> list[Check]:
-    """One control period from random states, held commands, at the validation substeps."""
+    """One control period from random states, commands as the actuators take them, validation substeps."""
     states, commands = random_states(craft.dimension, seed, count), gentle_commands(craft, seed, count)
-    period = Timing().control_period
-    ours = advance(states, wrench(craft, tuple(commands.T)), Body.of(craft), period,
-                   VALIDATION_SUBSTEPS[craft.dimension])
-    rows = Plant(craft, count).advance(rows_from_states(states), commands, period)
+    timing = Timing(substeps=VALIDATION_SUBSTEPS[craft.dimension])
+    ours = held(states, craft, Body.of(craft), tuple(commands.T), timing)
+    rows = Plant(craft, count).advance(rows_from_states(states), commands, timing.control_period)
     reason = "Truncation of both integrators over one period; a wrong term shows at 1e-6 or more."
     return gap_checks("one control period", ours, states_from_rows(rows, states), 1e-9, reason)
 
@@ -96,10 +95,9 @@ def disturbance_checks(craft: Spacecraft, seed: int, count: int) -> list[Check]:
     pushes = scale * np.random.default_rng(seed).uniform(-1, 1, (count, craft.degrees_of_freedom))
     force, torque = pushes[:, :split].T, pushes[:, split:].T
     acting = Wrench(Vec2(*force), torque[0]) if split == 2 else Wrench(Vec3(*force), Vec3(*torque))
-    period = Timing().control_period
-    ours = advance(states, wrench(craft, tuple(commands.T)), Body.of(craft), period,
-                   VALIDATION_SUBSTEPS[craft.dimension], disturbance=acting)
-    rows = Plant(craft, count).advance(rows_from_states(states), commands, period, pushes)
+    timing = Timing(substeps=VALIDATION_SUBSTEPS[craft.dimension])
+    ours = held(states, craft, Body.of(craft), tuple(commands.T), timing, disturbance=acting)
+    rows = Plant(craft, count).advance(rows_from_states(states), commands, timing.control_period, pushes)
     reason = "As one control period; a force or torque in the wrong frame shows at 1e-4 or more."
     return gap_checks("disturbed period", ours, states_from_rows(rows, states), 1e-9, reason)
 

@@ -86,12 +86,13 @@ def _engine(craft: Spacecraft, seed: int, count: int, dtype: torch.dtype, device
 
 def _fly_engine(engine: Engine, commands: np.ndarray, graph: bool = False) -> Any:
     """The engine's states with float64 fields (T + 1, N) under commands (T, N, thrusters)."""
-    action = torch.zeros(commands.shape[1:], dtype=torch.uint8, device=engine.device)
+    dtype = torch.float64 if engine.craft.actuators.is_continuous else torch.uint8
+    action = torch.zeros(commands.shape[1:], dtype=dtype, device=engine.device)
     step: Callable[[], Any] = lambda: engine.step(action).reward  # noqa: E731
     step = graphed(step, engine.device) if graph else step
     states = [_copy(engine.state)]
     for command in commands:
-        action.copy_(torch.from_numpy(command.astype(np.uint8)))
+        action.copy_(torch.from_numpy(command))
         step()
         states.append(_copy(engine.state))
     return unflatten(engine.state, np.moveaxis(np.array(states), 1, 0))

@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 
 from rans.model.body import Body
-from rans.model.dynamics import AnyState, PlanarState, SpatialState, advance, wrench
+from rans.model.dynamics import AnyState, PlanarState, SpatialState, held
 from rans.model.fields import Heading, Quat, leaves, unflatten, wrap
 from rans.model.random import Random, seed_words
 from rans.model.spacecraft import Spacecraft
@@ -58,7 +58,8 @@ class Restless:
     silent. This one flies like a mediocre agent: near the goal, in all attitudes, always firing. A
     thruster opens when the acceleration it gives, projected on the acceleration that a critically
     damped spring to the goal asks for (time constants 3 s for position, 1 s for attitude), covers
-    more than a share of the strongest thruster's.
+    more than a share of the strongest thruster's. Where commands may be anything between shut and open, it
+    opens by quarters, so that valves that pulse shut at four moments of a period.
 
     Args:
         craft: what it flies; any set of thrusters.
@@ -71,6 +72,7 @@ class Restless:
 
     def __init__(self, craft: Spacecraft, seed: int, share: float = 0.5) -> None:
         self._random, self._share = np.random.default_rng(seed), share
+        self._by_quarters = craft.actuators.is_continuous and share > 0.0
         columns, size = np.array(craft.wrench_map), craft.dimension
         moments = np.array([[craft.inertia[2][2]]]) if size == 2 else np.array(craft.inertia)
         linear = columns[:, :size] / craft.mass
@@ -88,7 +90,8 @@ class Restless:
         angular = [angle - 2.0 * rate for angle, rate in zip(turn, state.spin(), strict=True)]
         wanted = np.stack([*linear.columns(), *angular], axis=1)
         opened = wanted @ self._projection > self._share
-        return opened ^ (self._random.random(opened.shape) < 0.05)
+        opened ^= self._random.random(opened.shape) < 0.05
+        return opened * self._random.integers(1, 5, opened.shape) / 4 if self._by_quarters else opened
 
 
 def rollout(craft: Spacecraft, start: AnyState, commands: Any, period: float,
@@ -105,10 +108,9 @@ def rollout(craft: Spacecraft, start: AnyState, commands: Any, period: float,
     Returns:
         The states with fields (T + 1, N), NumPy float64.
     """
-    body, states = Body.of(craft), [start]
+    body, states, timing = Body.of(craft), [start], Timing(control_period=period, substeps=substeps)
     for command in commands:
-        state = advance(states[-1], wrench(craft, tuple(command.T)), body, period, substeps)
-        states.append(state.normalised())
+        states.append(held(states[-1], craft, body, tuple(command.T), timing))
     columns = zip(*(leaves(state) for state in states), strict=True)
     return unflatten(start, [np.stack([np.asarray(x, dtype=np.float64) for x in c]) for c in columns])
 

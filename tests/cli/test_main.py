@@ -15,6 +15,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 import pytest
+import torch
 
 from rans import cli
 from rans.cli import COMMANDS, main
@@ -96,8 +97,10 @@ def test_a_misspelt_option_is_told_the_near_ones(capsys: pytest.CaptureFixture[s
      "rans: [Errno 28] No space left on device: 'metrics.jsonl'.\n"),
     (OverflowError("int too large to convert to float"), 2,
      "rans: a number is too large to compute with: int too large to convert to float.\n"),
-    (RuntimeError("can't allocate memory:\nyou tried"), 2,
-     "rans: out of memory, fewer at once may do: can't allocate memory:.\n"),
+    (RuntimeError("DefaultCPUAllocator: can't allocate memory:\nyou tried"), 2,
+     "rans: out of memory, fewer at once may do: DefaultCPUAllocator: can't allocate memory:.\n"),
+    (torch.OutOfMemoryError("CUDA out of memory. Tried to allocate 2 GiB."), 2,
+     "rans: out of memory, fewer at once may do: CUDA out of memory. Tried to allocate 2 GiB.\n"),
     (ConfigError("\x1b[31m" + "x" * 10**7), 2,
      "rans: \\x1b[31m" + "x" * (2000 - 11) + " ... (10,000,011 characters)\n"),
     (MemoryError("no 373 GiB"), 2, "rans: out of memory, fewer at once may do: no 373 GiB.\n"),
@@ -111,7 +114,8 @@ def test_ends_with_a_sentence(error: BaseException, code: int, said: str, monkey
 
 
 def test_a_mistake_of_ours_is_not_hidden(monkeypatch: pytest.MonkeyPatch) -> None:
-    for error in (ZeroDivisionError(), RuntimeError("shapes differ")):
+    for error in (ZeroDivisionError(), RuntimeError("shapes differ"),
+                  RuntimeError("Please use tensor.pin_memory() or allocate the tensor with pin_memory=True")):
         broken(monkeypatch, error)
         with pytest.raises(type(error)):
             main(["list"])

@@ -7,9 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from rans.model.dynamics import PlanarState
+from rans.model.fields import Heading, Vec2
 from rans.optimal.certificate import hull
+from rans.optimal.certificate.dual import Relaxation
+from rans.optimal.certificate.lattice import GoalSet, Lattice
+from tests.optimal.tiny import lopsided
 from validation import bounds
-from validation.bounds import Bounds, beaten, random_craft
+from validation.bounds import Bounds, beaten, points, random_craft
 
 
 def test_no_random_flight_is_below_its_bounds() -> None:
@@ -29,6 +34,22 @@ def test_a_bound_that_is_too_high_is_found_out(monkeypatch: pytest.MonkeyPatch) 
     report = Bounds(10, seed=35).run()
     assert [check.passed for check in report.checks] == [True, False, True]
     assert "seeds [" in report.checks[1].reason
+
+
+def test_a_lattice_is_as_large_as_planned() -> None:
+    """The plan is what the certificate then builds; larger ones are left out, and counted."""
+    rest = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
+    lattice, loose = Lattice(lopsided(), 0.2), GoalSet()
+    built = Relaxation(lattice, rest, rest, loose, 7, None)._after.size
+    assert points(lopsided(), rest, rest, loose, 7) == built
+
+
+def test_a_lattice_too_large_is_left_out_and_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(bounds, "_MOST_POINTS", 1000)
+    report = Bounds(40, seed=100).run()
+    assert report.passed
+    (skipped,) = report.skipped
+    assert int(skipped.reason.split()[0]) == sum("too large" in beaten(seed) for seed in range(100, 140)) > 0
 
 
 def test_random_craft_are_of_every_kind() -> None:

@@ -217,7 +217,9 @@ def _check(craft: Spacecraft) -> None:
 def _quantum(craft: Spacecraft, torques: np.ndarray) -> tuple[float, np.ndarray]:
     """The largest torque of which all thrusters' are whole multiples, N m, and the multiples."""
     largest = np.abs(torques).max()
-    turning = np.abs(torques[np.abs(torques) > _ROUNDING * largest])
+    # Thrusters through the centre of mass leave torques of rounding only, which are no quanta.
+    levers = (t.force * math.dist(t.position, craft.centre_of_mass) for t in craft.thrusters)
+    turning = np.abs(torques[np.abs(torques) > _ROUNDING * max(largest, *levers)])
     for parts in range(1, _LARGEST_MULTIPLE + 1):
         if len(turning) == 0:
             break

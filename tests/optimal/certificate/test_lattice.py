@@ -16,7 +16,7 @@ from rans.errors import ConfigError
 from rans.model.body import Body
 from rans.model.dynamics import PlanarState, advance, wrench
 from rans.model.fields import Heading, Vec2
-from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.certificate.dual import Relaxation
 from rans.optimal.certificate.lattice import GoalSet, Lattice, pulse, rounded_up
@@ -152,6 +152,17 @@ def test_thrusters_that_turn_nothing() -> None:
                 dataclasses.replace(t, position=(0.0, 0.0, 0.0)) for t in PLATFORM.thrusters))
     with pytest.raises(ConfigError, match="'straight'"):
         Lattice(straight, PERIOD)
+
+
+def test_torques_of_rounding_only_are_no_quanta() -> None:
+    """Nozzles along lines through the centre, to rounding: 1e-17 N m has 1e16 multiples in a tolerance."""
+    slanted = [Thruster((0.1 * x, 0.1 * y, 0.0), (x, y, 0.0), 1.0)
+               for x, y in ((0.6, 0.8), (-0.28, 0.96), (math.cos(1), math.sin(1)))]
+    with pytest.warns(UserWarning, match="cannot"):
+        craft = dataclasses.replace(PLATFORM, thrusters=tuple(slanted))
+    assert 0.0 < np.abs(np.array(craft.wrench_map)[:, 2]).max() < 1e-15
+    with pytest.raises(ConfigError, match="whole multiples"):
+        Lattice(craft, PERIOD)
 
 
 def test_spin_off_the_lattice() -> None:
