@@ -69,12 +69,12 @@ class Scene:
         Returns:
             (height, width, 3) uint8: red, green, blue.
         """
-        (here, turn), (place, wanted_turn) = _pose(state), _pose(goal)
+        here, place, turn, wanted_turn = columns(state.p), columns(goal.p), rotations(state), rotations(goal)
         wanted = self.task.drawn(goal).tolerances()
         way = [np.resize([*point, 0.0], 3) for point in trail] + [here]
         target = place if "position" in wanted else way[0]
         arrows = ((state.v, _TRAIL), (goal.v, _GOAL)) if "velocity" in wanted else ()
-        tips = [(here + _SECONDS * _vector(velocity), colour) for velocity, colour in arrows]
+        tips = [(here + _SECONDS * columns(velocity), colour) for velocity, colour in arrows]
         self._look_at([*way, target, *(tip for tip, _ in tips)])
         image = Image.new("RGB", (self.width * _SMOOTHING, self.height * _SMOOTHING), "white")
         draw = ImageDraw.Draw(image)
@@ -197,21 +197,16 @@ def _view(dimension: int) -> np.ndarray:
     return np.array([(-s, c, 0.0), (-se * c, -se * s, ce), (ce * c, ce * s, se)])
 
 
-def _pose(state: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Position in W, (3,) m, and rotation matrix R_WB, (3, 3), of a planar or spatial state."""
-    position, turn = np.zeros(3), np.eye(3)
-    dimension = len(state.p.columns())
-    position[:dimension] = state.p.columns()
-    vector = Vec2 if dimension == 2 else Vec3
-    for column in range(dimension):
-        axis = vector(*np.eye(dimension)[column])
-        turn[:dimension, column] = state.attitude.rotate(axis).columns()
-    return position, turn
+def rotations(state: Any) -> np.ndarray:
+    """Rotation matrices R_WB, (..., 3, 3), of planar or spatial states whose fields have shape (...)."""
+    axes = [state.attitude.rotate(type(state.p)(*unit)) for unit in np.eye(len(state.p.columns()))]
+    turned = [columns(axis) for axis in axes]
+    return np.stack([*turned, np.broadcast_to((0.0, 0.0, 1.0), turned[0].shape)][:3], axis=-1)
 
 
-def _vector(vector: Vec2 | Vec3) -> np.ndarray:
-    """Of W, (3,)."""
-    return np.resize([*vector.columns(), 0.0], 3)
+def columns(vector: Vec2 | Vec3) -> np.ndarray:
+    """Vectors of fields (...) as an array (..., 3), z = 0 in the plane."""
+    return np.stack(np.broadcast_arrays(*vector.columns(), 0.0)[:3], axis=-1)
 
 
 def draw_layout(craft: Spacecraft) -> Figure:

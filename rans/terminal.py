@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from rich.console import Console
+from rich.console import Console, JustifyMethod
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 from rich.table import Table
 from rich.text import Text
@@ -34,12 +34,14 @@ class Terminal(Console):
         return super().render_str(legible(text, _LONGEST), **options)
 
 
-def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> Table:
+def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[Any]], caption: str = "",
+          justify: JustifyMethod = "left") -> Table:
     """A table whose first column never breaks, and in which no end of a long word is lost."""
-    made = Table(*columns, title=title or None, title_justify="left")
+    made = Table(*columns, title=title or None, title_justify="left", caption=caption or None,
+                 caption_justify="left")
     made.columns[0].no_wrap = True
-    for column in made.columns[1:]:
-        column.overflow = "fold"
+    for column in made.columns:
+        column.overflow, column.justify = "fold", justify
     for row in rows:
         made.add_row(*row)
     return made

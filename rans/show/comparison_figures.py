@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+from matplotlib.ticker import LogLocator, NullLocator
 
 from rans.evaluation.compare.contest import Entry
 from rans.evaluation.compare.run import Comparison
@@ -21,7 +21,7 @@ from rans.optimal.trajectory.objectives import MinimumFuel, MinimumTime
 from rans.show import panels
 from rans.show.comparison_tables import RETURN, Scores
 from rans.show.figures import styled
-from rans.show.panels import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, RED, SKY, label
+from rans.show.panels import BLUE, GREEN, GREY, INK, ORANGE, PLAIN, PURPLE, RED, SKY, label
 
 _LOOKS = ((BLUE, "o"), (ORANGE, "s"), (GREEN, "D"), (PURPLE, "^"), (RED, "v"), (SKY, "P"))
 """Colour and marker of each contestant, in their order; from the seventh on they repeat."""
@@ -40,7 +40,7 @@ def _logarithmic(axes: Axes, axis: Axis, marks: Sequence[float] = (1.0, 2.0, 5.0
     scale("log")
     axis.set_major_locator(LogLocator(subs=marks, numticks=20))
     axis.set_minor_locator(NullLocator())
-    axis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+    axis.set_major_formatter(PLAIN)
 
 
 @styled

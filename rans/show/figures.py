@@ -16,12 +16,11 @@ import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter
 
 from rans.files import write_text
 from rans.flight import Flight
 from rans.show import panels
-from rans.show.panels import BLUE, GREEN, GREY, ORANGE, PURPLE, RED, SKY, STYLE, label
+from rans.show.panels import BLUE, GREEN, GREY, MILLIONS, ORANGE, PURPLE, RED, SKY, STYLE, label
 
 styled = matplotlib.rc_context(STYLE)
 """Decorator: everything drawn inside has the project's style."""
@@ -90,7 +89,7 @@ def learning_curve(rows: Sequence[Mapping[str, Any]]) -> Figure:
     if terms:
         returns.legend()
     for axes in (success, returns):
-        axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x / 1e6:g} M" if x else "0"))
+        axes.xaxis.set_major_formatter(MILLIONS)
     return figure
 
 

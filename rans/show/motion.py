@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 from pydrake.math import RigidTransform, RotationMatrix
 
+from rans.drawing import columns, rotations
 from rans.flight import Flight
-from rans.model.fields import Vec2, Vec3, map_leaves
+from rans.model.fields import map_leaves
 from rans.model.spacecraft import Spacecraft
 
 
@@ -47,8 +48,8 @@ class Motion:
         firing = np.zeros((end, len(flight.craft.thrusters)), dtype=bool)
         firing[:-1] = flight.commands[:end - 1, episode] > 0.0
         return cls(flight.craft, flight.controller, frozenset(flight.task.tolerances()), flight.times[:end],
-                   _poses(states)[:end], _columns(states.v)[:end], firing, _poses(goal)[0],
-                   _columns(goal.v)[0])
+                   _poses(states)[:end], columns(states.v)[:end], firing, _poses(goal)[0],
+                   columns(goal.v)[0])
 
     @property
     def way(self) -> np.ndarray:
@@ -71,18 +72,5 @@ class Motion:
 
 def _poses(states: Any) -> list[RigidTransform]:
     """Poses in W of planar or spatial states whose fields are arrays (K,)."""
-    positions = _columns(states.p)
-    dimension = len(states.p.columns())
-    vector = Vec2 if dimension == 2 else Vec3
-    R_WB = np.tile(np.eye(3), (len(positions), 1, 1))
-    for k in range(dimension):
-        axis = vector(*np.eye(dimension)[k])
-        R_WB[:, :dimension, k] = np.stack(states.attitude.rotate(axis).columns(), axis=-1)
     return [RigidTransform(RotationMatrix.ProjectToRotationMatrix(R), p)
-            for R, p in zip(R_WB, positions, strict=True)]
-
-
-def _columns(vectors: Vec2 | Vec3) -> np.ndarray:
-    """As rows (K, 3), z = 0 in the plane."""
-    columns = np.stack(vectors.columns(), axis=1)
-    return np.pad(columns, ((0, 0), (0, 3 - columns.shape[1])))
+            for R, p in zip(rotations(states), columns(states.p), strict=True)]

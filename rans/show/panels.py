@@ -12,9 +12,10 @@ from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import SubFigure
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
+from rans.drawing import rotations
 from rans.evaluation.measure.metrics import DISPLAY
 from rans.flight import Flight
-from rans.model.fields import leaves
+from rans.model.fields import map_leaves
 
 BLUE, ORANGE, GREEN, RED, PURPLE, SKY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9"
 INK, GREY = "#1F2933", "#7B8794"
@@ -29,6 +30,10 @@ STYLE: dict[Any, Any] = {
     # Reproducible files: ids from this text and no date, so that equal figures give equal bytes.
     "svg.hashsalt": "rans", "savefig.dpi": 160,
 }
+
+PLAIN = FuncFormatter(lambda x, _: f"{x:g}")
+MILLIONS = FuncFormatter(lambda x, _: f"{x / 1e6:g} M" if x else "0")
+"""Numbers along an axis: as they are, and steps in millions."""
 
 Pick = Callable[[np.ndarray], np.intp]
 """Chooses an episode by its mean over time: ``np.argmin`` or ``np.argmax``."""
@@ -73,7 +78,7 @@ def errors(every: Axes, summarised: Axes, flight: Flight, rank: int, letters: st
     floor = max(0.01, 0.5 * error.min())  # a logarithmic axis has no place for 0
     _lines(every, np.broadcast_to(flight.times[:, None], error.shape), np.maximum(error, floor))
     every.set(xlim=(0.0, flight.times[-1]), ylim=(floor, 1.6 * max(0.1, error.max())), yscale="log")
-    every.yaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+    every.yaxis.set_major_formatter(PLAIN)
     summary(summarised, flight.times, error, best=np.argmin, worst=np.argmax)
     parts = zip((every, summarised), letters, ("every episode", "summary"), strict=True)
     for axes, letter, what in parts:
@@ -131,7 +136,7 @@ def path(figure: SubFigure, flight: Flight, episode: int) -> None:
     """The way of one episode with the direction of the body's x axis once a second."""
     way = [x[:, episode] for x in _from_goal(flight)]
     every = max(1, round(1.0 / flight.timing.control_period))
-    nose = _nose(flight, episode)
+    nose = rotations(map_leaves(lambda x: x[:, episode], flight.states))[:, :len(way), 0].T
     arrows = [x[::every] for x in (*way, *nose)]
     if len(way) == 3:
         axes = figure.add_subplot(projection="3d")
@@ -150,14 +155,6 @@ def path(figure: SubFigure, flight: Flight, episode: int) -> None:
     label(axes, f"(a) path of episode {episode}", *_places(flight))
 
 
-def _nose(flight: Flight, episode: int) -> list[np.ndarray]:
-    """The body's x axis in W, one (T + 1,) array per axis of W."""
-    attitude = flight.states.attitude
-    ones, zeros = np.ones_like(leaves(attitude)[0]), np.zeros_like(leaves(attitude)[0])
-    x_axis = type(flight.goals.p)(*(ones, zeros, zeros)[:len(flight.goals.p.columns())])
-    return [x[:, episode] for x in attitude.rotate(x_axis).columns()]
-
-
 def episode_errors(axes: Axes, flight: Flight, episode: int) -> None:
     """The errors of one episode as multiples of their tolerances."""
     errors = flight.errors()
@@ -167,7 +164,7 @@ def episode_errors(axes: Axes, flight: Flight, episode: int) -> None:
         axes.semilogy(flight.times, errors[quantity][:, episode] / bound, color=colour,
                       label=f"{quantity} (tolerance {factor * bound:g} {unit})")
     axes.axhline(1.0, color=RED, linestyle="--", linewidth=1.0)
-    axes.yaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+    axes.yaxis.set_major_formatter(PLAIN)
     axes.legend(loc="upper right")
     label(axes, "(b) errors", "", "error / tolerance")
 

@@ -7,12 +7,11 @@ from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter
 
 from rans.fast.learn.member import Member
 from rans.fast.learn.sweep import Sweep, short
 from rans.show.figures import styled
-from rans.show.panels import BLUE, GREEN, GREY, ORANGE, PURPLE, RED, SKY, label
+from rans.show.panels import BLUE, GREEN, GREY, MILLIONS, ORANGE, PURPLE, RED, SKY, label
 
 _COLOURS = (BLUE, GREEN, PURPLE, SKY, RED, GREY)
 
@@ -42,7 +41,7 @@ def sweep_figure(sweep: Sweep) -> Figure:
     ends.set_yticklabels([_name(sweep, members) for members in configs])
     label(ends, "until solved (x: never)", "environment steps a member", "")
     for axes in (curves, ends):
-        axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x / 1e6:g} M" if x else "0"))
+        axes.xaxis.set_major_formatter(MILLIONS)
     return figure
 
 

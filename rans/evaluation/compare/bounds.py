@@ -15,7 +15,9 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from rich.table import Table
 
+from rans import terminal
 from rans.errors import ConfigError, RansError
+from rans.evaluation.measure.statistics import figure
 from rans.model.fields import leaves
 from rans.model.spacecraft import Spacecraft
 from rans.optimal.certificate import hull
@@ -222,14 +224,12 @@ def table(sentence: str, measure: str, answers: Sequence[Bound], found: Sequence
         answers: the bounds.
         found: cost of the relaxed trajectory from each start, NaN where there is none.
     """
-    result = Table(title=f"What nothing can beat: {measure}", title_justify="left", caption=sentence,
-                   caption_justify="left")
-    for heading in ("start", "hull bound", "relaxed", "certified", "on/off found", "gap"):
-        result.add_column(heading, justify="right")
-    for answer, cost in zip(answers, found, strict=True):
+    def row(answer: Bound, cost: float) -> tuple[str, ...]:
         lower, upper = answer.lower, answer.upper
         gap = f"{100 * (upper / lower - 1):.1f} %" if lower and lower < math.inf else "-"
         certain = ["-"] * 2 if lower is None else [f"{lower:.3f}", f"{upper:.3f}"]
-        relaxed = "-" if math.isnan(cost) else f"{cost:.3f}"
-        result.add_row(str(answer.start), f"{answer.hull:.3f}", relaxed, *certain, gap)
-    return result
+        return str(answer.start), f"{answer.hull:.3f}", figure(cost, ".3f"), *certain, gap
+
+    columns = ("start", "hull bound", "relaxed", "certified", "on/off found", "gap")
+    return terminal.table(f"What nothing can beat: {measure}", columns, map(row, answers, found), sentence,
+                          "right")

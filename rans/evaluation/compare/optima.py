@@ -12,8 +12,10 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
+from rans import terminal
+from rans.evaluation.fly.episodes import save_arrays
 from rans.evaluation.measure.metrics import DISPLAY
-from rans.files import environment, replace_file, write_json
+from rans.files import environment, write_json
 from rans.flight import Flight
 from rans.model.fields import leaves, map_leaves
 from rans.model.spacecraft import Spacecraft
@@ -40,6 +42,13 @@ _SENTENCES = {
     "Worker_Died": "the process that solved it died, usually for lack of memory",
 }
 """How the optimiser ended, in words."""
+
+
+_LEAVES = {
+    6: ("p.x", "p.y", "heading", "v.x", "v.y", "w"),
+    13: ("p.x", "p.y", "p.z", "q.w", "q.x", "q.y", "q.z", "v.x", "v.y", "v.z", "w.x", "w.y", "w.z"),
+}
+"""Names of a state's values, by how many it has."""
 
 
 @dataclass(frozen=True)
@@ -148,12 +157,10 @@ def table(title: str, objective: Objective, answers: Sequence[Optimum]) -> Table
         if not answer.good:
             lost.setdefault(answer.sentence, []).append(str(answer.start))
     notes = [f"Start {', '.join(starts)}: {sentence}." for sentence, starts in lost.items()]
-    result = Table(title=title, title_justify="left", caption="\n".join(notes), caption_justify="left")
     names = list(next((answer.errors for answer in answers if answer.errors), {}))
-    result.add_column("start", justify="right")
-    for heading in (objective.measure, *(f"{n} {DISPLAY[n][1]}" for n in names), "replay mm", "steps", "ms"):
-        result.add_column(heading, justify="right")
-    result.add_column("")
+    columns = ("start", objective.measure, *(f"{n} {DISPLAY[n][1]}" for n in names), "replay mm", "steps",
+               "ms", "")
+    result = terminal.table(title, columns, (), "\n".join(notes), "right")
     for answer in answers:
         result.add_row(*_cells(answer, names), style=None if answer.good else "red")
     return result
@@ -178,23 +185,11 @@ def write(folder: Path, about: dict[str, Any], answers: Sequence[Optimum]) -> No
         ConfigError: the disk refused.
     """
     paths = [answer.trajectory for answer in answers]
-    arrays = {"states": np.stack([np.stack(leaves(p.states), axis=-1) for p in paths]),
-              "commands": np.stack([p.commands for p in paths]),
-              "control_period": np.array([p.control_period for p in paths]),
-              "leaves": np.array(_leaf_names(len(leaves(paths[0].states))))}
-    arrays["states"][[not p.solved for p in paths]] = np.nan
-    arrays["commands"][[not p.solved for p in paths]] = np.nan
-
-    def save(draft: Path) -> None:
-        with draft.open("wb") as file:
-            np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
-
-    replace_file(folder / "optimal.npz", save)
+    known = np.array([1.0 if p.solved else np.nan for p in paths])[:, None, None]
+    save_arrays(folder / "optimal.npz", {
+        "states": known * np.stack([np.stack(leaves(p.states), axis=-1) for p in paths]),
+        "commands": known * np.stack([p.commands for p in paths]),
+        "control_period": np.array([p.control_period for p in paths]),
+        "leaves": np.array(_LEAVES[len(leaves(paths[0].states))])})
     rows = [answer.to_json() for answer in answers]
     write_json(folder / "optimal.json", {**about, "environment": environment(), "starts": rows})
-
-
-def _leaf_names(count: int) -> tuple[str, ...]:
-    if count == 6:
-        return ("p.x", "p.y", "heading", "v.x", "v.y", "w")
-    return ("p.x", "p.y", "p.z", "q.w", "q.x", "q.y", "q.z", "v.x", "v.y", "v.z", "w.x", "w.y", "w.z")

@@ -44,7 +44,12 @@ def save_episodes(flight: Flight, file: Path, trajectories: bool = False) -> Non
     arrays |= {"start": states[0], "goal": np.stack(leaves(flight.goals), axis=-1)}
     if trajectories:
         arrays |= {"times": flight.times, "states": states, "commands": flight.commands}
-    packed: dict[str, Any] = {key: np.asarray(value, dtype=np.float32) for key, value in arrays.items()}
+    packed = {key: np.asarray(value, dtype=np.float32) for key, value in arrays.items()}
+    save_arrays(file, packed | {"columns": np.array(_COLUMNS[flight.craft.dimension])})
+
+
+def save_arrays(file: Path, arrays: dict[str, Any]) -> None:
+    """Write arrays that `numpy.load` opens; `ConfigError` if the disk refused."""
     content = io.BytesIO()
-    np.savez_compressed(content, columns=np.array(_COLUMNS[flight.craft.dimension]), **packed)
+    np.savez_compressed(content, **arrays)
     replace_file(file, lambda draft: draft.write_bytes(content.getvalue()))

@@ -6,7 +6,7 @@ import csv
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import groupby, pairwise
 from pathlib import Path as FilePath
 
 import numpy as np
@@ -164,7 +164,7 @@ def read_path(file: FilePath) -> Path:
     numbered = [(line, row) for line, row in enumerate(rows, start=1) if any(map(str.strip, row))]
     if numbered and not any(_is_number(cell) for cell in numbered[0][1]):
         del numbered[0]
-    points = _distinct([_point(file, line, row, numbered[0][1]) for line, row in numbered])
+    points = [p for p, _ in groupby(_point(file, line, row, numbered[0][1]) for line, row in numbered)]
     if len(points) < 2:
         raise ConfigError(f"{file} must hold at least two different points, one x,y or x,y,z (m) a line, got "
                           f"{len(points)}.")
@@ -195,11 +195,6 @@ def _is_number(text: str) -> bool:
     except ValueError:
         return False
     return True
-
-
-def _distinct(points: list[tuple[float, ...]]) -> list[tuple[float, ...]]:
-    """The points without immediate repetitions."""
-    return [p for i, p in enumerate(points) if i == 0 or p != points[i - 1]]
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from rich.text import Text
 from rans.evaluation.measure.metrics import DISPLAY, final_errors, settling_times, solved
 from rans.evaluation.measure.statistics import RESAMPLES, Bootstrap, Estimate, figure, share
 from rans.flight import Flight
-from rans.terminal import verdict
+from rans.terminal import table, verdict
 
 MEDIAN_BOUNDS = {"position": 1e-3, "attitude": math.radians(0.1), "velocity": 1e-3,
                  "spin": math.radians(0.1)}
@@ -72,14 +72,9 @@ class EngineComparison:
 
     def table(self) -> Table:
         """For the terminal."""
-        table = Table(title=self.title, title_justify="left",
-                      caption=f"In {self.same_commands:.2%} of all control periods both opened the same "
-                              "thrusters.", caption_justify="left")
-        for column in ("quantity", "fast (95 %)", "Drake (95 %)", "gap", "allowed", "verdict"):
-            table.add_column(column, no_wrap=column == "quantity")
-        for pair in self.pairs:
-            table.add_row(*_texts(pair))
-        return table
+        columns = ("quantity", "fast (95 %)", "Drake (95 %)", "gap", "allowed", "verdict")
+        return table(self.title, columns, map(_texts, self.pairs), f"In {self.same_commands:.2%} of all "
+                     "control periods both opened the same thrusters.")
 
 
 def compare_engines(fast: Flight, drake: Flight, seed: int = 0) -> EngineComparison:
