@@ -7,7 +7,6 @@ from collections.abc import Collection, Sequence
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from PIL import Image, ImageDraw, ImageFont
@@ -215,7 +214,7 @@ def draw_layout(craft: Spacecraft) -> Figure:
     Arrows show the force on the spacecraft, the longest for the strongest thruster.
     """
     figure = Figure(figsize=(6.0, 6.0), layout="constrained")
-    axes = figure.add_subplot(projection="3d" if craft.dimension == 3 else None)
+    axes: Any = figure.add_subplot(projection="3d" if craft.dimension == 3 else None)
     positions = np.array([t.position for t in craft.thrusters])[:, :craft.dimension]
     forces = np.array([np.array(t.direction) * t.force for t in craft.thrusters])[:, :craft.dimension]
     arrows = forces * (0.5 * craft.radius / np.linalg.norm(forces, axis=1).max())
@@ -228,16 +227,16 @@ def draw_layout(craft: Spacecraft) -> Figure:
         axes.update_datalim(positions + 1.4 * arrows)
     else:
         axes.quiver(*positions.T, *arrows.T, color=_TRAIL)
-        axes.set_zlabel("z, m")  # type: ignore[attr-defined]
-        axes.view_init(elev=25.0, azim=-54.0)  # type: ignore[attr-defined]
+        axes.set_zlabel("z, m")
+        axes.view_init(elev=25.0, azim=-54.0)
     for index, tip in enumerate(positions + 1.25 * arrows):
-        axes.text(*tip, str(index), ha="center", va="center", color=_EDGE)  # type: ignore[call-arg]
+        axes.text(*tip, str(index), ha="center", va="center", color=_EDGE)
     axes.set(title=f"{craft.name}: force of each thruster", xlabel="x, m", ylabel="y, m", aspect="equal")
     axes.legend(loc="upper left", bbox_to_anchor=(0.0, -0.08), ncols=2, frameon=False)
     return figure
 
 
-def _outline(axes: Axes, craft: Spacecraft) -> None:
+def _outline(axes: Any, craft: Spacecraft) -> None:
     """The outer radius, around the centre of mass."""
     centre = craft.centre_of_mass
     if craft.dimension == 2:
@@ -248,4 +247,4 @@ def _outline(axes: Axes, craft: Spacecraft) -> None:
     around, down = np.meshgrid(np.linspace(0.0, math.tau, 25), np.linspace(0.0, math.pi, 13))
     unit = (np.sin(down) * np.cos(around), np.sin(down) * np.sin(around), np.cos(down))
     sphere = [c + craft.radius * u for c, u in zip(centre, unit, strict=True)]
-    axes.plot_wireframe(*sphere, color=_SHADOW, linewidth=0.4)  # type: ignore[attr-defined]
+    axes.plot_wireframe(*sphere, color=_SHADOW, linewidth=0.4)

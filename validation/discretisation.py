@@ -81,10 +81,9 @@ def order_curves(craft: Spacecraft, seed: int, count: int) -> list[Curve]:
     period = Timing().control_period
     applied = wrench(craft, tuple(gentle_commands(craft, seed, count).T))
     finest = advance(states, applied, body, period, 256)
-    curves = []
-    for name, method in (("semi-implicit Euler", semi_implicit_euler), ("ours", advance)):
-        errors = [gaps(method(states, applied, body, period, steps), finest)  # type: ignore[operator]
-                  for steps in _ORDER_STEPS]
+    curves, methods = [], dict[str, Method]({"semi-implicit Euler": semi_implicit_euler, "ours": advance})
+    for name, method in methods.items():
+        errors = [gaps(method(states, applied, body, period, steps), finest) for steps in _ORDER_STEPS]
         sizes = tuple(float(np.sqrt(np.mean(error["position"]**2))) for error in errors)
         curves.append(Curve("error of one control period", name,
                             tuple(period / steps for steps in _ORDER_STEPS), sizes))

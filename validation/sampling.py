@@ -27,13 +27,13 @@ _GENTLE = 10.0
 def random_states(dimension: Literal[2, 3], seed: int, count: int) -> Any:
     """States of float64 arrays (N,): within 5 m of the origin, any attitude, up to `FASTEST`."""
     random = Random(dimension, *seed_words(seed), np.arange(count, dtype=np.int32), np.float64)
-    p = random.direction().scale(random.uniform(0.0, 5.0))
-    attitude = random.attitude()
-    v = random.direction().scale(random.uniform(0.0, FASTEST))
+    p: Any = random.direction().scale(random.uniform(0.0, 5.0))
+    attitude: Any = random.attitude()
+    v: Any = random.direction().scale(random.uniform(0.0, FASTEST))
     if dimension == 2:
-        return PlanarState(p, attitude, v, random.uniform(-FASTEST, FASTEST))  # type: ignore
-    w = random.direction().scale(random.uniform(0.0, FASTEST))
-    return SpatialState(p, attitude, v, w)  # type: ignore
+        return PlanarState(p, attitude, v, random.uniform(-FASTEST, FASTEST))
+    w: Any = random.direction().scale(random.uniform(0.0, FASTEST))
+    return SpatialState(p, attitude, v, w)
 
 
 def gentle_commands(craft: Spacecraft, seed: int, count: int) -> np.ndarray:

@@ -77,16 +77,15 @@ class Evaluate:
     def _fly(self, run: LoadedRun) -> dict[str, Flight]:
         """The flights by engine."""
         from rans.evaluation.fly.judge import EngineName, flown
-        from rans.evaluation.fly.protocols import Setup
         from rans.terminal import progress
 
         engines: tuple[EngineName, ...] = ("fast", "drake") if self.engine == "both" else (self.engine,)
-        setup, flights = Setup(run.craft, run.task.for_evaluation(), run.timing), {}
+        flights = {}
         with progress() as bars:
             for engine in engines:
                 step = partial(bars.advance, bars.add_task(f"{engine} engine", total=self.episodes))
-                flights[engine], stopped = flown(run.controller, setup, self.seed, self.episodes,
-                                                 engine, progress=step)
+                flights[engine], stopped = flown(run.controller, run.judged, self.seed, self.episodes, engine,
+                                                 progress=step)
                 if stopped:
                     bars.console.print(f"rans: warning: {run.controller.name}'s solver stopped {stopped} "
                                        "times; the plan before was flown on.", soft_wrap=True)

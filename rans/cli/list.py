@@ -255,9 +255,10 @@ def _numbered(columns: Iterable[tuple[str, ...]]) -> list[tuple[str, ...]]:
 def _field_meanings(described: type) -> dict[str, str]:
     """The texts under a dataclass's fields, which Python itself does not keep."""
     meanings = {}
-    for part in filter(dataclasses.is_dataclass, reversed(described.__mro__)):
-        body = ast.parse(inspect.getsource(part)).body[0].body  # type: ignore[attr-defined]
-        for field, text in itertools.pairwise(body):
+    parts: list[type] = [part for part in reversed(described.__mro__) if dataclasses.is_dataclass(part)]
+    for part in parts:
+        written: Any = ast.parse(inspect.getsource(part)).body[0]
+        for field, text in itertools.pairwise(written.body):
             match field, text:
                 case ast.AnnAssign(ast.Name(name)), ast.Expr(ast.Constant(str(meaning))):
                     meanings[name] = " ".join(meaning.split())

@@ -122,14 +122,7 @@ class Optimal:
         """Print them too."""
         import math
 
-        from rans.evaluation.compare.bounds import (
-            CERTIFIED,
-            Question,
-            bounds,
-            goal_set,
-            no_certificate,
-            table,
-        )
+        from rans.evaluation.compare import bounds
         from rans.optimal.certificate.certificate import Effort
         from rans.optimal.trajectory.arrival import aims
         from rans.optimal.trajectory.pool import each
@@ -137,14 +130,14 @@ class Optimal:
 
         wanted, period = tuple(sorted(aims(task))), self.control_period
         horizon = None if self.objective == "time" else objective.intervals * period
-        common = (craft, wanted, goal_set(task), period, horizon, Effort(self.certify_seconds))
-        questions = [Question(*common, scenario) for scenario in each(starts)]
+        common = (craft, wanted, bounds.goal_set(task), period, horizon, Effort(self.certify_seconds))
+        questions = [bounds.Question(*common, scenario) for scenario in each(starts)]
         found = [answer for _, answer in sorted(self._with_progress("bounds", lambda tick: [
-            *bounds(questions, range(self.episodes), self.workers, tick)]))]
-        reason = no_certificate(craft, wanted, period)
-        sentence = f"No on/off certificate: {reason}" if reason else CERTIFIED
+            *bounds.bounds(questions, range(self.episodes), self.workers, tick)]))]
+        reason = bounds.no_certificate(craft, wanted, period)
+        sentence = f"No on/off certificate: {reason}" if reason else bounds.CERTIFIED
         costs = [answer.trajectory.cost if answer.good else math.nan for answer in answers]
-        Terminal().print(table(sentence, objective.measure, found, costs))
+        Terminal().print(bounds.table(sentence, objective.measure, found, costs))
         return found
 
     def _with_progress(self, what: str, work: Callable[[Callable[[], object]], Any]) -> Any:

@@ -58,16 +58,10 @@ class View:
 
     def _fly(self, spec: str) -> Flight:
         from rans.evaluation.fly.contestants import contestant
-        from rans.flight import fly
-        from rans.scenario import scenarios
+        from rans.evaluation.fly.judge import flown
 
-        controller, craft, task, timing = contestant(spec)
-        starts = scenarios(task.for_evaluation(), craft, self.seed, self.episodes)
-        if self.engine == "fast":
-            return fly(craft, task, controller, starts, timing)
-        from rans.reference.flight import fly_in_drake
-
-        return fly_in_drake(craft, task, controller, starts, timing)
+        run = contestant(spec)
+        return flown(run.controller, run.judged, self.seed, self.episodes, self.engine).flight
 
     def _show(self, flights: list[Flight]) -> None:
         from rans.show.view import View as Page

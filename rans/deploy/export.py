@@ -13,13 +13,13 @@ import torch
 from rans.errors import ConfigError
 from rans.evaluation.fly.agent import load_agent
 from rans.evaluation.fly.contestants import contestant, judged_separately
+from rans.evaluation.fly.judge import flown
 from rans.evaluation.fly.protocols import ProtocolName, fitting_protocols
 from rans.evaluation.measure.aggregate import Metrics, measure
 from rans.fast.learn.config import to_table
 from rans.fast.learn.run_folder import RunFolder
 from rans.files import read_json, replace_file, write_json, write_text
-from rans.flight import fly
-from rans.scenario import EVALUATION_SEED, scenarios
+from rans.scenario import EVALUATION_SEED
 
 _OPTIMISER, _SYSTEM = "policy.optimizer.pth", "system_info.txt"
 
@@ -66,9 +66,8 @@ def judged(spec: str, protocol: ProtocolName, episodes: int, seed: int) -> dict[
     """Metrics of a contestant by the task's name, which is "" unless it has several."""
     found = {}
     for one in judged_separately(spec):
-        controller, craft, task, timing = contestant(one, protocol)
-        task = task.for_evaluation()
-        flight = fly(craft, task, controller, scenarios(task, craft, seed, episodes), timing)
+        run = contestant(one, protocol)
+        flight = flown(run.controller, run.judged, seed, episodes).flight
         found[one.removeprefix(spec).removeprefix("#")] = measure(flight)
     return found
 

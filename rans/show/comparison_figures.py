@@ -214,14 +214,14 @@ def side_by_side(flights: Sequence[tuple[str, Flight, int]]) -> Figure:
     """
     figure = Figure(figsize=(max(7.0, 3.0 * len(flights)), 5.4), layout="constrained")
     cells = figure.add_gridspec(2, len(flights), height_ratios=(1.5, 1.0))
-    limits = list(_common_limits(flights))
+    limits = dict(zip(("xlim", "ylim", "zlim"), _common_limits(flights), strict=False))
     for k, (name, flight, episode) in enumerate(flights):
         above, below = (figure.add_subfigure(cells[row, k]) for row in (0, 1))
         panels.path(above, flight, episode)
         axes: Any = above.axes[0]
         axes.set_title(textwrap.fill(name, 26))
-        for set_limit, limit in zip(_setters(axes), limits, strict=False):
-            set_limit(limit)
+        axes.set_aspect("equal", adjustable="box")
+        axes.set(**limits)
         if axes.get_legend() and k:
             axes.get_legend().remove()
         timeline = below.subplots()
@@ -230,15 +230,9 @@ def side_by_side(flights: Sequence[tuple[str, Flight, int]]) -> Figure:
     return figure
 
 
-def _setters(axes: Any) -> list[Any]:
-    axes.set_aspect("equal", adjustable="box")
-    return [axes.set_xlim, axes.set_ylim, *([axes.set_zlim] if hasattr(axes, "set_zlim") else [])]
-
-
 def _common_limits(flights: Sequence[tuple[str, Flight, int]]) -> Iterator[tuple[float, float]]:
     """One range per axis of W for all paths, m, equally wide."""
-    way = [[np.asarray(x)[:, episode] for x in (flight.states.p - flight.goals.p).columns()]
-           for _, flight, episode in flights]
+    way = [[x[:, episode] for x in panels.from_goal(flight)] for _, flight, episode in flights]
     low, high = (np.array([pick(np.concatenate([[0.0], *x])) for x in zip(*way, strict=True)])
                  for pick in (np.min, np.max))
     half = 0.5 * float((high - low).max()) + 0.5

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from rans.evaluation.compare.run import Comparison
+from rans.evaluation.measure.statistics import figure
 from rans.files import environment
 from rans.flight import Flight, fly
 from rans.show import comparison_figures as figures
@@ -46,7 +47,10 @@ def page(comparison: Comparison) -> Page:
     """Whatever the comparison holds, failures on top."""
     sections, contest = [_summary(comparison)], comparison.contest
     if comparison.entries:
-        sections += [_plane(comparison), *_gaps(comparison), *_starts(comparison), _errors(comparison),
+        sections += [_plane(comparison), *_gaps(comparison), *_starts(comparison),
+                     Section("Final errors", pictures=[Picture.of(
+                         figures.final_error_curves(comparison.entries),
+                         "Distribution of final errors over all starts.")]),
                      _returns(comparison), *_differences(comparison)]
     if comparison.relaxed:
         sections.append(_relaxed(comparison))
@@ -105,8 +109,7 @@ def _gaps(comparison: Comparison) -> Iterator[Section]:
 def _middle(ratios: np.ndarray | None) -> str | None:
     if ratios is None or not ratios.size:
         return None
-    middle, there = np.median(ratios), int(np.isfinite(ratios).sum())
-    return f"{f'{middle:.3g}' if np.isfinite(middle) else 'never'} ({there} of {len(ratios)})"
+    return f"{figure(float(np.median(ratios)))} ({np.isfinite(ratios).sum()} of {len(ratios)})"
 
 
 def _starts(comparison: Comparison) -> Iterator[Section]:
@@ -131,11 +134,6 @@ def _flights(comparison: Comparison, k: int) -> Iterator[tuple[str, Flight, int]
             until = replace(contest.timing, episode_steps=len(commands))
             script = _Script(name, commands)
             yield name, fly(contest.craft, contest.task, script, contest.start(k), until), 0
-
-
-def _errors(comparison: Comparison) -> Section:
-    return Section("Final errors", pictures=[Picture.of(
-        figures.final_error_curves(comparison.entries), "Distribution of final errors over all starts.")])
 
 
 def _returns(comparison: Comparison) -> Section:

@@ -110,7 +110,7 @@ def summary(axes: Axes, times: np.ndarray, values: np.ndarray, best: Pick, worst
 
 def trajectories(axes: Axes, flight: Flight) -> None:
     """Every path around its goal, seen along z."""
-    x, y = _from_goal(flight)[:2]
+    x, y = from_goal(flight)[:2]
     _lines(axes, x, y)
     axes.scatter(x[0], y[0], s=2, linewidths=0, color=GREY, rasterized=True, label="starts")
     if "position" in flight.errors():
@@ -127,23 +127,22 @@ def _places(flight: Flight) -> tuple[str, str]:
     return f"x{origin}, m", f"y{origin}, m"
 
 
-def _from_goal(flight: Flight) -> list[np.ndarray]:
+def from_goal(flight: Flight) -> list[np.ndarray]:
     """Position less the goal's, one (T + 1, N) array per axis of W, m."""
     return [np.asarray(x) for x in (flight.states.p - flight.goals.p).columns()]
 
 
 def path(figure: SubFigure, flight: Flight, episode: int) -> None:
     """The way of one episode with the direction of the body's x axis once a second."""
-    way = [x[:, episode] for x in _from_goal(flight)]
+    way = [x[:, episode] for x in from_goal(flight)]
     every = max(1, round(1.0 / flight.timing.control_period))
     nose = rotations(map_leaves(lambda x: x[:, episode], flight.states))[:, :len(way), 0].T
     arrows = [x[::every] for x in (*way, *nose)]
+    axes: Any = figure.add_subplot(projection="3d" if len(way) == 3 else None)
     if len(way) == 3:
-        axes = figure.add_subplot(projection="3d")
-        axes.quiver(*arrows, length=0.3, color=ORANGE, linewidth=1.0)  # pyright: ignore[reportArgumentType]
+        axes.quiver(*arrows, length=0.3, color=ORANGE, linewidth=1.0)
         axes.set_zlabel("z, m")
     else:
-        axes = figure.add_subplot()
         axes.quiver(*arrows, color=ORANGE, angles="xy", scale=14.0, width=0.005, zorder=3)
     axes.plot([], [], color=ORANGE, label="body's x axis, once a second")
     axes.plot(*way, color=BLUE, zorder=2)

@@ -8,9 +8,9 @@ from pathlib import Path
 import torch
 
 from rans.evaluation.fly.agent import load_agent
+from rans.evaluation.fly.judge import flown
 from rans.fast.learn.run_folder import RunFolder
-from rans.flight import fly
-from rans.scenario import EVALUATION_SEED, scenarios
+from rans.scenario import EVALUATION_SEED
 from rans.show.view import View
 from rans.window import open_browser
 
@@ -41,9 +41,8 @@ def watch(run: Path, port: int) -> None:
     while True:
         changed = file.stat().st_mtime_ns if file.exists() else 0
         if changed != shown:
-            agent, craft, task, timing = load_agent(run)
-            starts = scenarios(task.for_evaluation(), craft, EVALUATION_SEED, _EPISODES)
-            view.show([fly(craft, task, agent, starts, timing)])
+            agent = load_agent(run)
+            view.show([flown(agent.controller, agent.judged, EVALUATION_SEED, _EPISODES).flight])
             shown = changed
             time.sleep(_SECONDS)
         time.sleep(_PAUSE)

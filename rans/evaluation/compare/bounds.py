@@ -192,7 +192,8 @@ def bound(start: int, question: Question) -> Bound:
     """One answer, infinite where nothing can arrive by the horizon; `ConfigError` for what is not finite."""
     craft, wanted, goals, period, horizon, effort, scenario = question
     check_period(period)
-    begin, end = scenario.start, scenario.goal
+    begin: Any = scenario.start
+    end: Any = scenario.goal
     if horizon is None:
         ask, steps, unit = least_time, max(1, round(_LONGEST / period)), period
         least = hull.least_time(craft, wanted, begin, end, goals)
@@ -204,11 +205,11 @@ def bound(start: int, question: Question) -> Bound:
         return loose
     lattice = Lattice(craft, period)
     try:
-        goals.net_spins(lattice, begin, end)  # type: ignore[arg-type]
+        goals.net_spins(lattice, begin, end)
     except ConfigError:  # a start whose spin no number of pulses takes to the goal's
         return loose
     try:
-        found = ask(lattice, begin, end, steps, goals, effort)  # type: ignore[arg-type]
+        found = ask(lattice, begin, end, steps, goals, effort)
     except Unreachable:
         return replace(loose, lower=math.inf)
     commands = None if found.commands is None else found.commands.astype(int).tolist()

@@ -14,9 +14,8 @@ from rans.errors import ConfigError
 from rans.evaluation.compare.bounds import REST_SPEED, REST_SPIN, Amounts, Event, whole_periods
 from rans.evaluation.fly.judge import EngineName, Flown, flown
 from rans.evaluation.fly.protocols import Setup
-from rans.evaluation.measure.metrics import final_errors, settling_times
+from rans.evaluation.measure.metrics import final_errors, forces, settling_times
 from rans.flight import Controller, Flight, fly
-from rans.model.dynamics import thrust
 from rans.model.fields import map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
@@ -158,9 +157,7 @@ class Entry:
     @cached_property
     def spent(self) -> np.ndarray:
         """Thrust-time until every instant, (T + 1, N) N s."""
-        shares = thrust(self.flight.craft, tuple(np.moveaxis(self.flight.commands, 2, 0)))
-        forces = [s * t.force for s, t in zip(shares, self.flight.craft.thrusters, strict=True)]
-        total = np.sum(forces, axis=0)
+        total = forces(self.flight)
         return np.vstack([0.0 * total[:1], np.cumsum(total, axis=0)]) * self._period
 
     @cached_property

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -23,16 +22,12 @@ from rans.model.timing import Timing
 from rans.optimal.trajectory.objectives import Objective
 from rans.optimal.trajectory.pool import each, solve_all
 from rans.optimal.trajectory.transcription import Trajectory
-from rans.reference.flight import replay, rows_from_states, states_from_rows
-from rans.reference.plant import Plant
+from rans.reference.flight import replay
 from rans.scenario import Scenario
 from rans.tasks.base import Task
 
 REPLAY_BOUND = 1e-3
 """Largest distance between an optimised and the flown path, m: a fiftieth of what tasks tolerate."""
-
-_AT_ONCE = 64
-"""Trajectories that fly in one plant; more of them take no less time each."""
 
 _SENTENCES = {
     "Infeasible_Problem_Detected": "nothing found that arrives: the goal is out of reach in this time",
@@ -43,6 +38,8 @@ _SENTENCES = {
 }
 """How the optimiser ended, in words."""
 
+
+_AS_PLANNED = Timing(episode_steps=1)
 
 _LEAVES = {
     6: ("p.x", "p.y", "heading", "v.x", "v.y", "w"),
@@ -61,7 +58,9 @@ class Optimum:
     replay_error: float = math.nan
     """Largest distance between the optimised path and the one Drake flies, m."""
     errors: dict[str, float] = field(default_factory=dict)
-    """The task's errors at the end of Drake's flight, SI units."""
+    """The task's errors at the trajectory's end in Drake, SI units."""
+    flight: Flight | None = None
+    """By Drake, see `episode`."""
 
     @property
     def good(self) -> bool:
@@ -87,7 +86,8 @@ class Optimum:
 
 
 def optima(craft: Spacecraft, task: Task, objective: Objective, starts: Scenario, guesses: int = 1,
-           workers: int | None = None, progress: Callable[[], object] = lambda: None) -> list[Optimum]:
+           workers: int | None = None, progress: Callable[[], object] = lambda: None,
+           timing: Timing = _AS_PLANNED) -> list[Optimum]:
     """Solve from every start and fly what was found in Drake.
 
     Args:
@@ -98,36 +98,23 @@ def optima(craft: Spacecraft, task: Task, objective: Objective, starts: Scenario
         guesses: see `rans.optimal.trajectory.transcription.Transcription.solve`.
         workers: see `rans.optimal.trajectory.pool.solve_all`.
         progress: called once per solved problem.
+        timing: how long flights last, see `episode`; by default as long as their trajectories.
 
     Returns:
         One per start, solved or not, in their order.
     """
     [found] = solve_all(craft, task, [objective], starts, workers, progress, guesses)
-    answers = {k: Optimum(k, trajectory) for k, trajectory in enumerate(found)}
-    goals = [scenario.goal for scenario in each(starts)]
-    for group in _groups(found):
-        for k, path in zip(group, _flown(craft, [found[k] for k in group]), strict=True):
-            away = (path.p - found[k].states.p).norm()
-            end = task.errors(map_leaves(lambda x: float(x[-1]), path), goals[k])
-            answers[k] = Optimum(k, found[k], float(away.max()), {n: float(e) for n, e in end.items()})
-    return list(answers.values())
+    return [_judged(k, trajectory, episode(craft, task, timing, scenario, trajectory))
+            if trajectory.solved else Optimum(k, trajectory)
+            for k, (trajectory, scenario) in enumerate(zip(found, each(starts), strict=True))]
 
 
-def _groups(found: Sequence[Trajectory]) -> Iterator[list[int]]:
-    """Numbers of solved trajectories with the same control period, few enough for one plant."""
-    solved = sorted((t.control_period, k) for k, t in enumerate(found) if t.solved)
-    for _, same in groupby(solved, key=lambda pair: pair[0]):
-        numbers = [k for _, k in same]
-        yield from (numbers[i:i + _AT_ONCE] for i in range(0, len(numbers), _AT_ONCE))
-
-
-def _flown(craft: Spacecraft, trajectories: Sequence[Trajectory]) -> Iterator[Any]:
-    """Drake's states along each, fields (T + 1,)."""
-    states = [t.states for t in trajectories]
-    starts = np.stack([rows_from_states(map_leaves(lambda x: x[0], s)) for s in states])
-    commands = np.stack([t.commands for t in trajectories], axis=1)
-    rows = Plant(craft, len(states)).rollout(starts, commands, trajectories[0].control_period)
-    return (states_from_rows(rows[:, k], like) for k, like in enumerate(states))
+def _judged(start: int, trajectory: Trajectory, flight: Flight) -> Optimum:
+    """Against its flight in Drake."""
+    planned = map_leaves(lambda x: x[:len(trajectory.commands) + 1, 0], flight.states)
+    end, goal = (map_leaves(lambda x: float(x[-1]), fields) for fields in (planned, flight.goals))
+    errors = {name: float(error) for name, error in flight.task.errors(end, goal).items()}
+    return Optimum(start, trajectory, float((planned.p - trajectory.states.p).norm().max()), errors, flight)
 
 
 def episode(craft: Spacecraft, task: Task, timing: Timing, scenario: Scenario,
@@ -162,17 +149,13 @@ def table(title: str, objective: Objective, answers: Sequence[Optimum]) -> Table
                "ms", "")
     result = terminal.table(title, columns, (), "\n".join(notes), "right")
     for answer in answers:
-        result.add_row(*_cells(answer, names), style=None if answer.good else "red")
+        path, good = answer.trajectory, answer.good
+        numbers = (path.cost, *(DISPLAY[n][0] * answer.errors.get(n, math.nan) for n in names),
+                   1e3 * answer.replay_error)
+        shown = [f"{x:.3f}" if path.solved else "-" for x in numbers]
+        result.add_row(str(answer.start), *shown, str(path.iterations), f"{1e3 * path.seconds:.0f}",
+                       "solved" if good else "lost", style=None if good else "red")
     return result
-
-
-def _cells(answer: Optimum, names: Sequence[str]) -> list[str]:
-    path = answer.trajectory
-    numbers = (path.cost, *(DISPLAY[n][0] * answer.errors.get(n, math.nan) for n in names),
-               1e3 * answer.replay_error)
-    shown = [f"{x:.3f}" if path.solved else "-" for x in numbers]
-    return [str(answer.start), *shown, str(path.iterations), f"{1e3 * path.seconds:.0f}",
-            "solved" if answer.good else "lost"]
 
 
 def write(folder: Path, about: dict[str, Any], answers: Sequence[Optimum]) -> None:

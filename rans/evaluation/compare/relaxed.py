@@ -14,11 +14,9 @@ from typing import Any
 import numpy as np
 
 from rans.evaluation.compare.contest import Contest
-from rans.evaluation.compare.optima import Optimum, episode, optima
+from rans.evaluation.compare.optima import Optimum, optima
 from rans.evaluation.measure.metrics import impulses, settling_times
 from rans.optimal.trajectory.objectives import MaximumReward, MinimumFuel, MinimumTime, Objective
-from rans.optimal.trajectory.pool import each
-from rans.scenario import Scenario
 
 _GUESSES = 2
 """For the greatest reward, whose local optima are many: turning either way round."""
@@ -66,17 +64,16 @@ def solve(contest: Contest, objective: Objective, workers: int | None = None,
         progress: called once per start.
     """
     guesses = _GUESSES if isinstance(objective, MaximumReward) else 1
-    found = optima(contest.craft, contest.task, objective, contest.starts, guesses, workers, progress)
-    return [_scored(contest, objective, one, scenario)
-            for one, scenario in zip(found, each(contest.starts), strict=True)]
+    found = optima(contest.craft, contest.task, objective, contest.starts, guesses, workers, progress,
+                   contest.timing)
+    return [_scored(contest, objective, one) for one in found]
 
 
-def _scored(contest: Contest, objective: Objective, one: Optimum, scenario: Scenario) -> Relaxed:
-    trajectory = one.trajectory
+def _scored(contest: Contest, objective: Objective, one: Optimum) -> Relaxed:
+    trajectory, flight = one.trajectory, one.flight
     head = (objective, one.start, one.sentence, one.good, trajectory.seconds)
-    if not one.good:
+    if flight is None or not one.good:
         return Relaxed(*head)
-    flight = episode(contest.craft, contest.task, contest.timing, scenario, trajectory)
     same_rate = math.isclose(trajectory.control_period, contest.timing.control_period)
     total = float(np.sum(list(flight.rewards().values())))
     return Relaxed(

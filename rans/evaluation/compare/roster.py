@@ -29,10 +29,10 @@ def contest_of(spec: str, episodes: int, seed: int = EVALUATION_SEED, engine: En
     """
     if episodes < 1:
         raise ConfigError(f"--episodes must be at least 1, got {episodes}.")
-    _, craft, task, timing = contestant(spec)
-    if first := next(iter(task.parts())):
+    run = contestant(spec)
+    if first := next(iter(run.task.parts())):
         raise ConfigError(f"{spec} knows several tasks: pick one, as in {spec}#{first}.")
-    return Contest(craft, task.for_evaluation(), timing, seed, episodes, engine)
+    return Contest(*run.judged, seed, episodes, engine)
 
 
 def enlist(spec: str, contest: Contest) -> Contestant:

@@ -9,6 +9,7 @@ import numpy as np
 import torch
 
 from rans.errors import ConfigError
+from rans.evaluation.fly.protocols import Setup
 from rans.fast.learn.network import Network
 from rans.fast.learn.policy_file import read_policy
 from rans.fast.learn.run_folder import RunFolder
@@ -48,8 +49,13 @@ class LoadedRun(NamedTuple):
     controller: Controller
     craft: Spacecraft
     task: Task
-    """With the training's settings; judge it on ``task.for_evaluation()``."""
+    """With the training's settings; see `judged`."""
     timing: Timing
+
+    @property
+    def judged(self) -> Setup:
+        """What it is judged in: the same, with the task's evaluation starts."""
+        return Setup(self.craft, self.task.for_evaluation(), self.timing)
 
 
 def load_agent(path: Path) -> LoadedRun:

@@ -85,9 +85,7 @@ class Path:
 
 def circle(radius: float = 1.5) -> Path:
     """A circle about the origin, counter-clockwise from (radius, 0) (original system)."""
-    angle = _angles(1.0)
-    points = radius * np.stack((np.cos(angle), np.sin(angle)), axis=1)
-    return Path.through("circle", points[:-1], closed=True)
+    return Path.through("circle", _around(1.0, radius, radius)[:-1], closed=True)
 
 
 def square(side: float = 3.0) -> Path:
@@ -98,10 +96,7 @@ def square(side: float = 3.0) -> Path:
 
 def spiral(inner: float = 0.5, outer: float = 2.0, turns: float = 5.0) -> Path:
     """An Archimedean spiral outwards about the origin, counter-clockwise (original system)."""
-    angle = _angles(turns)
-    radius = np.linspace(inner, outer, len(angle))
-    points = np.stack((radius * np.cos(angle), radius * np.sin(angle)), axis=1)
-    return Path.through("spiral", points, closed=False)
+    return Path.through("spiral", _around(turns, inner, outer), closed=False)
 
 
 def lemniscate(size: float = 1.5) -> Path:
@@ -109,22 +104,22 @@ def lemniscate(size: float = 1.5) -> Path:
 
     x = a cos t / (1 + sin^2 t), y = a sin t cos t / (1 + sin^2 t).
     """
-    angle = _angles(1.0)[:-1]
-    scale = size / (1.0 + np.sin(angle) ** 2)
-    x, y = scale * np.cos(angle), scale * np.sin(angle) * np.cos(angle)
-    return Path.through("lemniscate", np.stack((x, y), axis=1), closed=True)
+    cos, sin = _around(1.0, 1.0, 1.0)[:-1].T
+    points = size / (1.0 + sin**2) * np.stack((cos, sin * cos))
+    return Path.through("lemniscate", points.T, closed=True)
 
 
 def helix(radius: float = 1.5, pitch: float = 0.5, turns: float = 3.0) -> Path:
     """A helix about the z axis, centred at the origin, upwards from (radius, 0, -pitch * turns / 2)."""
-    angle = _angles(turns)
-    z = pitch * (angle / math.tau - 0.5 * turns)
-    points = np.stack((radius * np.cos(angle), radius * np.sin(angle), z), axis=1)
-    return Path.through("helix", points, closed=False)
+    around = _around(turns, radius, radius)
+    z = pitch * turns * np.linspace(-0.5, 0.5, len(around))
+    return Path.through("helix", np.column_stack((around, z)), closed=False)
 
 
-def _angles(turns: float) -> np.ndarray:
-    return np.linspace(0.0, math.tau * turns, math.ceil(_DRAWN * turns) + 1)
+def _around(turns: float, inner: float, outer: float) -> np.ndarray:
+    """Points (n, 2) counter-clockwise about the origin from (inner, 0), ever farther away or nearer, m."""
+    angle = np.linspace(0.0, math.tau * turns, math.ceil(_DRAWN * turns) + 1)
+    return np.linspace(inner, outer, len(angle))[:, None] * np.stack((np.cos(angle), np.sin(angle)), axis=1)
 
 
 PATHS: dict[str, Callable[[], Path]] = {

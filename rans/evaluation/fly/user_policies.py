@@ -139,7 +139,7 @@ def _on_off(action: Any, count: int) -> bool:
 def _onnx(name: str, _craft: Spacecraft, _task: Task) -> Policy:
     """A network with one input of observations, whose first output is the commands."""
     try:
-        from onnxruntime import InferenceSession  # pyright: ignore[reportMissingImports]
+        from onnxruntime import InferenceSession  # pyright: ignore[reportMissingImports]: is optional
     except ImportError as error:
         raise ConfigError(f"onnx:{name} needs the package onnxruntime: pip install 'rans[onnx]'.") from error
     _check_file(name)

@@ -105,15 +105,10 @@ class Metrics:
         return table
 
 
-def measure(flight: Flight, seed: int = 0) -> Metrics:
-    """Measure a batch of episodes.
-
-    Args:
-        flight: N episodes of any task.
-        seed: of the bootstrap's generator; the same flight and seed give the same intervals.
-    """
+def measure(flight: Flight) -> Metrics:
+    """Measure a batch of episodes of any task; equal flights have equal intervals."""
     steps, episodes, _ = flight.commands.shape
-    bootstrap = Bootstrap(episodes, seed)
+    bootstrap = Bootstrap(episodes)
     rows = tuple(Metric(s.group, s.name, s.meaning, s.unit,
                         *dataclasses.astuple(bootstrap.of(s.centre, np.asarray(s.values))))
                  for s in samples(flight))

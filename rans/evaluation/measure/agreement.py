@@ -11,7 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from rans.evaluation.measure.metrics import DISPLAY, final_errors, settling_times, solved
-from rans.evaluation.measure.statistics import RESAMPLES, Bootstrap, Estimate, figure, share
+from rans.evaluation.measure.statistics import RESAMPLES, SEED, Bootstrap, Estimate, share
 from rans.flight import Flight
 from rans.terminal import table, verdict
 
@@ -53,8 +53,6 @@ class EngineComparison:
     pairs: tuple[Pair, ...]
     same_commands: float
     """Share of control periods in which both engines' controllers opened the same thrusters."""
-    seed: int
-    """Of the bootstrap."""
 
     @property
     def passed(self) -> bool:
@@ -68,7 +66,7 @@ class EngineComparison:
                   "drake_interval": (p.drake.low, p.drake.high), "difference": p.difference,
                   "bound": p.bound, "passed": p.passed} for p in self.pairs]
         return {"title": self.title, "passed": self.passed, "same_commands": self.same_commands,
-                "bootstrap": {"resamples": RESAMPLES, "seed": self.seed}, "pairs": pairs}
+                "bootstrap": {"resamples": RESAMPLES, "seed": SEED}, "pairs": pairs}
 
     def table(self) -> Table:
         """For the terminal."""
@@ -77,7 +75,7 @@ class EngineComparison:
                      "control periods both opened the same thrusters.")
 
 
-def compare_engines(fast: Flight, drake: Flight, seed: int = 0) -> EngineComparison:
+def compare_engines(fast: Flight, drake: Flight) -> EngineComparison:
     """Compare flights of the same controller from the same starts.
 
     The solved share must lie within the fast engine's 95 % interval, the medians within
@@ -86,10 +84,9 @@ def compare_engines(fast: Flight, drake: Flight, seed: int = 0) -> EngineCompari
     Args:
         fast: N episodes, moved by the shared equations.
         drake: the same episodes, moved by Drake.
-        seed: of the bootstrap's generator.
     """
     episodes = fast.commands.shape[1]
-    median = Bootstrap(episodes, seed).median
+    median = Bootstrap(episodes).median
     pairs = [_shares("solved", "within all tolerances at every step of the last fifth",
                      solved(fast), solved(drake))]
     theirs = final_errors(drake)
@@ -103,7 +100,7 @@ def compare_engines(fast: Flight, drake: Flight, seed: int = 0) -> EngineCompari
     same = (fast.commands == drake.commands).all(axis=2).mean()
     title = (f"{fast.controller}: the same {episodes} episodes of "
              f"{fast.times[-1]:g} s with {fast.craft.name} in both engines")
-    return EngineComparison(title, tuple(pairs), float(same), seed)
+    return EngineComparison(title, tuple(pairs), float(same))
 
 
 def _shares(name: str, meaning: str, fast: np.ndarray, drake: np.ndarray) -> Pair:
@@ -113,9 +110,6 @@ def _shares(name: str, meaning: str, fast: np.ndarray, drake: np.ndarray) -> Pai
 
 
 def _texts(pair: Pair) -> tuple[str | Text, ...]:
-    def measured(estimate: Estimate) -> str:
-        return f"{figure(estimate.value)} ({figure(estimate.low)}, {figure(estimate.high)})"
-
     allowed = "" if pair.bound is None else f"{pair.bound[0]:+.2g}, {pair.bound[1]:+.2g}"
-    return (f"{pair.name}, {pair.unit}", measured(pair.fast), measured(pair.drake),
-            f"{pair.difference:+.1e}", allowed, "" if pair.passed is None else verdict(pair.passed))
+    return (f"{pair.name}, {pair.unit}", pair.fast.text(), pair.drake.text(), f"{pair.difference:+.1e}",
+            allowed, "" if pair.passed is None else verdict(pair.passed))

@@ -79,9 +79,13 @@ def on_times(flight: Flight) -> np.ndarray:
 
 def impulses(flight: Flight) -> np.ndarray:
     """Thrust spent by each episode, force times time summed over thrusters, (N,) N s."""
+    return forces(flight).sum(axis=0) * flight.timing.control_period
+
+
+def forces(flight: Flight) -> np.ndarray:
+    """Forces of all thrusters of each episode in every control period, added up, (T, N) N."""
     shares = thrust(flight.craft, tuple(np.moveaxis(flight.commands, 2, 0)))
-    forces = (share * t.force for share, t in zip(shares, flight.craft.thrusters, strict=True))
-    return np.sum([f.sum(axis=0) for f in forces], axis=0) * flight.timing.control_period
+    return np.sum([share * t.force for share, t in zip(shares, flight.craft.thrusters, strict=True)], axis=0)
 
 
 def final_errors(flight: Flight) -> dict[str, np.ndarray]:

@@ -12,6 +12,9 @@ import numpy as np
 RESAMPLES = 1000
 """Bootstrap resamples: the ends of a 95 % interval then rest on 25 resamples each."""
 
+SEED = 0
+"""Of the draws, so that equal flights have equal intervals."""
+
 _TAILS = (0.025, 0.975)
 """Between these quantiles lie 95 %."""
 _NORMAL_95 = 1.959964
@@ -51,12 +54,11 @@ class Bootstrap:
     possible at 95 % (rule of three).
 
     Args:
-        count: of episodes.
-        seed: of the draws; the same seed gives the same intervals.
+        count: of episodes; equal counts draw the same.
     """
 
-    def __init__(self, count: int, seed: int = 0) -> None:
-        self._picks = np.random.default_rng(seed).integers(0, count, (RESAMPLES, count))
+    def __init__(self, count: int) -> None:
+        self._picks = np.random.default_rng(SEED).integers(0, count, (RESAMPLES, count))
 
     def median(self, values: np.ndarray) -> Estimate:
         """Of (N,) values; infinity is a value like any other, and larger than all."""

@@ -30,7 +30,7 @@ def starts(count: int = 3) -> Scenario:
 
 
 def test_every_trajectory_is_flown_in_drake() -> None:
-    """Several at once in one plant, as one alone; and least times, each with its own control period."""
+    """Also least times, each with its own control period."""
     ticks: list[int] = []
     for objective in (FUEL, MinimumTime(12)):
         answers = optima.optima(PLATFORM, TASK, objective, starts(), workers=1,
@@ -63,8 +63,9 @@ def test_lost_starts_are_rows_with_a_sentence() -> None:
 def test_a_trajectory_that_drake_does_not_fly_is_lost() -> None:
     [answer] = optima.optima(PLATFORM, TASK, FUEL, starts(1), workers=1)
     heavier = replace(PLATFORM, mass=1.01 * PLATFORM.mass)
-    [path] = optima._flown(heavier, [answer.trajectory])
-    away = float((path.p - answer.trajectory.states.p).norm().max())
+    [scenario] = each(starts(1))
+    flight = optima.episode(heavier, TASK, Timing(0.5, episode_steps=1), scenario, answer.trajectory)
+    away = optima._judged(0, answer.trajectory, flight).replay_error
     assert away > optima.REPLAY_BOUND
     assert not replace(answer, replay_error=away).good
     assert "Drake" in replace(answer, replay_error=away).sentence
@@ -107,14 +108,6 @@ def test_a_flight_lasts_an_episode(count: int, period: float, steps: int) -> Non
     assert flight.commands.shape == (steps, 1, 8)
     assert len(flight.states.p.x) == steps + 1
     assert flight.engine == "drake"
-
-
-def test_those_of_one_rate_fly_together(monkeypatch: pytest.MonkeyPatch) -> None:
-    rates = [0.2, 0.3, 0.2, 0.2, 0.3, 0.2]
-    found = [made_up(4, rate, solved=k != 3) for k, rate in enumerate(rates)]
-    assert list(optima._groups(found)) == [[0, 2, 5], [1, 4]]
-    monkeypatch.setattr(optima, "_AT_ONCE", 2)
-    assert list(optima._groups(found)) == [[0, 2], [5], [1, 4]]
 
 
 def test_a_row_of_numbers() -> None:

@@ -82,10 +82,10 @@ def test_the_table_says_who_is_where() -> None:
              for line in console.file.getvalue().splitlines()]  # type: ignore[attr-defined]
     assert [line for line in lines if line] == [
         ["quantity", "fast (95 %)", "Drake (95 %)", "gap", "allowed", "verdict"],
-        ["solved, %", "100 (51, 100)", "100 (51, 100)", "+0.0e+00", "-49, +0", "pass"],
-        ["position error, cm", "1 (1, 1)", "1.2 (1.2, 1.2)", "+2.0e-01", "-0.1, +0.1", "FAIL"],
-        ["attitude error, deg", "3 (3, 3)", "3.05 (3.05, 3.05)", "+5.0e-02", "-0.1, +0.1", "pass"],
-        ["settling time, s", "0 (0, 0)", "0 (0, 0)", "+0.0e+00", "", ""]]
+        ["solved, %", "100 (51 to 100)", "100 (51 to 100)", "+0.0e+00", "-49, +0", "pass"],
+        ["position error, cm", "1", "1.2", "+2.0e-01", "-0.1, +0.1", "FAIL"],
+        ["attitude error, deg", "3", "3.05", "+5.0e-02", "-0.1, +0.1", "pass"],
+        ["settling time, s", "0", "0", "+0.0e+00", "", ""]]
     assert "In 97.50% of all control periods both opened the same thrusters." in console.file.getvalue()  # type: ignore[attr-defined]
 
 
