@@ -53,14 +53,15 @@ class List:
         from rans.tasks import TASKS
 
         crafts, agents = spacecraft_names(), pretrained_names()
-        if self.name in TASKS or self.name in agents or self.name is None:
-            self._refuse_picture()
-        if self.name is not None and self.name in TASKS:
+        if self.picture is not None and (self.name is None or self.name in TASKS or self.name in agents):
+            raise ConfigError(f"--picture {self.picture} draws one spacecraft: name it, for example "
+                              f"rans list floating-platform --picture {self.picture}.")
+        if self.name is None:
+            return (_all_spacecraft(), _all_tasks(), _all_controllers(), *([_all_agents()] if agents else []))
+        if self.name in TASKS:
             return _task_details(self.name)
         if self.name in agents:
             return _agent_details(self.name)
-        if self.name is None:
-            return (_all_spacecraft(), _all_tasks(), _all_controllers(), *([_all_agents()] if agents else []))
         if self.name not in crafts and ":" not in self.name and not self.name.endswith(".toml"):
             near = meant(self.name, [*crafts, *TASKS, *agents])
             raise ConfigError(
@@ -72,11 +73,6 @@ class List:
             return _spacecraft_details(craft)
         save_picture(craft, self.picture)
         return (*_spacecraft_details(craft), f"Picture: {self.picture}")
-
-    def _refuse_picture(self) -> None:
-        if self.picture is not None:
-            raise ConfigError(f"--picture {self.picture} draws one spacecraft: name it, for example "
-                              f"rans list floating-platform --picture {self.picture}.")
 
 
 COMMAND = List

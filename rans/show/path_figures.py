@@ -38,11 +38,8 @@ def _ways(figure: SubFigure, following: Following, number: int) -> None:
     axes: Any = figure.add_subplot(projection="3d" if path.dimension == 3 else None)
     axes.plot(*path.at(np.arange(path.last + 1)).T, color=ORANGE, linewidth=3.0, alpha=0.6, label="path")
     for flight, steps in enumerate(_steps(following)):
-        chosen = flight == number
-        way = following.positions[:steps, flight].T
-        axes.plot(*way, color=BLUE if chosen else GREY, linewidth=1.4 if chosen else 0.6,
-                  alpha=1.0 if chosen else 0.5, zorder=3 if chosen else 2,
-                  label=f"flight {number}" if chosen else "")
+        axes.plot(*following.positions[:steps, flight].T, **_look(flight == number),
+                  label=f"flight {number}" if flight == number else "")
     start = following.positions[:1, number].T
     axes.plot(*start, "o", color=INK, markersize=4, label="its start")
     axes.set_aspect("equal", adjustable="datalim" if path.dimension == 2 else "box")
@@ -50,6 +47,12 @@ def _ways(figure: SubFigure, following: Following, number: int) -> None:
     label(axes, f"(a) {path.name}, {following.positions.shape[1]} flights", "x, m", "y, m")
     if path.dimension == 3:
         axes.set_zlabel("z, m")
+
+
+def _look(chosen: bool) -> dict[str, Any]:
+    """Of one flight's line: that which is drawn in full stands out."""
+    return ({"color": BLUE, "linewidth": 1.3, "zorder": 3} if chosen
+            else {"color": GREY, "linewidth": 0.55, "zorder": 2, "alpha": 0.5})
 
 
 def _steps(following: Following) -> np.ndarray:
@@ -71,10 +74,7 @@ def _velocity(axes: Axes, following: Following, number: int, axis: int) -> None:
 def _distances(axes: Axes, following: Following, number: int) -> None:
     times, distance, counts = following.flight.times, 100.0 * following.cross_track, following.measured
     for flight, steps in enumerate(_steps(following) - 1):
-        chosen = flight == number
-        axes.plot(times[:steps], distance[:steps, flight], color=BLUE if chosen else GREY,
-                  linewidth=1.2 if chosen else 0.5, alpha=1.0 if chosen else 0.5,
-                  zorder=3 if chosen else 2)
+        axes.plot(times[:steps], distance[:steps, flight], **_look(flight == number))
     axes.axvspan(0.0, times[counts[:, number].argmax()], color=GREEN, alpha=0.12, linewidth=0,
                  label=f"approach of flight {number}, not measured")
     rms = following.quantities()[0].values.mean()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -41,8 +42,12 @@ def certify(contest: Contest, count: int, horizons: tuple[float, ...], cache: Pa
         RansError: a process died, or the cache is damaged or cannot be written.
     """
     known = _read(cache) if cache and cache.exists() else {}
+    common = (contest.craft, tuple(sorted(aims(contest.task))), goal_set(contest.task),
+              contest.timing.control_period)
+    wanted = product(zip(range(count), each(contest.starts), strict=False), (None, *horizons))
     asked: list[tuple[str, int, Question]] = []
-    for start, question in _questions(contest, count, horizons):
+    for (start, scenario), horizon in wanted:
+        question = Question(*common, horizon, _EFFORT, scenario)
         key = hashlib.sha256(f"{_VERSION} {question!r}".encode()).hexdigest()[:32]
         if key in known:
             yield replace(known[key], start=start)
@@ -56,14 +61,6 @@ def certify(contest: Contest, count: int, horizons: tuple[float, ...], cache: Pa
         if cache:
             write_json(cache, {key: asdict(one) for key, one in known.items()})
         yield answer
-
-
-def _questions(contest: Contest, count: int,
-               horizons: tuple[float, ...]) -> Iterator[tuple[int, Question]]:
-    common = (contest.craft, tuple(sorted(aims(contest.task))), goal_set(contest.task),
-              contest.timing.control_period)
-    for start, scenario in zip(range(count), each(contest.starts), strict=False):
-        yield from ((start, Question(*common, horizon, _EFFORT, scenario)) for horizon in (None, *horizons))
 
 
 _NUMBERS = ("hull", "lower", "upper")
