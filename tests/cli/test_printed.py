@@ -159,7 +159,7 @@ def test_engines_that_disagree_end_with_code_1(monkeypatch: pytest.MonkeyPatch, 
     arguments = ["evaluate", "lqr:go-to-pose-2d", "--episodes", "1", "--engine", "both"]
     assert main(arguments) == 1
     monkeypatch.setattr("rans.evaluation.measure.agreement.compare_engines",
-                        lambda *_: EngineComparison("title", (), 1.0, 0))
+                        lambda *_: EngineComparison("title", (), 1.0))
     assert main(arguments) == 0
 
 
