@@ -19,6 +19,7 @@ Command = Sequence[Field]
 """One field per thruster."""
 
 
+@dataclass(frozen=True)
 class Actuators(ABC):
     """How thrusters take commands. The craft says which kind they are."""
 

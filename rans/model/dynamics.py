@@ -11,10 +11,9 @@ that neglects 0.025 rad, or 1.4 degrees, in 25 s.
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any, TypeVar, cast
+from dataclasses import dataclass, replace
+from typing import Any, Self, TypeVar
 
 from rans.model.body import Body
 from rans.model.drift import FREE, Drift
@@ -34,17 +33,25 @@ _SPATIAL_NODES = 3
 
 
 @dataclass(frozen=True)
-class State(ABC):
+class State:
     """Motion of the body frame B in the world frame W: `PlanarState` or `SpatialState`."""
 
     p: Vector
+    """p_WB, m."""
     attitude: Attitude
+    """R_WB."""
     v: Vector
+    """v_WB, expressed in W, m/s."""
     w: Field
+    """Angular velocity, rad/s."""
 
-    @abstractmethod
+    def normalised(self) -> Self:
+        """The same state with its heading in [-pi, pi), or with a unit quaternion."""
+        return type(self)(self.p, self.attitude.normalised(), self.v, self.w)
+
     def spin(self) -> tuple[Field, ...]:
         """The components of the angular velocity, rad/s."""
+        return self.w.columns() if isinstance(self.w, Vec3) else (self.w,)
 
 
 @dataclass(frozen=True)
@@ -52,21 +59,10 @@ class PlanarState(State):
     """Motion in the plane (3DoF)."""
 
     p: Vec2
-    """p_WB, m."""
     attitude: Heading
-    """R_WB."""
     v: Vec2
-    """v_WB, expressed in W, m/s."""
     w: Field
-    """w_WB about z, rad/s."""
-
-    def normalised(self) -> PlanarState:
-        """The same state with its heading in [-pi, pi)."""
-        return PlanarState(self.p, self.attitude.normalised(), self.v, self.w)
-
-    def spin(self) -> tuple[Field, ...]:
-        """The components of the angular velocity, rad/s."""
-        return (self.w,)
+    """w_WB about z."""
 
 
 @dataclass(frozen=True)
@@ -74,21 +70,10 @@ class SpatialState(State):
     """Motion in space (6DoF)."""
 
     p: Vec3
-    """p_WB, m."""
     attitude: Quat
-    """R_WB."""
     v: Vec3
-    """v_WB, expressed in W, m/s."""
     w: Vec3
-    """w_WB_B: angular velocity expressed in B, rad/s."""
-
-    def normalised(self) -> SpatialState:
-        """The same state with a unit quaternion."""
-        return SpatialState(self.p, self.attitude.normalised(), self.v, self.w)
-
-    def spin(self) -> tuple[Field, ...]:
-        """The components of the angular velocity, rad/s."""
-        return self.w.columns()
+    """w_WB_B: expressed in B."""
 
 
 AnyState = TypeVar("AnyState", PlanarState, SpatialState)
@@ -98,10 +83,10 @@ AnyState = TypeVar("AnyState", PlanarState, SpatialState)
 class Wrench:
     """Force and torque about the centre of mass: expressed in B for thrust, in W for a disturbance."""
 
-    force: Vec2 | Vec3
+    force: Vector
     """N."""
-    torque: Field | Vec3
-    """N m; a scalar about z in the plane."""
+    torque: Field
+    """N m; a vector in space, a scalar about z in the plane."""
 
 
 def thrust(craft: Spacecraft, command: Sequence[Field], body: Body | None = None) -> tuple[Field, ...]:
@@ -185,13 +170,13 @@ def step_goal(goal: AnyState, drift: Drift, duration: Field) -> AnyState:
         drift: how a free point moves.
         duration: s.
     """
-    p, v = cast("tuple[Any, Any]", drift.carry(goal.p, goal.v, duration))  # type: ignore[type-var]
+    p, v = drift.carry(goal.p, goal.v, duration)
     if isinstance(goal, PlanarState):
-        return PlanarState(p, Heading(goal.attitude.angle + duration * goal.w), v, goal.w)
+        return replace(goal, p=p, attitude=Heading(goal.attitude.angle + duration * goal.w), v=v)
     rate = sqrt(goal.w.dot(goal.w))
     half = 0.5 * duration * rate
     axis = goal.w.scale(sin(half) / at_least(rate, 1e-30))  # a goal that does not turn has no axis
-    return SpatialState(p, goal.attitude.times(Quat(cos(half), *axis.columns())), v, goal.w)
+    return replace(goal, p=p, attitude=goal.attitude.times(Quat(cos(half), *axis.columns())), v=v)
 
 
 def advance(state: AnyState, applied: Wrench, body: Body, duration: Field, substeps: int = 1,
@@ -261,10 +246,14 @@ def _advance_spatial(state: SpatialState, load: _Load, h: Field) -> SpatialState
 
     The thrust's acceleration is expressed in B at the start of the step.
     """
-    rate = spin_series(state.w, load.thrust.torque, load.body.inertia, h, _torque_in_body(state, load))
-    rotation, acceleration = Rotation(rate, h), load.thrust.force.scale(1.0 / load.body.mass)
+    steady = None
+    if load.disturbance is not None:
+        steady = state.attitude.conjugate().rotate(load.disturbance.torque)
+    rate = spin_series(state.w, load.thrust.torque, load.body.inertia, h, steady)
+    rotation = Rotation(rate, h)
+    acceleration: Any = load.thrust.force.scale(1.0 / load.body.mass)
     rule = RULES[_SPATIAL_NODES]
-    pushes = (turned(rotation.vector(node), acceleration) for node, _ in rule)  # type: ignore[arg-type]
+    pushes = (turned(rotation.vector(node), acceleration) for node, _ in rule)
 
     def in_world(*scaled: tuple[Vec3, Field]) -> list[Vec3]:
         return [state.attitude.rotate(u) for u in [u.scale(s) for u, s in scaled]]
@@ -276,10 +265,3 @@ def _advance_spatial(state: SpatialState, load: _Load, h: Field) -> SpatialState
         v=v,
         w=at(rate, 1.0),
     )
-
-
-def _torque_in_body(state: SpatialState, load: _Load) -> Vec3 | None:
-    """A disturbance's torque, expressed in B at the start."""
-    if load.disturbance is None:
-        return None
-    return state.attitude.conjugate().rotate(load.disturbance.torque)  # type: ignore[arg-type]

@@ -14,11 +14,12 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import operator
 import sys
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from functools import partial
+from functools import partial, reduce
 from typing import Any, Self, TypeVar
 
 import numpy as np
@@ -114,22 +115,20 @@ def leaves(tree: Any) -> tuple[Field, ...]:
 
 def map_leaves(function: Callable[..., Field], tree: Tree, *others: Tree) -> Tree:
     """A tree of the same shape whose every field is ``function(field, *fields_of_the_others)``."""
-    if isinstance(tree, tuple):
-        branches = zip(tree, *others, strict=True)  # type: ignore[arg-type]
-        return tuple(map_leaves(function, *branch) for branch in branches)  # type: ignore[return-value]
-    if not dataclasses.is_dataclass(tree):
-        return function(tree, *others)
-    members = [
-        map_leaves(function, getattr(tree, f.name), *(getattr(o, f.name) for o in others))
-        for f in dataclasses.fields(tree)
-    ]
-    return type(tree)(*members)  # type: ignore[return-value]
+    return unflatten(tree, map(function, leaves(tree), *map(leaves, others)))
 
 
-def unflatten(tree: Tree, fields: Any) -> Tree:
+def unflatten(tree: Tree, fields: Iterable[Field]) -> Tree:
     """A tree of the same shape filled with the fields, in the order `leaves` gives them."""
-    fields = iter(fields)
-    return map_leaves(lambda _: next(fields), tree)
+    return _filled(tree, iter(fields))
+
+
+def _filled(tree: Any, fields: Iterator[Field]) -> Any:
+    if isinstance(tree, tuple):
+        return tuple([_filled(branch, fields) for branch in tree])
+    if not dataclasses.is_dataclass(tree):
+        return next(fields)
+    return type(tree)(*[_filled(getattr(tree, f.name), fields) for f in dataclasses.fields(tree)])
 
 
 @dataclass(frozen=True)
@@ -140,22 +139,26 @@ class Vector(ABC):
     y: Field
 
     @abstractmethod
-    def __add__(self, other: Any, /) -> Self: ...
-
-    @abstractmethod
-    def __sub__(self, other: Any, /) -> Self: ...
-
-    @abstractmethod
-    def scale(self, s: Field) -> Self:
-        """The vector times a scalar field."""
-
-    @abstractmethod
-    def norm(self) -> Field:
-        """Euclidean length."""
-
-    @abstractmethod
     def columns(self) -> tuple[Field, ...]:
         """The components, in order."""
+
+    def __add__(self, other: Vector) -> Self:
+        return type(self)(*map(operator.add, self.columns(), other.columns()))
+
+    def __sub__(self, other: Vector) -> Self:
+        return type(self)(*map(operator.sub, self.columns(), other.columns()))
+
+    def scale(self, s: Field) -> Self:
+        """The vector times a scalar field."""
+        return type(self)(*[x * s for x in self.columns()])
+
+    def dot(self, other: Vector) -> Field:
+        """Scalar product."""
+        return reduce(operator.add, map(operator.mul, self.columns(), other.columns()))
+
+    def norm(self) -> Field:
+        """Euclidean length."""
+        return sqrt(self.dot(self))
 
 
 class Attitude(ABC):
@@ -170,6 +173,10 @@ class Attitude(ABC):
         """The angle of the shortest equal rotation, rad, in [0, pi]."""
 
     @abstractmethod
+    def normalised(self) -> Self:
+        """The same rotation with its angle in [-pi, pi), or with a unit quaternion."""
+
+    @abstractmethod
     def columns(self) -> tuple[Field, ...]:
         """What a policy sees of it: (cos, sin), or the first two rows of the rotation matrix."""
 
@@ -177,24 +184,6 @@ class Attitude(ABC):
 @dataclass(frozen=True)
 class Vec2(Vector):
     """A vector in the plane."""
-
-    def __add__(self, other: Vec2) -> Vec2:
-        return Vec2(self.x + other.x, self.y + other.y)
-
-    def __sub__(self, other: Vec2) -> Vec2:
-        return Vec2(self.x - other.x, self.y - other.y)
-
-    def scale(self, s: Field) -> Vec2:
-        """The vector times a scalar field."""
-        return Vec2(self.x * s, self.y * s)
-
-    def dot(self, other: Vec2) -> Field:
-        """Scalar product."""
-        return self.x * other.x + self.y * other.y
-
-    def norm(self) -> Field:
-        """Euclidean length."""
-        return sqrt(self.dot(self))
 
     def columns(self) -> tuple[Field, ...]:
         """The components, in order."""
@@ -207,20 +196,6 @@ class Vec3(Vector):
 
     z: Field
 
-    def __add__(self, other: Vec3) -> Vec3:
-        return Vec3(self.x + other.x, self.y + other.y, self.z + other.z)
-
-    def __sub__(self, other: Vec3) -> Vec3:
-        return Vec3(self.x - other.x, self.y - other.y, self.z - other.z)
-
-    def scale(self, s: Field) -> Vec3:
-        """The vector times a scalar field."""
-        return Vec3(self.x * s, self.y * s, self.z * s)
-
-    def dot(self, other: Vec3) -> Field:
-        """Scalar product."""
-        return self.x * other.x + self.y * other.y + self.z * other.z
-
     def cross(self, other: Vec3) -> Vec3:
         """Vector product."""
         return Vec3(
@@ -228,10 +203,6 @@ class Vec3(Vector):
             self.z * other.x - self.x * other.z,
             self.x * other.y - self.y * other.x,
         )
-
-    def norm(self) -> Field:
-        """Euclidean length."""
-        return sqrt(self.dot(self))
 
     def columns(self) -> tuple[Field, ...]:
         """The components, in order."""

@@ -102,7 +102,7 @@ class Random:
         """An angular velocity up to this rate, rad/s: about z either way, or about any axis of B."""
         if self.dimension == 2:
             return self.uniform(-fastest, fastest)
-        return self.direction().scale(self.uniform(0.0, fastest))  # type: ignore[return-value]
+        return self.direction().scale(self.uniform(0.0, fastest))
 
     def around(self, low: float, high: float) -> State:
         """A state at rest so far from the origin, m, with any bearing and attitude."""

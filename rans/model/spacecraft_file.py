@@ -174,7 +174,7 @@ def _actuators(table: Any) -> Actuators:
     kind = KINDS.get(_text(table, "kind"))
     if kind is None:
         raise ConfigError(f"actuators have the kind {table['kind']!r}; known are {', '.join(KINDS)}.")
-    settings: dict[str, Any] = {f.name: f for f in dataclasses.fields(kind)}  # type: ignore[arg-type]
+    settings: dict[str, Any] = {f.name: f for f in dataclasses.fields(kind)}
     _check_keys(table, {"kind", *settings}, f"actuators of the kind {table['kind']!r}")
     for key, field in settings.items():
         if key not in table and field.default is dataclasses.MISSING:

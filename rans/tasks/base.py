@@ -7,7 +7,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -19,7 +19,17 @@ from rans.model.random import Random
 from rans.model.trace import Symbol
 from rans.tasks.rewards import Prices, Transition
 from rans.tasks.settings import map_settings
-from rans.tasks.sight import Column, Dimension, Entry, Layout, OwnAttitude, Scalar, Sight, Spin, VectorInW
+from rans.tasks.sight import (
+    DATA_COLUMNS,
+    Column,
+    Dimension,
+    Entry,
+    Layout,
+    OwnAttitude,
+    Scalar,
+    Spin,
+    VectorInW,
+)
 
 UNITS = {"position": "m", "attitude": "rad", "velocity": "m/s", "spin": "rad/s"}
 """Units of the errors a task may name."""
@@ -127,12 +137,38 @@ def reached(errors: Mapping[str, Field], tolerances: Mapping[str, float]) -> Fie
     return first
 
 
+class Sight(NamedTuple):
+    """All that a policy sees of one moment."""
+
+    entries: tuple[Entry, ...]
+    """Attitude, velocity, spin and task flag, then the task's data, filled up with zeros."""
+
+    def columns(self) -> tuple[Field, ...]:
+        """The observation."""
+        return tuple(x for entry in self.entries for x in entry.columns())
+
+    def table(self) -> tuple[Column, ...]:
+        """What each column holds."""
+        return tuple(row for entry in self.entries for row in entry.table())
+
+    def bounds(self) -> tuple[float, ...]:
+        """Of each column's absolute value."""
+        return tuple(entry.bound for entry in self.entries for _ in entry.columns())
+
+    def layout(self) -> Layout:
+        """Which columns are what."""
+        return Layout(tuple(entry.block() for entry in self.entries))
+
+
 def sight(task: Task, state: State, goal: State) -> Sight:
-    """All that a policy sees (paper, section 3.2): attitude, velocity, spin, task flag, task data."""
-    zero = state.attitude.columns()[0] * 0.0
-    return Sight(OwnAttitude("", "-", state.attitude), VectorInW("v_", "m/s", state.v),
-                 Spin("w", "rad/s", state.spin()), Scalar("task flag", "-", zero + task.flag_of(goal)),
-                 task.sight(state, goal))
+    """All that a policy sees (paper, section 3.2), filled up with zeros to the paper's width."""
+    flag = state.attitude.columns()[0] * 0.0 + task.flag_of(goal)
+    data = task.sight(state, goal)
+    missing = DATA_COLUMNS[state_dimension(state)] - sum(len(entry.columns()) for entry in data)
+    return Sight((
+        OwnAttitude("", "-", state.attitude), VectorInW("v_", "m/s", state.v),
+        Spin("w", "rad/s", state.spin()), Scalar("task flag", "-", flag),
+        *data, *(Scalar("unused", "-", flag * 0.0) for _ in range(missing))))
 
 
 def observation(task: Task, state: State, goal: State) -> tuple[Field, ...]:

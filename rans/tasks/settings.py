@@ -31,13 +31,13 @@ def _mapped(function: Callable[..., Any], name: str, values: tuple[Any, ...], ch
     if isinstance(first, tuple):
         return tuple(_mapped(function, f"{name}.{i}", column, checked)
                      for i, column in enumerate(zip(*values, strict=True)))
-    if not dataclasses.is_dataclass(first):
+    if not dataclasses.is_dataclass(first) or isinstance(first, type):
         return function(name, *values) if _is_number(first) else first
     inner = {field.name: _mapped(function, f"{name}.{field.name}".lstrip("."),
                                  tuple(getattr(value, field.name) for value in values), checked)
              for field in dataclasses.fields(first)}
     if checked:
-        return dataclasses.replace(first, **inner)  # type: ignore[type-var]
+        return dataclasses.replace(first, **inner)
     result = copy.copy(first)
     for setting, value in inner.items():
         object.__setattr__(result, setting, value)

@@ -6,13 +6,12 @@ columns of task data in the plane and nine in space. A task with more to say has
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Literal, NamedTuple
 
 from rans.errors import ConfigError
-from rans.model.fields import Attitude, Field, Vector, where
+from rans.model.fields import Attitude, Field, Vec3, Vector, where
 
 Dimension = Literal[2, 3]
 Columns = Sequence[Field]
@@ -33,25 +32,31 @@ class Column(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Entry(ABC):
+class Entry:
     """One thing that a policy sees; each kind knows how its columns look from elsewhere."""
 
     name: str
     """Its columns' names begin with it."""
     unit: str
-    value: Field
+    value: Field | tuple[Field, ...] | Vector | Attitude
 
     frame: ClassVar[str] = "-"
     bound: ClassVar[float] = INFINITE
     """No column's absolute value is larger."""
 
-    @abstractmethod
     def columns(self) -> Columns:
         """Its fields, in order."""
+        if isinstance(self.value, Vector | Attitude):
+            return self.value.columns()
+        return self.value if isinstance(self.value, tuple) else (self.value,)
 
-    @abstractmethod
     def labels(self) -> Sequence[str]:
         """What each column is called."""
+        return (self.name,)
+
+    def table(self) -> Iterator[Column]:
+        """What each column holds."""
+        return (Column(label, self.unit, self.frame) for label in self.labels())
 
     def target(self) -> Sequence[float]:
         """Its columns where a task has reached its goal."""
@@ -79,10 +84,6 @@ class VectorInW(Entry):
     value: Vector
     frame = "W"
 
-    def columns(self) -> Columns:
-        """See `Entry`."""
-        return self.value.columns()
-
     def labels(self) -> Sequence[str]:
         """See `Entry`."""
         return [self.name + axis for axis in "xyz"[:len(self.columns())]]
@@ -105,10 +106,6 @@ class Spin(Entry):
     value: tuple[Field, ...]
     frame = "B"
 
-    def columns(self) -> Columns:
-        """See `Entry`."""
-        return self.value
-
     def labels(self) -> Sequence[str]:
         """See `Entry`."""
         return [f"{self.name}_{axis}" for axis in ("z" if len(self.value) == 1 else "xyz")]
@@ -125,16 +122,19 @@ class Turn(Entry):
 
     value: Attitude
     bound = 1.0
-
-    def columns(self) -> Columns:
-        """See `Entry`."""
-        return self.value.columns()
+    matrix: ClassVar[str] = "R"
+    """Its symbol."""
 
     def labels(self) -> Sequence[str]:
         """See `Entry`."""
         if len(self.columns()) == 2:
             return [f"cos {self.name}heading", f"sin {self.name}heading"]
-        return [f"{self.name}R[{i},{j}]" for i in (0, 1) for j in (0, 1, 2)]
+        return [f"{self.name}{self.matrix}[{i},{j}]" for i in (0, 1) for j in (0, 1, 2)]
+
+    def table(self) -> Iterator[Column]:
+        """See `Entry`: a heading's difference has no frame, a matrix of R_B^T R has rows in B."""
+        frame = "B" if type(self) is Turn and len(self.columns()) > 2 else self.frame
+        return (row._replace(frame=frame) for row in super().table())
 
     def target(self) -> Sequence[float]:
         """See `Entry`: no rotation."""
@@ -145,8 +145,7 @@ class Turn(Entry):
         """The first two rows of G R G^T, where G is the view and the columns are the first two rows of R."""
         if len(columns) == 2:
             return [columns[0], columns[1] * hand]
-        rows = (columns[:3], columns[3:], cross(columns[:3], columns[3:]))
-        turned = [view(column) for column in zip(*rows, strict=True)]
+        turned = [view(column) for column in zip(*_rows(columns), strict=True)]
         return [x for row in list(zip(*turned, strict=True))[:2] for x in view(row)]
 
 
@@ -155,12 +154,7 @@ class OwnAttitude(Turn):
     """R_WB: what takes vectors to B, where nothing but they depends on it (decision 004)."""
 
     frame = "W"
-
-    def labels(self) -> Sequence[str]:
-        """See `Entry`."""
-        if len(self.columns()) == 2:
-            return ["cos heading", "sin heading"]
-        return [f"R_WB[{i},{j}]" for i in (0, 1) for j in (0, 1, 2)]
+    matrix = "R_WB"
 
     @staticmethod
     def in_body(columns: Columns, turned: Turned) -> Columns:
@@ -172,14 +166,6 @@ class OwnAttitude(Turn):
 class Scalar(Entry):
     """A number that looks the same from everywhere."""
 
-    def columns(self) -> Columns:
-        """See `Entry`."""
-        return (self.value,)
-
-    def labels(self) -> Sequence[str]:
-        """See `Entry`."""
-        return (self.name,)
-
 
 @dataclass(frozen=True)
 class Drawn(Entry):
@@ -188,20 +174,12 @@ class Drawn(Entry):
     value: tuple[Field, ...]
     choices: tuple[Choice, ...] = ()
 
-    def columns(self) -> Columns:
-        """See `Entry`."""
-        return self.value
-
     def labels(self) -> Sequence[str]:
         """See `Entry`."""
         return [f"{self.name} {i}" for i in range(len(self.value))]
 
     def target(self) -> Sequence[float]:
-        """There is none that all tasks share.
-
-        Raises:
-            ConfigError: always.
-        """
+        """Refused (`ConfigError`): there is none that all tasks share."""
         raise ConfigError("a multi-task's data have no target that its tasks share: name one of them.")
 
     def block(self) -> Block:
@@ -216,6 +194,15 @@ class Block(NamedTuple):
     width: int
     choices: tuple[Choice, ...] = ()
     """Of `Drawn`."""
+
+    def mirrored(self, columns: Columns, view: Turned, hand: Field, flag: Field) -> Columns:
+        """The columns of B from an equivalent side, under this task flag."""
+        result = self.kind.mirrored(columns, view, hand)
+        for choice, blocks in self.choices:
+            split = Layout(blocks).split(columns)
+            seen = [x for block, mine in split for x in block.kind.mirrored(mine, view, hand)]
+            result = [where(flag == choice, a, b) for a, b in zip(seen, result, strict=True)]
+        return result
 
 
 Choice = tuple[float, tuple[Block, ...]]
@@ -260,17 +247,9 @@ class Layout(NamedTuple):
 
     def mirrored(self, columns: Columns, view: Turned, hand: Field) -> list[Field]:
         """Columns of `body` as they are seen from an equivalent side of the spacecraft."""
-        (_, flag), = list(self.split(columns))[2:3]
-        return [x for block, mine in self.split(columns) for x in _mirrored(block, mine, view, hand, flag[0])]
-
-
-def _mirrored(block: Block, columns: Columns, view: Turned, hand: Field, flag: Field) -> Columns:
-    result = block.kind.mirrored(columns, view, hand)
-    for choice, blocks in block.choices:
-        layout = Layout(blocks)
-        seen = [x for b, mine in layout.split(columns) for x in b.kind.mirrored(mine, view, hand)]
-        result = [where(flag == choice, a, b) for a, b in zip(seen, result, strict=True)]
-    return result
+        blocks = list(self.split(columns))
+        (flag,) = blocks[2][1]
+        return [x for block, mine in blocks for x in block.mirrored(mine, view, hand, flag)]
 
 
 def to_body(attitude: Columns) -> Turned:
@@ -278,53 +257,11 @@ def to_body(attitude: Columns) -> Turned:
     if len(attitude) == 2:
         c, s = attitude
         return lambda u: [c * u[0] + s * u[1], c * u[1] - s * u[0]]
-    a, b = attitude[:3], attitude[3:]
-    rows = list(zip(a, b, cross(a, b), strict=True))
-    return lambda u: [p * u[0] + q * u[1] + r * u[2] for p, q, r in rows]
+    columns = list(zip(*_rows(attitude), strict=True))
+    return lambda u: [p * u[0] + q * u[1] + r * u[2] for p, q, r in columns]
 
 
-def cross(a: Columns, b: Columns) -> Columns:
-    """Vector product: of a rotation matrix' first two rows, the third."""
-    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
-
-
-@dataclass(frozen=True)
-class Sight:
-    """All that a policy sees of one moment."""
-
-    attitude: OwnAttitude
-    velocity: VectorInW
-    spin: Spin
-    flag: Scalar
-    data: tuple[Entry, ...]
-    """What the task shows."""
-
-    def entries(self) -> tuple[Entry, ...]:
-        """All of it, filled up with zeros to the paper's width."""
-        own = (self.attitude, self.velocity, self.spin, self.flag)
-        dimension = len(self.velocity.columns())
-        missing = DATA_COLUMNS[dimension] - sum(len(entry.columns()) for entry in self.data)
-        zero = self.flag.value * 0.0
-        return (*own, *self.data, *(Scalar("unused", "-", zero) for _ in range(missing)))
-
-    def columns(self) -> tuple[Field, ...]:
-        """The observation."""
-        return tuple(x for entry in self.entries() for x in entry.columns())
-
-    def table(self) -> tuple[Column, ...]:
-        """What each column holds."""
-        return tuple(Column(label, entry.unit, _frame(entry)) for entry in self.entries()
-                     for label in entry.labels())
-
-    def bounds(self) -> tuple[float, ...]:
-        """Of each column's absolute value."""
-        return tuple(entry.bound for entry in self.entries() for _ in entry.columns())
-
-    def layout(self) -> Layout:
-        """Which columns are what."""
-        return Layout(tuple(entry.block() for entry in self.entries()))
-
-
-def _frame(entry: Entry) -> str:
-    """A heading's difference has no frame, a matrix of R_B^T R has rows in B."""
-    return "B" if type(entry) is Turn and len(entry.columns()) > 2 else entry.frame
+def _rows(matrix: Columns) -> list[Columns]:
+    """The three rows of a rotation matrix, from the first two."""
+    a, b = Vec3(*matrix[:3]), Vec3(*matrix[3:])
+    return [row.columns() for row in (a, b, a.cross(b))]

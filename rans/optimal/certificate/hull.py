@@ -96,7 +96,7 @@ def least_time(craft: Spacecraft, aims: Collection[str], start: State, goal: Sta
     reach, body = Reach.of(craft), _rotation(craft, aims, start, goal, goal_set)
     times = [_least_time(body.way, body.before, body.after, body.change, reach.torque)]
     push = float(reach.force.max()) / craft.mass
-    way, before, after = (np.array(x.columns()) for x in (goal.p - start.p, start.v, goal.v))  # type: ignore[operator]
+    way, before, after = (np.array(x.columns()) for x in (goal.p - start.p, start.v, goal.v))
     margin = goal_set.velocity if "velocity" in aims else math.inf
     for axis in _axes(way, after - before, before):
         far = way @ axis - goal_set.position if "position" in aims else -math.inf

@@ -20,8 +20,8 @@ _TINY = 1e-24
 
 def shortest(state: State, goal: State) -> np.ndarray:
     """The coordinates whose rotation is at most half a turn, (6 or 12, N), of states of arrays (N,)."""
-    turn = rotation_vector(goal.attitude.to(state.attitude))  # type: ignore[arg-type]
-    p, v = (np.array(leaves(a - b)) for a, b in ((state.p, goal.p), (state.v, goal.v)))  # type: ignore[operator]
+    turn = rotation_vector(goal.attitude.to(state.attitude))
+    p, v = (np.array(leaves(a - b)) for a, b in ((state.p, goal.p), (state.v, goal.v)))
     return np.concatenate([p, turn, v, np.array(state.spin()) - np.array(goal.spin())])
 
 

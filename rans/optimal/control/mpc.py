@@ -150,11 +150,11 @@ class _Program:
 
     def _linearisation(self, step: ca.Function) -> ca.Function:
         """(first error, plan, goal) to the errors along it and the matrix of e_k+1 - A e_k - B u_k."""
-        error, goal = ca.MX.sym("error", self._size), ca.MX.sym("goal", step.size1_in(2))  # type: ignore[arg-type]
-        plan = ca.MX.sym("plan", self._nozzles, self._count)  # type: ignore[arg-type]
+        error, goal = ca.MX.sym("error", self._size), ca.MX.sym("goal", step.size1_in(2))
+        plan = ca.MX.sym("plan", self._nozzles, self._count)
         flown = step.mapaccum(self._count)(error, plan, goal)
         before = ca.horzcat(error, flown[:, :-1])
-        x, u, g = (ca.SX.sym(n, step.size1_in(i)) for i, n in enumerate("xug"))  # type: ignore[arg-type]
+        x, u, g = (ca.SX.sym(n, step.size1_in(i)) for i, n in enumerate("xug"))
         after = step(x, u, g)
         gradient = ca.Function("gradient", [x, u, g], [ca.jacobian(after, x), ca.jacobian(after, u)])
         by_error, by_command = gradient.map(self._count)(before, plan, goal)
@@ -199,9 +199,9 @@ def _step(craft: Spacecraft, period: float, like: State) -> ca.Function:
     4 s of a plan.
     """
     linear, body = replace(craft, thrust_sharing="none"), Body.of(craft)
-    goal = map_leaves(lambda _: ca.SX.sym("g"), like)  # type: ignore[call-arg]
-    e = [ca.SX.sym("e") for _ in range(2 * craft.degrees_of_freedom)]  # type: ignore[call-arg]
-    u = [ca.SX.sym("u") for _ in craft.thrusters]  # type: ignore[call-arg]
+    goal = map_leaves(lambda _: ca.SX.sym("g"), like)
+    e = [ca.SX.sym("e") for _ in range(2 * craft.degrees_of_freedom)]
+    u = [ca.SX.sym("u") for _ in craft.thrusters]
     after = advance(around(goal, e), wrench(linear, u), body, period)
     columns = [ca.vertcat(*x) for x in (e, u, leaves(goal), coordinates(after, goal))]
     return ca.Function("step", columns[:3], columns[3:])

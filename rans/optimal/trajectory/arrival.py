@@ -59,7 +59,7 @@ class Arrival:
     """
 
     def __init__(self, task: Task, goal: State, ending: Ending) -> None:
-        state, aim = (map_leaves(lambda _: ca.SX.sym("s"), goal) for _ in range(2))  # type: ignore[call-arg]
+        state, aim = (map_leaves(lambda _: ca.SX.sym("s"), goal) for _ in range(2))
         arguments = [ca.vertcat(*leaves(s)) for s in (state, aim)]
 
         def function(conditions: Sequence[Any]) -> ca.Function:
@@ -88,7 +88,7 @@ def _rate_gaps(task: Task, state: Any, goal: Any) -> list[Any]:
 
 def _independent(conditions: ca.Function, goal: Sequence[float]) -> np.ndarray:
     """Whether each condition's gradient at the goal is none of those before it combined."""
-    state, aim = (ca.SX.sym(name, len(goal)) for name in ("state", "aim"))  # type: ignore[arg-type]
+    state, aim = (ca.SX.sym(name, len(goal)) for name in ("state", "aim"))
     gradient = ca.Function("gradient", [state, aim], [ca.jacobian(conditions(state, aim), state)])
     rows = np.array(gradient(goal, goal))
     ranks = [0, *(np.linalg.matrix_rank(rows[:k + 1], tol=1e-9) for k in range(len(rows)))]

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from rans.model.dynamics import State
-from rans.model.fields import Field, Heading, Quat, leaves, map_leaves, wrap
+from rans.model.fields import Attitude, Field, Heading, Quat, leaves, map_leaves, wrap
 from rans.model.spacecraft import Spacecraft
 from rans.optimal.trajectory.allocation import Allocation
 
@@ -18,7 +18,7 @@ _BOW = 0.3
 """Sideways, of the way to go: standard deviation over the further guesses."""
 
 
-def rotation_vector(rotation: Heading | Quat) -> np.ndarray:
+def rotation_vector(rotation: Attitude) -> np.ndarray:
     """Axis times angle of the shortest equal rotation, rad.
 
     Args:
@@ -29,7 +29,8 @@ def rotation_vector(rotation: Heading | Quat) -> np.ndarray:
     """
     if isinstance(rotation, Heading):
         return np.array([wrap(rotation.angle)])
-    w, vector = np.asarray(rotation.w), np.array([rotation.x, rotation.y, rotation.z])
+    w, *xyz = map(np.asarray, leaves(rotation))
+    vector = np.array(xyz)
     sine = np.linalg.norm(vector, axis=0)
     # angle / sin(angle / 2) tends to 2 where the rotation vanishes
     ratio = np.where(sine > 0, 2.0 * np.arctan2(sine, np.abs(w)) / np.where(sine > 0, sine, 1.0), 2.0)
@@ -84,7 +85,7 @@ def _rotation(aims: Collection[str], start: State, goal: State, duration: float,
     Where an attitude is asked for, the rates of start and goal are not matched.
     """
     if "attitude" in aims:
-        turn = rotation_vector(start.attitude.to(goal.attitude))  # type: ignore[arg-type]
+        turn = rotation_vector(start.attitude.to(goal.attitude))
         turn = _other_way(turn) if long_way else turn
         pace, rate = s * s * (3.0 - 2.0 * s), 6.0 * s * (1.0 - s) / duration
         # the axis is the same in W relative to the start and in B throughout
@@ -146,9 +147,9 @@ def transfer_time(craft: Spacecraft, aims: Collection[str], start: State, goal: 
         ConfigError: the thrusters cannot push and turn the spacecraft in every direction.
     """
     push, turn_up = _accelerations(craft)
-    way = np.array((goal.p - start.p).columns())  # type: ignore[operator]
-    turn = rotation_vector(start.attitude.to(goal.attitude))  # type: ignore[arg-type]
-    speed = np.array((goal.v - start.v).columns())  # type: ignore[operator]
+    way = np.array((goal.p - start.p).columns())
+    turn = rotation_vector(start.attitude.to(goal.attitude))
+    speed = np.array((goal.v - start.v).columns())
     spin = np.array(goal.spin()) - np.array(start.spin())
     translation = _time(aims, ("position", way), ("velocity", speed), push)
     return 1.2 * max(translation, _time(aims, ("attitude", turn), ("spin", spin), turn_up), 1e-3)

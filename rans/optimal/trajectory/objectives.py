@@ -188,14 +188,14 @@ class MaximumReward(_GivenTime):
     def cost(self, path: SymbolicTrajectory) -> Any:
         """Minus the return: the sum of all terms of `Task.reward` over all steps."""
         (state, goal), arguments = _symbols(path)
-        now, before = ([ca.SX.sym("u") for _ in path.craft.thrusters] for _ in range(2))  # type: ignore[call-arg]
+        now, before = ([ca.SX.sym("u") for _ in path.craft.thrusters] for _ in range(2))
         terms = path.task.reward(Transition(state, goal, tuple(now), tuple(before)))
         stage = ca.Function("reward", [*arguments, ca.vertcat(*now), ca.vertcat(*before)],
                             [sum(terms.values())])
         previous = ca.horzcat(ca.MX(len(now), 1), path.commands[:, :-1])
         given = [path.states, _each_step(path), path.commands, previous]
         if path.corner is not None:
-            stage = rounded(stage, ca.SX.sym("corner"))  # type: ignore[call-arg]
+            stage = rounded(stage, ca.SX.sym("corner"))
             given.append(ca.repmat(path.corner, 1, self.intervals))
         return -ca.sum2(stage.map(self.intervals)(*given))
 
@@ -233,7 +233,7 @@ def _forces(craft: Spacecraft) -> ca.DM:
 def _symbols(path: SymbolicTrajectory) -> tuple[list[Any], list[ca.SX]]:
     """A state and a goal of SX symbols, and the columns of their leaves."""
     like = scenario(path.task, path.craft.dimension, seed=0, episode=0)
-    states: list[Any] = [map_leaves(lambda _: ca.SX.sym("s"), s) for s in (like.start, like.goal)]  # type: ignore[call-arg]
+    states: list[Any] = [map_leaves(lambda _: ca.SX.sym("s"), s) for s in (like.start, like.goal)]
     return states, [ca.vertcat(*leaves(s)) for s in states]
 
 

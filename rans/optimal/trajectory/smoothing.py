@@ -20,7 +20,7 @@ def rounded(function: ca.Function, radius: float | ca.SX) -> ca.Function:
         function: of any number of dense arguments and results.
         radius: r; a symbol becomes one more argument, after the function's own.
     """
-    inputs = [ca.SX.sym(f"i{k}", function.sparsity_in(k)) for k in range(function.n_in())]  # type: ignore[call-arg]
+    inputs = [ca.SX.sym(f"i{k}", function.sparsity_in(k)) for k in range(function.n_in())]
     outputs = [ca.SX(function.sparsity_out(k)) for k in range(function.n_out())]
     work: dict[int, ca.SX] = {}
     for k in range(function.n_instructions()):

@@ -135,8 +135,8 @@ class Transcription:
         of commands.
         """
         count, (nozzles, forces, width) = self._objective.intervals, self._rows
-        variables = ca.MX.sym("variables", count * sum(self._rows) + 1)  # type: ignore[arg-type]
-        start, goal = ca.MX.sym("start", width), ca.MX.sym("goal", goal_width)  # type: ignore[arg-type]
+        variables = ca.MX.sym("variables", count * sum(self._rows) + 1)
+        start, goal = ca.MX.sym("start", width), ca.MX.sym("goal", goal_width)
         table, period = ca.reshape(variables[:-1], sum(self._rows), count), variables[-1]
         if self._objective.control_period is not None:  # a constant is differentiated faster
             period = self._objective.control_period
@@ -146,7 +146,7 @@ class Transcription:
                        self._arrival.conditions(after[:, -1], goal)]
         if self._craft.thrust_sharing == "split":
             constraints.append(ca.sum1(commands).T)
-        corner = ca.MX.sym("corner")  # type: ignore[call-arg]
+        corner = ca.MX.sym("corner")
         path = SymbolicTrajectory(self._craft, self._task, after, commands, period, goal, corner)
         cost = self._objective.cost(path)
         problem = {"x": variables, "p": ca.vertcat(start, goal, corner), "g": ca.vertcat(*constraints),
@@ -263,7 +263,7 @@ class Transcription:
 def _step(craft: Spacecraft, like: State, substeps: int, drift: Drift) -> ca.Function:
     """The engines' motion over one control period: (state, wrench on B, period) to the state after."""
     def symbols(count: int) -> Sequence[Any]:
-        return [ca.SX.sym("s") for _ in range(count)]  # type: ignore[call-arg]
+        return [ca.SX.sym("s") for _ in range(count)]
 
     state: Any = map_leaves(lambda _: symbols(1)[0], like)
     parts, period = symbols(craft.degrees_of_freedom), symbols(1)[0]
