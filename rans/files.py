@@ -23,9 +23,7 @@ _PACKAGES = ("rans", "torch", "numpy", "drake", "casadi", "gymnasium", "stable-b
 def replace_file(file: Path, write: Callable[[Path], object]) -> None:
     """Write a file beside its place and move it there, so that a reader never sees half of it.
 
-    Args:
-        file: where it should be; missing folders are made.
-        write: writes the whole content to the path it is given.
+    Missing folders are made; ``write`` writes the whole content to the path it is given.
 
     Raises:
         ConfigError: the disk refused (full, read-only, no permission); the old file is unharmed. Or there is

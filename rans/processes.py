@@ -24,12 +24,8 @@ def submitted(function: Callable[..., Answer], jobs: Iterable[tuple[Any, ...]], 
     guarded by ``if __name__ == "__main__"``. An interrupt waits for the jobs in work, drops the rest and
     is raised again.
 
-    Args:
-        function: does one job; of a module's top level, as `prepare` is.
-        jobs: the function's arguments, one tuple a job.
-        workers: processes; by default one per processor.
-        prepare: called once in every process before its first job.
-        arguments: of `prepare`.
+    Every process, by default one per processor, calls ``prepare(*arguments)`` before its first job. This and
+    the function, called with one tuple a job, are of a module's top level.
     """
     with ProcessPoolExecutor(workers or os.cpu_count() or 1, multiprocessing.get_context("spawn"),
                              _begin, (prepare, arguments)) as pool:
@@ -47,11 +43,7 @@ def beside(function: Callable[..., object], *arguments: Any) -> Iterator[None]:
     """Another process that does something until this block ends; whatever becomes of it, the block goes on.
 
     It starts afresh, as those of `submitted` do, ignores Ctrl-C, and ends with this process even when that
-    is killed.
-
-    Args:
-        function: what it does; of a module's top level.
-        arguments: of the function.
+    is killed. The function is of a module's top level.
     """
     process = multiprocessing.get_context("spawn").Process(
         target=_begin, args=(function, arguments), daemon=True)

@@ -39,21 +39,15 @@ class Actuators(ABC):
     def pulses(self, command: Command) -> Iterator[tuple[Field, Command]]:
         """What the thrusters do within a control period, piece by piece.
 
-        Args:
-            command: one field per thruster.
-
         Yields:
-            The piece's share of the period, and the share of its full force that each thruster is told to
-            give meanwhile.
+            The piece's share of the period, and the share of its full force that each thruster gives in it.
         """
         yield 1.0, command
 
     def check(self, values: Any, *shape: int) -> None:
         """Refuse commands that the thrusters cannot follow.
 
-        Args:
-            values: commands.
-            shape: that they must have: (n,) for n thrusters, (N, n) for N spacecraft.
+        Their shape must be (n,) for n thrusters, (N, n) for N spacecraft.
 
         Raises:
             ConfigError: there are not so many, or one of them is not allowed.

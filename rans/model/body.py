@@ -48,11 +48,8 @@ class Body:
 def in_memory(body: Body, nominal: Body, count: int, field: Callable[[Any], Any]) -> Body:
     """The same, checked, with a field in memory of its own wherever there is not one number for all.
 
-    Args:
-        body: numbers, or arrays or tensors (N,); what it leaves empty is nominal.
-        nominal: that of the craft.
-        count: N.
-        field: copies an array.
+    The body is of numbers, or arrays or tensors (N,) for a count of N; what it leaves empty is the craft's
+    nominal value. ``field`` copies an array.
 
     Raises:
         ConfigError: a mass is not positive, an inertia is that of no rigid body, a gain or a leak is

@@ -28,13 +28,7 @@ class Drift(ABC):
 
     @abstractmethod
     def carry(self, p: Vector, v: Vector, t: Field) -> tuple[Vector, Vector]:
-        """Position and velocity after a time.
-
-        Args:
-            p: position in W, m.
-            v: velocity in W, m/s.
-            t: s; a number, or a CasADi symbol.
-        """
+        """Position (m) and velocity (m/s) in W after a time (s): a number, or a CasADi symbol."""
 
 
 @dataclass(frozen=True)

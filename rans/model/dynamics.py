@@ -92,10 +92,8 @@ class Wrench:
 def thrust(craft: Spacecraft, command: Sequence[Field], body: Body | None = None) -> tuple[Field, ...]:
     """Share of its full force that each thruster gives, after its faults and the supply's limit.
 
-    Args:
-        craft: the spacecraft; its ``thrust_sharing`` decides. The supply is shared by what is really open.
-        command: one field per thruster, 0 (shut) to 1 (open).
-        body: gains and leaks; None: every thruster does as it is told.
+    Commands are 0 (shut) to 1 (open); without a body every thruster does as it is told. The supply is shared
+    by what is really open, if the craft's ``thrust_sharing`` says so.
     """
     if body is not None:
         gains, leaks = body.gain or (1.0,) * len(command), body.leak or (0.0,) * len(command)
@@ -119,10 +117,7 @@ def _is(field: Field, number: float) -> bool:
 def wrench(craft: Spacecraft, command: Sequence[Field], body: Body | None = None) -> Wrench:
     """Sum of the thrusters' forces and torques on B, about the true centre of mass.
 
-    Args:
-        craft: gives each thruster's full-on wrench (`Spacecraft.wrench_map`).
-        command: one field per thruster, 0 (shut) to 1 (open).
-        body: gains, leaks and the shift of the centre of mass; None: as the craft was designed.
+    Commands are 0 (shut) to 1 (open); without a body the craft is as it was designed.
     """
     shares = thrust(craft, command, body)
     total = [_dot(shares, column) for column in zip(*craft.wrench_map, strict=True)]
@@ -146,15 +141,8 @@ def held(state: AnyState, craft: Spacecraft, body: Body, command: Sequence[Field
          drift: Drift = FREE, nodes: int = NODES, disturbance: Wrench | None = None) -> AnyState:
     """The state after a command was held for one control period, heading or quaternion normalised.
 
-    Args:
-        state: at the start.
-        craft: gives thrusters, and how they take commands (`rans.model.actuators`).
-        body: what resists, and how well the thrusters work.
-        command: one field per thruster, 0 to 1.
-        timing: control period, and substeps of each of the command's pieces.
-        drift: how a free point moves.
-        nodes: see `advance`.
-        disturbance: see `advance`.
+    The craft's actuators say how they take commands, one field of 0 to 1 per thruster. Substeps are those of
+    each of the command's pieces; the rest is as for `advance`.
     """
     for share, part in craft.actuators.pulses(command):
         state = advance(state, wrench(craft, part, body), body, share * timing.control_period,
@@ -163,12 +151,9 @@ def held(state: AnyState, craft: Spacecraft, body: Body, command: Sequence[Field
 
 
 def step_goal(goal: AnyState, drift: Drift, duration: Field) -> AnyState:
-    """A goal that nothing pushes, later: it drifts as spacecraft do and keeps its spin, exactly.
+    """A goal that nothing pushes, after a duration (s), exactly: it drifts as spacecraft do, its spin stays.
 
-    Args:
-        goal: where it is; its angular velocity is constant in its own frame, as of a body with equal moments.
-        drift: how a free point moves.
-        duration: s.
+    Its angular velocity is constant in its own frame, as of a body with equal moments.
     """
     p, v = drift.carry(goal.p, goal.v, duration)
     if isinstance(goal, PlanarState):

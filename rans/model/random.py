@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
 
 from rans.errors import ConfigError
 from rans.model.dynamics import PlanarState, SpatialState, State
-from rans.model.fields import Field, Heading, Quat, Vec2, Vec3, cos, sin, sqrt
+from rans.model.fields import Attitude, Field, Heading, Quat, Vec2, Vec3, Vector, cos, sin, sqrt
 
 
 def seed_words(seed: int) -> tuple[int, int]:
@@ -98,7 +99,7 @@ class Random:
         a, b = sqrt(1.0 - u), sqrt(u)
         return Quat(b * cos(second), a * sin(first), a * cos(first), b * sin(second))
 
-    def spin(self, fastest: float) -> Field | Vec3:
+    def spin(self, fastest: float) -> Field:
         """An angular velocity up to this rate, rad/s: about z either way, or about any axis of B."""
         if self.dimension == 2:
             return self.uniform(-fastest, fastest)
@@ -109,19 +110,16 @@ class Random:
         direction, distance = self.direction(), self.uniform(low, high)
         return self.at_rest(direction.scale(distance), self.attitude())
 
-    def at_rest(self, p: Vec2 | Vec3, attitude: Heading | Quat) -> State:
+    def at_rest(self, p: Vector, attitude: Attitude) -> State:
         """The state at this place with no velocity."""
-        return self._state(p, attitude, self.origin(), self.no_spin())
+        return replace(self.moving(self.origin(), attitude), p=p)
 
-    def moving(self, velocity: Vec2 | Vec3, attitude: Heading | Quat,
-               spin: Field | Vec3 | None = None) -> State:
+    def moving(self, velocity: Vector, attitude: Attitude, spin: Field = None) -> State:
         """The state at the origin with this velocity and spin, by default none."""
-        return self._state(self.origin(), attitude, velocity, self.no_spin() if spin is None else spin)
+        kind: Any = PlanarState if self.dimension == 2 else SpatialState
+        return kind(self.origin(), attitude, velocity, self.no_spin() if spin is None else spin)
 
-    def _state(self, p: Any, attitude: Any, v: Any, w: Any) -> State:
-        return PlanarState(p, attitude, v, w) if self.dimension == 2 else SpatialState(p, attitude, v, w)
-
-    def no_spin(self) -> Field | Vec3:
+    def no_spin(self) -> Field:
         """No angular velocity."""
         return 0.0 if self.dimension == 2 else Vec3(0.0, 0.0, 0.0)
 

@@ -118,7 +118,12 @@ def check(craft: Spacecraft) -> None:
     _check_inertia(craft)
     for index, thruster in enumerate(craft.thrusters):
         _check_thruster(craft, index, thruster)
-    _warn_if_uncontrollable(craft)
+    if not controls_every_direction(craft):
+        warnings.warn(
+            f"spacecraft {craft.name!r}: its {len(craft.thrusters)} thrusters cannot push and turn "
+            f"it in every direction of its {craft.degrees_of_freedom} degrees of freedom, so most "
+            "tasks cannot be solved; the usual cause is a missing or reversed thruster.",
+            stacklevel=3)
 
 
 def _require(holds: bool, craft: Spacecraft, key: str, value: object, bound: str) -> None:
@@ -171,16 +176,6 @@ def _check_thruster(craft: Spacecraft, index: int, thruster: Thruster) -> None:
         _require(abs(lift) <= _PLANE_TOLERANCE and abs(thruster.direction[2]) <= _PLANE_TOLERANCE,
                  craft, key.strip(), (thruster.position, thruster.direction),
                  f"in the plane of the centre of mass (z = {height:g} m) when dimension = 2")
-
-
-def _warn_if_uncontrollable(craft: Spacecraft) -> None:
-    if not controls_every_direction(craft):
-        warnings.warn(
-            f"spacecraft {craft.name!r}: its {len(craft.thrusters)} thrusters cannot push and turn "
-            f"it in every direction of its {craft.degrees_of_freedom} degrees of freedom, so most "
-            "tasks cannot be solved; the usual cause is a missing or reversed thruster.",
-            stacklevel=4,
-        )
 
 
 def controls_every_direction(craft: Spacecraft) -> bool:

@@ -6,6 +6,7 @@ import dataclasses
 import json
 import math
 import tomllib
+from collections.abc import Callable, Collection
 from importlib import resources
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,9 +17,8 @@ from rans.model.actuators import KINDS, Actuators
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.registry import Registry
 
-_KEYS = {f.name for f in dataclasses.fields(Spacecraft)} - {"thrusters"} | {"thruster"}
 _REQUIRED = ("name", "dimension", "mass", "inertia", "thruster")
-_THRUSTER_KEYS = {"position", "direction", "force"}
+_OPTIONAL = {f.name for f in dataclasses.fields(Spacecraft)} - {"thrusters", *_REQUIRED}
 
 
 class Described(NamedTuple):
@@ -55,10 +55,7 @@ def spacecraft_names() -> list[str]:
 
 
 def load_spacecraft(name_or_file: str | Path) -> Spacecraft:
-    """The spacecraft of this name, or of this TOML file.
-
-    Args:
-        name_or_file: one of `spacecraft_names`, MODULE:NAME, or a path that ends in ``.toml``.
+    """The spacecraft of this name (`spacecraft_names`), MODULE:NAME, or of a path that ends in ``.toml``.
 
     Raises:
         ConfigError: no such name or file, or it does not describe a spacecraft.
@@ -85,13 +82,11 @@ def _file_text(given: str) -> str:
 
 
 def parse_spacecraft(text: str, source: str) -> Spacecraft:
-    """The spacecraft that a TOML text describes.
+    """The spacecraft that a TOML text describes; messages begin with the source.
 
-    Args:
-        text: the file's content; its keys are the fields of `Spacecraft`, with one ``[[thruster]]``
-            table per thruster, and ``[actuators]`` with their ``kind`` and its settings. Planar spacecraft
-            may give positions and directions as two numbers and the inertia as one.
-        source: what to call the text in messages.
+    Its keys are the fields of `Spacecraft`, with one ``[[thruster]]`` table per thruster, and ``[actuators]``
+    with their ``kind`` and its settings. Planar spacecraft may give positions and directions as two numbers
+    and the inertia as one.
 
     Raises:
         ConfigError: names the source, the key, the value and the bound.
@@ -125,71 +120,63 @@ def _read_toml(text: str) -> dict[str, Any]:
 
 
 def _build(table: dict[str, Any]) -> Spacecraft:
-    _check_keys(table, _KEYS, "the file")
-    for key in _REQUIRED:
-        if key not in table:
-            raise ConfigError(f"the key {key!r} is missing.")
-    thrusters = table["thruster"]
-    if not isinstance(thrusters, list) or not all(isinstance(t, dict) for t in thrusters):
-        raise ConfigError(f"thruster must be [[thruster]] tables, got {thrusters!r}.")
+    _check_keys(table, _REQUIRED, _OPTIONAL, "the file", "")
     lengths = (3,) if table["dimension"] == 3 else (2, 3)
-    values: dict[str, Any] = {
-        "name": _text(table, "name"),
-        "dimension": table["dimension"],
-        "mass": _number(table["mass"], "mass"),
-        "inertia": _inertia(table["inertia"]),
-        "thrusters": tuple(_thruster(t, i, lengths) for i, t in enumerate(thrusters)),
+    readers: dict[str, Callable[[Any, str], Any]] = {
+        "name": _text, "dimension": lambda value, _: value, "mass": _number, "inertia": _inertia,
+        "thruster": lambda value, _: _thrusters(value, lengths),
+        "centre_of_mass": lambda value, key: _vector(value, key, lengths),
+        "radius": _number, "actuators": _actuators, "thrust_sharing": _text, "shape": _text,
     }
-    if "centre_of_mass" in table:
-        values["centre_of_mass"] = _vector(table["centre_of_mass"], "centre_of_mass", lengths)
-    if "radius" in table:
-        values["radius"] = _number(table["radius"], "radius")
-    if "actuators" in table:
-        values["actuators"] = _actuators(table["actuators"])
-    for key in ("thrust_sharing", "shape"):
-        if key in table:
-            values[key] = _text(table, key)
-    return Spacecraft(**values)
+    values = {key: read(table[key], key) for key, read in readers.items() if key in table}
+    return Spacecraft(thrusters=values.pop("thruster"), **values)
+
+
+def _thrusters(tables: Any, lengths: tuple[int, ...]) -> tuple[Thruster, ...]:
+    if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
+        raise ConfigError(f"thruster must be [[thruster]] tables, got {tables!r}.")
+    return tuple(_thruster(table, index, lengths) for index, table in enumerate(tables))
 
 
 def _thruster(table: dict[str, Any], index: int, lengths: tuple[int, ...]) -> Thruster:
-    _check_keys(table, _THRUSTER_KEYS, f"thruster {index}")
-    for key in sorted(_THRUSTER_KEYS):
-        if key not in table:
-            raise ConfigError(f"thruster {index}: the key {key!r} is missing.")
-    direction = _vector(table["direction"], f"thruster {index} direction", lengths)
+    where = f"thruster {index}"
+    _check_keys(table, ("direction", "force", "position"), (), where, f"{where}: ")
+    direction = _vector(table["direction"], f"{where} direction", lengths)
     length = math.hypot(*direction)
     if not (math.isfinite(length) and length > 0):
-        raise ConfigError(f"thruster {index} direction must be finite and not zero, got {direction}.")
+        raise ConfigError(f"{where} direction must be finite and not zero, got {direction}.")
     return Thruster(
-        position=_vector(table["position"], f"thruster {index} position", lengths),
+        position=_vector(table["position"], f"{where} position", lengths),
         direction=(direction[0] / length, direction[1] / length, direction[2] / length),
-        force=_number(table["force"], f"thruster {index} force"),
+        force=_number(table["force"], f"{where} force"),
     )
 
 
-def _actuators(table: Any) -> Actuators:
+def _actuators(table: Any, key: str) -> Actuators:
     if not isinstance(table, dict) or "kind" not in table:
-        raise ConfigError(f'actuators must be a table with the key "kind", got {table!r}.')
-    kind = KINDS.get(_text(table, "kind"))
+        raise ConfigError(f'{key} must be a table with the key "kind", got {table!r}.')
+    kind = KINDS.get(_text(table["kind"], "kind"))
     if kind is None:
         raise ConfigError(f"actuators have the kind {table['kind']!r}; known are {', '.join(KINDS)}.")
-    settings: dict[str, Any] = {f.name: f for f in dataclasses.fields(kind)}
-    _check_keys(table, {"kind", *settings}, f"actuators of the kind {table['kind']!r}")
-    for key, field in settings.items():
-        if key not in table and field.default is dataclasses.MISSING:
-            raise ConfigError(f"actuators of the kind {table['kind']!r}: the key {key!r} is missing.")
-    return kind(**{key: table[key] for key in settings if key in table})
+    settings, where = dataclasses.fields(kind), f"actuators of the kind {table['kind']!r}"
+    needed = [field.name for field in settings if field.default is dataclasses.MISSING]
+    _check_keys(table, needed, ["kind", *(field.name for field in settings)], where, f"{where}: ")
+    return kind(**{key: value for key, value in table.items() if key != "kind"})
 
 
-def _check_keys(table: dict[str, Any], known: set[str], where: str) -> None:
+def _check_keys(table: dict[str, Any], needed: Collection[str], optional: Collection[str], where: str,
+                prefix: str) -> None:
+    """Refuse keys that are unknown, and tables without those that are needed."""
+    known = {*needed, *optional}
     for key in table:
         if key not in known:
             raise ConfigError(f"unknown key {key!r} in {where}; known are {', '.join(sorted(known))}.")
+    for key in needed:
+        if key not in table:
+            raise ConfigError(f"{prefix}the key {key!r} is missing.")
 
 
-def _text(table: dict[str, Any], key: str) -> str:
-    value = table[key]
+def _text(value: Any, key: str) -> str:
     if not isinstance(value, str) or not value.strip():
         raise ConfigError(f"{key} must be a non-empty text, got {value!r}.")
     return value
@@ -213,11 +200,11 @@ def _vector(value: Any, key: str, lengths: tuple[int, ...]) -> tuple[float, floa
     return (numbers[0], numbers[1], numbers[2] if len(numbers) == 3 else 0.0)
 
 
-def _inertia(value: Any) -> tuple[tuple[float, float, float], ...]:
+def _inertia(value: Any, key: str) -> tuple[tuple[float, float, float], ...]:
     """A full tensor, or one number for a body whose three principal moments are equal."""
     if not isinstance(value, list):
-        moment = _number(value, "inertia")
+        moment = _number(value, key)
         return ((moment, 0.0, 0.0), (0.0, moment, 0.0), (0.0, 0.0, moment))
     if len(value) != 3 or not all(isinstance(row, list) and len(row) == 3 for row in value):
-        raise ConfigError(f"inertia must be one number or three rows of three, got {value!r}.")
-    return tuple(_vector(row, "inertia", (3,)) for row in value)
+        raise ConfigError(f"{key} must be one number or three rows of three, got {value!r}.")
+    return tuple(_vector(row, key, (3,)) for row in value)

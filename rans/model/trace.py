@@ -187,13 +187,9 @@ def _simplified(operation: str, args: tuple[Symbol, ...]) -> Symbol | None:
             return args[1] if args[1] is args[2] or a.value else args[2]
         case "real" if a.kind == "real":
             return a
-    return _simplified_logic(operation, a, b)
-
-
-def _simplified_logic(operation: str, a: Symbol, b: Symbol) -> Symbol | None:
-    if b.kind != "bool" or b.operation != "constant" or operation not in ("&", "|"):
-        return None
-    return a if b.value == (operation == "&") else b
+        case "&" | "|" if b.kind == "bool" and b.operation == "constant":
+            return a if b.value == (operation == "&") else b
+    return None
 
 
 def ordered(roots: Iterable[Symbol], known: Iterable[Symbol] = ()) -> Iterator[Symbol]:

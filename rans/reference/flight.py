@@ -38,17 +38,10 @@ def mover(plant: Plant, timing: Timing) -> Mover:
 
 def replay(craft: Spacecraft, start: State, commands: np.ndarray, timing: Timing,
            drift: Drift = FREE) -> Any:
-    """Where commands given beforehand take one spacecraft, in Drake.
+    """Where commands (T, thrusters), 0 to 1, each held for one control period, take one spacecraft in Drake.
 
-    Args:
-        craft: what flies.
-        start: a state of floats.
-        commands: (T, thrusters), 0 to 1, each held for one control period.
-        timing: gives the control period.
-        drift: how a free point moves.
-
-    Returns:
-        The `State` with fields (T + 1,), the start first; headings are not wrapped.
+    The start is a state of floats; the result a `State` with fields (T + 1,), the start first. Headings are
+    not wrapped.
     """
     starts = np.array([leaves(start)], dtype=np.float64)
     rows = Plant(craft, drift=drift).rollout(starts, np.asarray(commands)[:, None], timing.control_period)

@@ -71,10 +71,7 @@ def pose(thruster: Thruster) -> RigidTransform:
 def pieces(actuators: Actuators, commands: np.ndarray, duration: float) -> list[tuple[float, np.ndarray]]:
     """Until when (s) which valves are how far open: a new piece where any valve of any spacecraft shuts.
 
-    Args:
-        actuators: how commands are taken.
-        commands: (N, thrusters), 0 to 1.
-        duration: of the whole command, s.
+    The commands, (N, thrusters), are 0 to 1 and held for the duration, s.
     """
     if not isinstance(actuators, Pulsed):
         return [(duration, commands)]

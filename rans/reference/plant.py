@@ -23,15 +23,12 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant, Propeller, PropellerInfo
 from pydrake.multibody.tree import (
     FixedOffsetFrame,
-    Frame,
-    Joint,
     MultibodyForces,
     PlanarJoint,
     QuaternionFloatingJoint,
-    RigidBody,
 )
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
-from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.framework import DiagramBuilder
 
 from rans.model.body import Body
 from rans.model.drift import FREE, ClohessyWiltshire, Drift
@@ -72,31 +69,32 @@ class Plant:
         self._plant = MultibodyPlant(time_step=0.0)
         builder.AddSystem(self._plant)
         self._plant.mutable_gravity_field().set_gravity_vector(gravity(drift))
-        self._bodies = [self._add_body(k) for k in range(count)]
-        self._frames = [self._add_centre_of_mass(body) for body in self._bodies]
-        self._joints = [self._add_joint(frame) for frame in self._frames]
+        self._bodies = [self._plant.AddRigidBody(f"G{k}", spatial_inertia(craft, self._body, k))
+                        for k in range(count)]
+        self._frames = [self._plant.AddFrame(FixedOffsetFrame(
+            f"B of {body.name()}", body.body_frame(), RigidTransform(body.default_com())))
+            for body in self._bodies]
+        kind = PlanarJoint if craft.dimension == 2 else QuaternionFloatingJoint
+        joints = [self._plant.AddJoint(kind(frame.name(), self._plant.world_frame(), frame))
+                  for frame in self._frames]
         self._plant.Finalize()
         # Where each spacecraft's coordinates stand in Drake's vectors, (N, coordinates).
-        self._position = np.array(
-            [j.position_start() + np.arange(j.num_positions()) for j in self._joints])
-        self._velocity = np.array(
-            [j.velocity_start() + np.arange(j.num_velocities()) for j in self._joints])
+        self._position = np.array([j.position_start() + np.arange(j.num_positions()) for j in joints])
+        self._velocity = np.array([j.velocity_start() + np.arange(j.num_velocities()) for j in joints])
         self._propeller = self._add_thrusters(builder)
         self._export_forces(builder)
-        self._simulator = _simulator(builder.Build(), max_step)
+        self._simulator = Simulator(builder.Build())
+        ApplySimulatorConfig(SimulatorConfig(integration_scheme="runge_kutta5", use_error_control=False,
+                                             max_step_size=max_step), self._simulator)
         self._context = self._simulator.get_mutable_context()
         self._plant_context = self._plant.GetMyMutableContextFromRoot(self._context)
         self._propeller_context = self._propeller.GetMyContextFromRoot(self._context)
         self._disturb(np.zeros(self._velocity.shape))
 
     def wrenches(self, commands: np.ndarray) -> np.ndarray:
-        """Force and torque about the centre of mass that commands give, in B.
+        """Force and torque about the centre of mass that commands (N, thrusters), 0 to 1, give, in B.
 
-        Args:
-            commands: (N, thrusters), 0 to 1.
-
-        Returns:
-            Plane: (N, 3) as F_x, F_y, tau_z; space: (N, 6) as F, tau; N and N m.
+        Plane: (N, 3) as F_x, F_y, tau_z; space: (N, 6) as F, tau; N and N m.
         """
         # At rest with B along W, so that Drake's vectors in W are vectors in B.
         self._set(np.tile(self._rest(), (self.count, 1)), commands)
@@ -125,12 +123,8 @@ class Plant:
     def accelerations(self, states: np.ndarray, commands: np.ndarray) -> np.ndarray:
         """Time derivatives of v_WB in W and of the angular velocity's components in B.
 
-        Args:
-            states: (N, 6 or 13), see the module.
-            commands: (N, thrusters), 0 to 1.
-
-        Returns:
-            Plane: (N, 3) in m/s^2, m/s^2, rad/s^2; space: (N, 6), m/s^2 (3) and rad/s^2 (3).
+        Of states (N, 6 or 13), see the module, under commands (N, thrusters), 0 to 1. Plane: (N, 3) in
+        m/s^2, m/s^2, rad/s^2; space: (N, 6), m/s^2 (3) and rad/s^2 (3).
         """
         self._set(states, commands)
         port = self._plant.get_generalized_acceleration_output_port()
@@ -161,49 +155,25 @@ class Plant:
         return self._get()
 
     def rollout(self, starts: np.ndarray, commands: np.ndarray, control_period: float) -> np.ndarray:
-        """States under commands given beforehand.
+        """States (T + 1, N, 6 or 13), the starts first, under commands (T, N, thrusters) given beforehand.
 
-        Args:
-            starts: (N, 6 or 13), see the module.
-            commands: (T, N, thrusters), each held for one control period.
-            control_period: s.
-
-        Returns:
-            (T + 1, N, 6 or 13), the starts first.
+        Each command is held for one control period, s.
         """
         waiting = iter(commands)
         return self.follow(starts, lambda _: next(waiting), len(commands), control_period)[0]
 
     def follow(self, starts: np.ndarray, controller: Callable[[np.ndarray], np.ndarray], steps: int,
                control_period: float) -> tuple[np.ndarray, np.ndarray]:
-        """States under a controller that sees them.
+        """States (T + 1, N, 6 or 13), the starts first, and the commands (T, N, thrusters) given meanwhile.
 
-        Args:
-            starts: (N, 6 or 13), see the module.
-            controller: called with the states (N, 6 or 13) once a control period; returns the
-                commands (N, thrusters).
-            steps: T, control periods.
-            control_period: s.
-
-        Returns:
-            States (T + 1, N, 6 or 13), the starts first, and commands (T, N, thrusters).
+        The controller is called with the states (N, 6 or 13) once a control period (s), for T steps, and
+        returns the commands (N, thrusters).
         """
         states, commands = [np.array(starts, dtype=np.float64)], []
         for _ in range(steps):
             commands.append(np.array(controller(states[-1]), dtype=np.float64))
             states.append(self.advance(states[-1], commands[-1], control_period))
         return np.array(states), np.array(commands)
-
-    def _add_body(self, index: int) -> RigidBody:
-        return self._plant.AddRigidBody(f"G{index}", spatial_inertia(self.craft, self._body, index))
-
-    def _add_centre_of_mass(self, body: RigidBody) -> Frame:
-        X_GB = RigidTransform(body.default_com())
-        return self._plant.AddFrame(FixedOffsetFrame(f"B of {body.name()}", body.body_frame(), X_GB))
-
-    def _add_joint(self, frame: Frame) -> Joint:
-        kind = PlanarJoint if self.craft.dimension == 2 else QuaternionFloatingJoint
-        return self._plant.AddJoint(kind(frame.name(), self._plant.world_frame(), frame))
 
     def _add_thrusters(self, builder: DiagramBuilder) -> Propeller:
         """A Propeller pushes along its own z axis with thrust_ratio times the command."""
@@ -259,8 +229,7 @@ class Plant:
     def _disturb(self, disturbances: np.ndarray) -> None:
         """The joints stand at the centre of mass, so their generalised forces are wrenches in W."""
         forces = np.zeros(self._plant.num_velocities())
-        rotation_first = disturbances if self.craft.dimension == 2 else np.roll(disturbances, 3, axis=1)
-        forces[self._velocity] = rotation_first
+        forces[self._velocity] = np.roll(disturbances, 0 if self.craft.dimension == 2 else 3, axis=1)
         self._simulator.get_system().GetInputPort("disturbance").FixValue(self._context, forces)
 
     def _get(self) -> np.ndarray:
@@ -281,20 +250,9 @@ class Plant:
 
     def _rows(self, generalised: np.ndarray) -> np.ndarray:
         """One row per spacecraft, translation first (Drake's floating joint puts rotation first)."""
-        rows = generalised[self._velocity]
-        return rows if self.craft.dimension == 2 else np.roll(rows, 3, axis=1)
+        return np.roll(generalised[self._velocity], 0 if self.craft.dimension == 2 else 3, axis=1)
 
     def _rotations(self) -> np.ndarray:
         """R_WB of every spacecraft, (N, 3, 3)."""
         context = self._plant_context
         return np.array([f.CalcPoseInWorld(context).rotation().matrix() for f in self._frames])
-
-
-def _simulator(diagram: Diagram, max_step: float) -> Simulator:
-    simulator = Simulator(diagram)
-    ApplySimulatorConfig(
-        SimulatorConfig(integration_scheme="runge_kutta5", use_error_control=False,
-                        max_step_size=max_step),
-        simulator)
-    return simulator
-

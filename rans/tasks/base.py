@@ -19,20 +19,12 @@ from rans.model.random import Random
 from rans.model.trace import Symbol
 from rans.tasks.rewards import Prices, Transition
 from rans.tasks.settings import map_settings
-from rans.tasks.sight import (
-    DATA_COLUMNS,
-    Column,
-    Dimension,
-    Entry,
-    Layout,
-    OwnAttitude,
-    Scalar,
-    Spin,
-    VectorInW,
-)
+from rans.tasks.sight import Column, Dimension, Entry, Layout, OwnAttitude, Scalar, Spin, VectorInW
 
 UNITS = {"position": "m", "attitude": "rad", "velocity": "m/s", "spin": "rad/s"}
 """Units of the errors a task may name."""
+_DATA_COLUMNS = {2: 4, 3: 9}
+"""At least so many hold task data, so that the paper's tasks share a width (Table 1)."""
 
 
 class Task(ABC):
@@ -72,12 +64,9 @@ class Task(ABC):
         return FREE
 
     def next_goal(self, goal: State, state: State, period: Field) -> State:
-        """The goal one control period later: by default it stands still.
+        """The goal one control period (s) later, when the state is arrived in: by default it stands still.
 
-        Args:
-            goal: of the period that ends; one that drifts too goes on by `rans.model.dynamics.step_goal`.
-            state: arrived in.
-            period: s.
+        See `rans.model.dynamics.step_goal` for a goal that drifts as free points do.
         """
         return goal
 
@@ -164,7 +153,7 @@ def sight(task: Task, state: State, goal: State) -> Sight:
     """All that a policy sees (paper, section 3.2), filled up with zeros to the paper's width."""
     flag = state.attitude.columns()[0] * 0.0 + task.flag_of(goal)
     data = task.sight(state, goal)
-    missing = DATA_COLUMNS[state_dimension(state)] - sum(len(entry.columns()) for entry in data)
+    missing = _DATA_COLUMNS[state_dimension(state)] - sum(len(entry.columns()) for entry in data)
     return Sight((
         OwnAttitude("", "-", state.attitude), VectorInW("v_", "m/s", state.v),
         Spin("w", "rad/s", state.spin()), Scalar("task flag", "-", flag),

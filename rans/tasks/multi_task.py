@@ -118,22 +118,17 @@ class MultiTask(Task):
                      for part, (_, *data) in zip(self.parts().values(), shown, strict=True))
 
     def tolerances(self) -> dict[str, float]:
-        """There are none that all tasks share.
-
-        Raises:
-            ConfigError: always.
-        """
-        raise ConfigError(_ONE_BY_ONE)
+        """Refused (`ConfigError`): there are none that all tasks share."""
+        raise ConfigError("a multi-task is judged on each of its tasks by itself, as their tolerances "
+                          "differ: name one of them.")
 
     def errors(self, state: State, goal: State) -> dict[str, Field]:
         """Those of the drawn task; a quantity it does not name has no error."""
-        return self._drawn_terms(self.flag_of(goal),
-                                 [part.errors(state, goal) for part in self.parts().values()])
+        return self._drawn_terms(goal, [part.errors(state, goal) for part in self.parts().values()])
 
     def reward(self, transition: Transition) -> dict[str, Field]:
         """The drawn task's terms; those of the others are zero."""
-        return self._drawn_terms(self.flag_of(transition.goal),
-                                 [part.reward(transition) for part in self.parts().values()])
+        return self._drawn_terms(transition.goal, [part.reward(transition) for part in self.parts().values()])
 
     def reached(self, state: State, goal: State) -> Field:
         """Whether every error of the drawn task is within its tolerance."""
@@ -154,10 +149,6 @@ class MultiTask(Task):
     def _drawn_row(self, flag: Field, rows: Sequence[Sequence[Field]]) -> tuple[Field, ...]:
         return tuple(self._drawn(flag, column) for column in zip(*rows, strict=True))
 
-    def _drawn_terms(self, flag: Field, terms: Sequence[dict[str, Field]]) -> dict[str, Field]:
-        names = dict.fromkeys(name for some in terms for name in some)
+    def _drawn_terms(self, goal: State, terms: Sequence[dict[str, Field]]) -> dict[str, Field]:
+        names, flag = dict.fromkeys(name for some in terms for name in some), self.flag_of(goal)
         return {name: self._drawn(flag, [some.get(name, 0.0) for some in terms]) for name in names}
-
-
-_ONE_BY_ONE = ("a multi-task is judged on each of its tasks by itself, as their tolerances differ: name "
-               "one of them.")

@@ -18,10 +18,6 @@ Columns = Sequence[Field]
 Turned = Callable[[Columns], Columns]
 """Two or three columns of a vector, to the same vector in other coordinates."""
 
-INFINITE = float("inf")
-DATA_COLUMNS = {2: 4, 3: 9}
-"""At least so many hold task data, so that the paper's tasks share a width (Table 1)."""
-
 
 class Column(NamedTuple):
     """One row of the table of an observation."""
@@ -41,7 +37,7 @@ class Entry:
     value: Field | tuple[Field, ...] | Vector | Attitude
 
     frame: ClassVar[str] = "-"
-    bound: ClassVar[float] = INFINITE
+    bound: ClassVar[float] = float("inf")
     """No column's absolute value is larger."""
 
     def columns(self) -> Columns:
@@ -188,19 +184,18 @@ class Drawn(Entry):
 
 
 class Block(NamedTuple):
-    """Neighbouring columns of one entry, without their values."""
+    """Neighbouring columns of one entry, without their values; `Drawn` has choices."""
 
     kind: type[Entry]
     width: int
     choices: tuple[Choice, ...] = ()
-    """Of `Drawn`."""
 
     def mirrored(self, columns: Columns, view: Turned, hand: Field, flag: Field) -> Columns:
         """The columns of B from an equivalent side, under this task flag."""
         result = self.kind.mirrored(columns, view, hand)
         for choice, blocks in self.choices:
-            split = Layout(blocks).split(columns)
-            seen = [x for block, mine in split for x in block.kind.mirrored(mine, view, hand)]
+            seen = [x for block, mine in Layout(blocks).split(columns)
+                    for x in block.mirrored(mine, view, hand, flag)]
             result = [where(flag == choice, a, b) for a, b in zip(seen, result, strict=True)]
         return result
 
@@ -210,11 +205,7 @@ Choice = tuple[float, tuple[Block, ...]]
 
 
 class Layout(NamedTuple):
-    """Which columns of an observation are what; pickled with every policy.
-
-    The first three blocks are attitude, velocity and spin, the fourth is the task flag; `in_body` drops the
-    first.
-    """
+    """Which columns are what: of attitude, velocity, spin, task flag and data; pickled with every policy."""
 
     blocks: tuple[Block, ...]
 
@@ -242,8 +233,7 @@ class Layout(NamedTuple):
 
     def ahead(self, columns: Columns) -> Columns | None:
         """The first vector among the task's data, of `body`'s columns: the way to go, if there is one."""
-        data = list(self.split(columns))[3:]
-        return next((mine for block, mine in data if block.kind is VectorInW), None)
+        return next((mine for block, mine in [*self.split(columns)][3:] if block.kind is VectorInW), None)
 
     def mirrored(self, columns: Columns, view: Turned, hand: Field) -> list[Field]:
         """Columns of `body` as they are seen from an equivalent side of the spacecraft."""

@@ -93,15 +93,9 @@ class _Node:
 
 def least_fuel(lattice: Lattice, start: PlanarState, goal: PlanarState, steps: int,
                goal_set: GoalSet = _DEFAULT_SET, effort: Effort = _DEFAULT_EFFORT) -> Certificate:
-    """Least thrust-time of any on/off controller that is in the goal set after the given time.
+    """Least thrust-time of any on/off controller that is in the goal set after so many control periods.
 
-    Args:
-        lattice: of the spacecraft and its control period.
-        start: of floats, any position, velocity and spin.
-        goal: of floats.
-        steps: control periods until the goal set must hold.
-        goal_set: what counts as arrived.
-        effort: when to stop.
+    Start and goal are of floats; the start has any position, velocity and spin.
 
     Raises:
         Unreachable: no on/off controller can be in the goal set at that time.
@@ -131,15 +125,7 @@ def least_fuel(lattice: Lattice, start: PlanarState, goal: PlanarState, steps: i
 
 def least_time(lattice: Lattice, start: PlanarState, goal: PlanarState, most_steps: int,
                goal_set: GoalSet = _DEFAULT_SET, effort: Effort = _DEFAULT_EFFORT) -> Certificate:
-    """Least time in which any on/off controller can be in the goal set.
-
-    Args:
-        lattice: of the spacecraft and its control period.
-        start: of floats.
-        goal: of floats.
-        most_steps: control periods after which to give up.
-        goal_set: what counts as arrived.
-        effort: when to stop.
+    """Least time in which any on/off controller can be in the goal set, up to so many control periods.
 
     Raises:
         ConfigError: see `Relaxation`.
@@ -150,7 +136,7 @@ def least_time(lattice: Lattice, start: PlanarState, goal: PlanarState, most_ste
         return Certificate(0.0, 0.0, None, 0.0, 0, 0.0)
     for steps in range(1, most_steps + 1):
         relaxation = Relaxation(lattice, start, goal, goal_set, steps, None, fuel=0.0)
-        root = _ascent_from_straight(relaxation, 0.0)
+        root = _root_ascent(relaxation, 0.0)
         if root.best.value > 0:
             continue
         dual = steps if dual is None else dual
@@ -186,7 +172,7 @@ def _root(lattice: Lattice, start: PlanarState, goal: PlanarState, goal_set: Goa
     everything = _everything(lattice, steps)
     while True:
         relaxation = Relaxation(lattice, start, goal, goal_set, steps, min(cap, everything))
-        root = _ascent_from_straight(relaxation, cap)
+        root = _root_ascent(relaxation, cap)
         if root.best.value <= cap:
             return relaxation, root
         if cap >= everything:
@@ -213,7 +199,7 @@ def _unreachable(lattice: Lattice, steps: int) -> Unreachable:
                        f"{lattice.period:g} s; the usual cause is too short a time.")
 
 
-def _ascent_from_straight(relaxation: Relaxation, target: float) -> Ascent:
+def _root_ascent(relaxation: Relaxation, target: float) -> Ascent:
     return ascend(relaxation, relaxation.reachable(), towards_goal(relaxation), [], target,
                   _tolerance(relaxation), trust=0.5, most=60)
 
@@ -258,13 +244,10 @@ def _commands(relaxation: Relaxation, found: Ascent, level: float, effort: Effor
     for index in np.argsort(-found.weights)[:2]:
         path = found.cuts[index].path
         commands = flown(relaxation, path, level)
-        if commands is not None:
-            return commands
         turns = relaxation.lattice.patterns.torque[path].tobytes()
-        if turns in seen:
-            continue
-        seen.add(turns)
-        commands = nozzles(relaxation, path, found.best, level, effort.nozzle_seconds)
+        if commands is None and turns not in seen:
+            seen.add(turns)
+            commands = nozzles(relaxation, path, found.best, level, effort.nozzle_seconds)
         if commands is not None:
             return commands
     return None

@@ -75,7 +75,7 @@ class DualValue:
 
 
 class Relaxation:
-    """The dual problem from one start to one goal in N periods.
+    """The dual problem from one start to one goal, of floats, in N periods.
 
     Args:
         lattice: of the spacecraft and its control period.
@@ -159,7 +159,7 @@ class Relaxation:
         """
         margin = self.margin(costate)
         arguments = self._arguments(costate, branch)
-        self._kernel.backward(*arguments, self._after)
+        self._kernel.sweep(*arguments, self._after, False)
         constant, slope = self.constant(costate)
         inside = branch.low[0, self._reach] <= self._origin < branch.high[0, self._reach]
         inner = self._after[0, self._reach, self._origin] if inside else np.inf
@@ -178,14 +178,11 @@ class Relaxation:
     def shrunk(self, costate: np.ndarray, branch: Branch, limit: float) -> Branch:
         """The branch without points through which every path's value exceeds the limit.
 
-        Args:
-            costate: any; the better, the more is dropped.
-            branch: to shrink.
-            limit: of the relaxation's value.
+        Any costate will do; the better it is, the more is dropped.
         """
         margin, arguments = self.margin(costate), self._arguments(costate, branch)
-        self._kernel.backward(*arguments, self._after)
-        self._kernel.forward(*arguments, self._before)
+        self._kernel.sweep(*arguments, self._after, False)
+        self._kernel.sweep(*arguments, self._before, True)
         limit = limit - self.constant(costate)[0] + margin
         low, high = self._kernel.shrink(self._before, self._after, limit, branch.low, branch.high)
         return replace(branch, low=low, high=high)
@@ -225,14 +222,10 @@ class Relaxation:
                     and branch.patterns[k[:-1], path].all())
 
     def effects(self, path: np.ndarray, patterns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Final velocity and position that patterns would add along the attitudes of a path.
+        """Final velocity and position that patterns would add along the attitudes of a path (N,).
 
-        Args:
-            path: (N,) patterns that turn the spacecraft.
-            patterns: (N,) or (N, M) with the same net torques, of which the forces are taken.
-
-        Returns:
-            Two complex arrays like ``patterns``, m/s and m in W.
+        The patterns, (N,) or (N, M), have the net torques of the path's. Two complex arrays like them, m/s
+        and m in W.
         """
         n, a = self.points(path)
         k, i = np.arange(self.steps), n[:-1] + self._reach
@@ -249,10 +242,6 @@ class Relaxation:
         """Final velocity and position that a path adds, m/s and m in W as complex numbers."""
         gained, moved = self.effects(path, path)
         return complex(gained.sum()), complex(moved.sum())
-
-    def thrust_time(self, path: np.ndarray) -> float:
-        """Fuel of a path, N s."""
-        return float(self.lattice.patterns.thrust[path].sum()) * self.lattice.period
 
     def margin(self, costate: np.ndarray) -> float:
         """More than rounding and inexact torques can change a value by (docs/certificate.md)."""

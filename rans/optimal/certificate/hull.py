@@ -12,7 +12,7 @@ import math
 from collections.abc import Collection
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from rans.errors import ConfigError
 from rans.model.dynamics import State
 from rans.model.spacecraft import Spacecraft
 from rans.optimal.certificate.lattice import GoalSet, check_finite
-from rans.optimal.trajectory.guess import rotation_vector
+from rans.optimal.trajectory.guess import inertia, rotation_vector
 
 _MOST_THRUSTERS = 16
 """Up to which all sets of open thrusters are looked at, 65,536 of them."""
@@ -81,20 +81,15 @@ def _frontier(thrust: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, np.nda
 
 def least_time(craft: Spacecraft, aims: Collection[str], start: State, goal: State,
                goal_set: GoalSet) -> float:
-    """A time before which nothing can have arrived, s.
+    """A time before which nothing can have arrived, s, of a start and a goal of floats.
 
-    Args:
-        craft: what flies.
-        aims: what must be in the goal set, see `rans.optimal.trajectory.arrival.aims`.
-        start: of floats.
-        goal: of floats.
-        goal_set: what counts as arrived.
+    What must be in the goal set is named by the aims, see `rans.optimal.trajectory.arrival.aims`.
 
     Raises:
         ConfigError: the start or the goal is not finite.
     """
-    reach, body = Reach.of(craft), _rotation(craft, aims, start, goal, goal_set)
-    times = [_least_time(body.way, body.before, body.after, body.change, reach.torque)]
+    reach = Reach.of(craft)
+    times = [_least_time(*_rotation(craft, aims, start, goal, goal_set), reach.torque)]
     push = float(reach.force.max()) / craft.mass
     way, before, after = (np.array(x.columns()) for x in (goal.p - start.p, start.v, goal.v))
     margin = goal_set.velocity if "velocity" in aims else math.inf
@@ -140,15 +135,7 @@ def _covered(time: float, before: float, after: float, push: float) -> float:
 
 def least_fuel(craft: Spacecraft, aims: Collection[str], start: State, goal: State, horizon: float,
                goal_set: GoalSet) -> float:
-    """Thrust-time below which nothing can be in the goal set at a given time, N s; infinite if nothing can.
-
-    Args:
-        craft: what flies.
-        aims: what must be in the goal set, see `rans.optimal.trajectory.arrival.aims`.
-        start: of floats.
-        goal: of floats.
-        horizon: the time, s.
-        goal_set: what counts as arrived.
+    """Thrust-time below which nothing is in the goal set at the horizon (s), N s; infinite if nothing can.
 
     Raises:
         ConfigError: the horizon is not positive, or the start or the goal not finite.
@@ -164,8 +151,7 @@ def least_fuel(craft: Spacecraft, aims: Collection[str], start: State, goal: Sta
     return bound if bound <= horizon * reach.most else math.inf
 
 
-@dataclass(frozen=True)
-class _Rotation:
+class _Rotation(NamedTuple):
     """What the angular momentum must do, as bounds of its size."""
 
     way: float
@@ -178,13 +164,13 @@ class _Rotation:
     """Least change of its size."""
 
 
-def _rotation(craft: Spacecraft, aims: Collection[str], start: Any, goal: Any,
+def _rotation(craft: Spacecraft, aims: Collection[str], start: State, goal: State,
               goal_set: GoalSet) -> _Rotation:
     check_finite(start, goal)
-    inertia = np.array([[craft.inertia[2][2]]] if craft.dimension == 2 else craft.inertia)
-    moments = np.linalg.eigvalsh(inertia)
+    tensor = inertia(craft)
+    moments = np.linalg.eigvalsh(tensor)
     angle = float(np.linalg.norm(rotation_vector(start.attitude.to(goal.attitude)))) - goal_set.heading
-    before, after = (float(np.linalg.norm(inertia @ np.array(x.spin()))) for x in (start, goal))
+    before, after = (float(np.linalg.norm(tensor @ np.array(x.spin()))) for x in (start, goal))
     slack = float(moments[-1]) * goal_set.spin if "spin" in aims else math.inf
     return _Rotation(angle * float(moments[0]) if "attitude" in aims else -math.inf, before,
                      after + slack, max(0.0, abs(after - before) - slack))
@@ -193,7 +179,7 @@ def _rotation(craft: Spacecraft, aims: Collection[str], start: Any, goal: Any,
 class _Dual:
     """The dual function of the translation: every costate gives a bound of the thrust-time."""
 
-    def __init__(self, craft: Spacecraft, aims: Collection[str], start: Any, goal: Any, horizon: float,
+    def __init__(self, craft: Spacecraft, aims: Collection[str], start: State, goal: State, horizon: float,
                  goal_set: GoalSet) -> None:
         self._reach, self._mass, self._horizon = Reach.of(craft), craft.mass, horizon
         self._left = np.linspace(horizon, 0.0, _PARTS + 1)

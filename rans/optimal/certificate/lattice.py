@@ -85,9 +85,7 @@ class Lattice:
     def next_fuel(self, fuel: float, net: set[int]) -> float:
         """Least fuel that pulses can add up to and that is not below this, N s.
 
-        Args:
-            fuel: N s; returned as it is where thrusters differ in strength.
-            net: the changes of spin, in quanta, that a controller may end with.
+        It is this where thrusters differ in strength. Net changes of spin are in quanta.
         """
         if self.pulse is None:
             return fuel
@@ -109,11 +107,7 @@ class Lattice:
     def responses(self, spins: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Integrals of exp(i (w s + t q s^2 / (2 h))) and of s times that, over one period.
 
-        Args:
-            spins: (W,) at the start of the period, rad/s.
-
-        Returns:
-            Two complex arrays (W, torques), s and s^2, where torques are `torque_range`.
+        Of spins (W,) at its start, rad/s: two complex arrays (W, torques), s and s^2, for the `torque_range`.
         """
         nodes, weights = np.polynomial.legendre.leggauss(_NODES)
         s = 0.5 * self.period * (nodes + 1.0)

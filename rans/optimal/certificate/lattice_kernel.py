@@ -33,9 +33,9 @@ def price_row(price: float, turn: complex, tables: Tables, first: int, last: int
 
 
 @njit(nogil=True)
-def backward(fuel: float, turns: np.ndarray, tables: Tables, low: np.ndarray, high: np.ndarray,
-             allowed: np.ndarray, value: np.ndarray) -> None:
-    """Least cost from every point to the end; ``value`` (N + 1, spins, headings), its end given.
+def sweep(fuel: float, turns: np.ndarray, tables: Tables, low: np.ndarray, high: np.ndarray,
+          allowed: np.ndarray, value: np.ndarray, ahead: bool) -> None:
+    """Least cost from every point to the end, or from the start to every point (Bellman's recursion).
 
     Args:
         fuel: price of a newton of thrust over one period.
@@ -44,42 +44,18 @@ def backward(fuel: float, turns: np.ndarray, tables: Tables, low: np.ndarray, hi
         low: see above.
         high: see above.
         allowed: (N, P) the patterns that may be used.
-        value: filled for k < N.
+        value: (N + 1, spins, headings), filled but for the end, which is given; with `ahead` the start.
+        ahead: whether to go forward in time.
     """
     steps, spins = turns.shape[0], turns.shape[1]
     firsts, least, reach = tables[4:7]
     row = np.empty(value.shape[2])
-    for k in range(steps - 1, -1, -1):
+    for step in range(steps):
+        k = step if ahead else steps - 1 - step
+        filled = k + 1 if ahead else k
         for i in range(spins):
-            n = i - reach
-            for a in range(low[k, i], high[k, i]):
-                value[k, i, a] = np.inf
-            for t in range(turns.shape[2]):
-                j = i + least + t
-                if j < 0 or j >= spins:
-                    continue
-                begin = max(low[k, i], low[k + 1, j] - n)
-                end = min(high[k, i], high[k + 1, j] - n)
-                if begin >= end:
-                    continue
-                price_row(fuel, turns[k, i, t], tables, firsts[t], firsts[t + 1], allowed[k],
-                          begin, end, row)
-                for a in range(begin, end):
-                    cost = row[a] + value[k + 1, j, a + n]
-                    value[k, i, a] = cost if cost < value[k, i, a] else value[k, i, a]
-
-
-@njit(nogil=True)
-def forward(fuel: float, turns: np.ndarray, tables: Tables, low: np.ndarray, high: np.ndarray,
-            allowed: np.ndarray, value: np.ndarray) -> None:
-    """Least cost from the start to every point: as `backward`, but ``value`` at k = 0 is given."""
-    steps, spins = turns.shape[0], turns.shape[1]
-    firsts, least, reach = tables[4:7]
-    row = np.empty(value.shape[2])
-    for k in range(steps):
-        for j in range(spins):
-            for a in range(low[k + 1, j], high[k + 1, j]):
-                value[k + 1, j, a] = np.inf
+            for a in range(low[filled, i], high[filled, i]):
+                value[filled, i, a] = np.inf
         for i in range(spins):
             n = i - reach
             for t in range(turns.shape[2]):
@@ -93,15 +69,16 @@ def forward(fuel: float, turns: np.ndarray, tables: Tables, low: np.ndarray, hig
                 price_row(fuel, turns[k, i, t], tables, firsts[t], firsts[t + 1], allowed[k],
                           begin, end, row)
                 for a in range(begin, end):
-                    cost = row[a] + value[k, i, a]
-                    if cost < value[k + 1, j, a + n]:
-                        value[k + 1, j, a + n] = cost
+                    if ahead:
+                        value[k + 1, j, a + n] = min(value[k + 1, j, a + n], row[a] + value[k, i, a])
+                    else:
+                        value[k, i, a] = min(value[k, i, a], row[a] + value[k + 1, j, a + n])
 
 
 @njit(nogil=True)
 def trace(fuel: float, turns: np.ndarray, tables: Tables, low: np.ndarray, high: np.ndarray,
           allowed: np.ndarray, value: np.ndarray) -> np.ndarray:
-    """The cheapest patterns from n = a = 0 on, by the values of `backward`: (N,) indices."""
+    """The cheapest patterns from n = a = 0 on, by the values of `sweep`: (N,) indices."""
     steps, spins = turns.shape[0], turns.shape[1]
     cosine, sine, thrust, force, firsts, least, reach, origin = tables
     chosen = np.zeros(steps, dtype=np.int64)

@@ -16,14 +16,7 @@ _SIDES = 16
 
 
 def replay(craft: Spacecraft, start: PlanarState, commands: np.ndarray, period: float) -> PlanarState:
-    """The state after all commands, by the equations every engine shares.
-
-    Args:
-        craft: what flies.
-        start: of floats.
-        commands: (T, thrusters).
-        period: for which each row is held, s.
-    """
+    """The state after all commands (T, thrusters), each held for a period (s), by the engines' equations."""
     state, body = start, Body.of(craft)
     for command in commands:
         state = advance(state, wrench(craft, tuple(float(c) for c in command)), body, period)
@@ -43,30 +36,26 @@ def nozzles(relaxation: Relaxation, path: np.ndarray, bound: DualValue, limit: f
     per period: a mixed-integer linear program (HiGHS). Patterns whose reduced cost alone exceeds what
     is left of the limit are not offered.
 
-    Args:
-        relaxation: start, goal and goal set.
-        path: (N,) patterns; only their net torques matter.
-        bound: whose costate gives the reduced costs.
-        limit: most fuel, N s; 0 where fuel is free.
-        seconds: for the solver.
+    Only the net torques of the path's patterns (N,) matter; the bound's costate gives the reduced costs. The
+    limit is the most fuel, N s, 0 where fuel is free; the solver has so many seconds.
 
     Returns:
         (N, thrusters) zeros and ones, replayed into the goal set, or None.
     """
-    period, pattern, speed, way = _choices(relaxation, path, bound, limit)
-    chosen = _solve(relaxation, period, pattern, speed, way, limit, seconds)
-    return None if chosen is None else flown(relaxation, pattern[chosen], limit)
+    choices = _choices(relaxation, path, bound, limit)
+    chosen = _solve(relaxation, *choices, limit, seconds)
+    return None if chosen is None else flown(relaxation, choices[1][chosen], limit)
 
 
 def flown(relaxation: Relaxation, path: np.ndarray, limit: float) -> np.ndarray | None:
     """The commands of a path, (N, thrusters), if their replay ends in the goal set and costs no more."""
     gained, moved = relaxation.effect(path)
-    miss, goal_set = relaxation.miss, relaxation.goal_set
+    miss, goal_set, lattice = relaxation.miss, relaxation.goal_set, relaxation.lattice
+    thrust_time = float(lattice.patterns.thrust[path].sum()) * lattice.period
     if (abs(complex(*miss[:2]) + gained) > goal_set.velocity
             or abs(complex(*miss[2:]) + moved) > goal_set.position
-            or relaxation.fuel * relaxation.thrust_time(path) > limit + 1e-9):
+            or relaxation.fuel * thrust_time > limit + 1e-9):
         return None
-    lattice = relaxation.lattice
     commands = lattice.patterns.commands[path]
     final = replay(lattice.craft, relaxation.start, commands, lattice.period)
     return commands if goal_set.contains(final, relaxation.goal) else None

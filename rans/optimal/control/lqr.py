@@ -10,9 +10,9 @@ import numpy as np
 from rans.model.fields import Heading, Quat, leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
-from rans.optimal.control.regulator import Deadband, Regulator, Weights, inertia
+from rans.optimal.control.regulator import Deadband, Regulator, Weights
 from rans.optimal.control.rounding import SigmaDelta
-from rans.optimal.trajectory.guess import rotation_vector
+from rans.optimal.trajectory.guess import inertia, rotation_vector
 from rans.tasks.base import Task
 
 _WEIGHTS, _DEADBAND = Weights(), Deadband()
@@ -28,13 +28,6 @@ class LQR:
     small angles and spins; the gain of each is the discrete-time optimum for the control period. Where
     the task has no tolerance for the position or the attitude, only the velocity or the spin is brought
     to the goal's.
-
-    Args:
-        craft: what flies.
-        task: says what to hold.
-        timing: gives the control period.
-        weights: what to trade.
-        deadband: when to rest.
 
     Raises:
         ConfigError: the thrusters cannot push and turn the spacecraft in every direction.

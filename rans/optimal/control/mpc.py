@@ -54,14 +54,6 @@ class MPC:
     along it; and a quadratic program (PIQP) gives the next plan. Deviations cost what they cost the LQR,
     whose cost-to-go ends the horizon.
 
-    Args:
-        craft: what flies.
-        task: says what to hold.
-        timing: gives the control period.
-        weights: what to trade.
-        deadband: when to rest.
-        settings: how to look ahead.
-
     Raises:
         ConfigError: the thrusters cannot push and turn the spacecraft in every direction.
     """
@@ -95,7 +87,8 @@ class MPC:
         self._plans[rest] = 0.0
         for k in np.flatnonzero(~rest):
             self._plans[k] = self._planned(self._plans[k], errors[:, k], goals[:, k])
-        first, self._plans = self._plans[..., 0], _shifted(self._plans)
+        first = self._plans[..., 0]  # then one period later; what follows the end is a coast
+        self._plans = np.concatenate([self._plans[..., 1:], np.zeros_like(self._plans[..., :1])], axis=-1)
         return self._rounding.round(first @ self._wrenches, rest)
 
     def _planned(self, plan: np.ndarray, error: np.ndarray, goal: np.ndarray) -> np.ndarray:
@@ -105,11 +98,6 @@ class MPC:
             self.failures += better is None
             plan = plan if better is None else better
         return plan
-
-
-def _shifted(plans: np.ndarray) -> np.ndarray:
-    """One period later; what follows the end is a coast."""
-    return np.concatenate([plans[..., 1:], np.zeros_like(plans[..., :1])], axis=-1)
 
 
 class _Program:

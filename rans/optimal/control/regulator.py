@@ -15,6 +15,7 @@ from rans.model.dynamics import advance, wrench
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.optimal.trajectory.allocation import Allocation
+from rans.optimal.trajectory.guess import inertia
 from rans.tasks.base import Task, check_settings
 
 
@@ -71,14 +72,7 @@ class Deadband:
                 raise ConfigError(f"deadband: {field.name} must be finite and >= 0, got {value!r}.")
 
     def holds(self, craft: Spacecraft, task: Task, state: Any, goal: Any) -> np.ndarray:
-        """Which episodes may rest, (N,) bool.
-
-        Args:
-            craft: what coasts.
-            task: its errors and tolerances.
-            state: of float64 arrays (N,).
-            goal: the same.
-        """
+        """Which episodes may rest, (N,) bool, of a state and a goal of float64 arrays (N,)."""
         shut, body = wrench(craft, (0.0,) * len(craft.thrusters)), Body.of(craft)
         later = [advance(state, shut, body, 0.5 * n * self.look_ahead) for n in (1, 2)]
         bounds = {name: self.share * bound for name, bound in task.tolerances().items()}
@@ -162,8 +156,3 @@ class Regulator:
         """
         stiff = [axis.price[0] > 0 for axis in (self.translation, self.rotation)]
         return np.repeat(stiff, [craft.dimension, craft.degrees_of_freedom - craft.dimension])
-
-
-def inertia(craft: Spacecraft) -> np.ndarray:
-    """About the axes it can turn about, (1, 1) or (3, 3), kg m^2."""
-    return np.array(craft.inertia if craft.dimension == 3 else [[craft.inertia[2][2]]])

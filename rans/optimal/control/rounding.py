@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from rans.model.spacecraft import Spacecraft
-from rans.optimal.control.regulator import inertia
 from rans.optimal.trajectory.allocation import Allocation
+from rans.optimal.trajectory.guess import inertia
 
 _FLIPS = 20
 """Rounds of improvement at most; three are usual."""
@@ -23,10 +23,8 @@ class SigmaDelta:
     rounding: Sager, J. Process Control 19, 2009) lets several thrusters turn the spacecraft in the same
     period without need.
 
-    Args:
-        craft: what flies.
-        carried: (3 or 6,) bool, along which components of the wrench the rest is carried on even while
-            all that is wanted is within reach; by default all.
+    The rest is carried on along some components of the wrench, (3 or 6,) bool, by default all, even while all
+    that is wanted is within reach.
     """
 
     def __init__(self, craft: Spacecraft, carried: np.ndarray | None = None) -> None:
@@ -52,13 +50,8 @@ class SigmaDelta:
         whose torques cancel: with one at a time the LQR tracks velocities with the free flyer from 39
         instead of 50 of 50 starts, and takes the platform with shared thrust to 29 of 50 positions.
 
-        Args:
-            wrench: (N, 3 or 6), force then torque on B; as great a share of it as the thrusters can give
-                is what is owed.
-            rest: (N,) bool, episodes that keep all thrusters shut and are owed nothing.
-
-        Returns:
-            (N, thrusters).
+        Of the wrench, (N, 3 or 6), force then torque on B, as much is owed as the thrusters can give; those
+        that rest, (N,) bool, are owed nothing and keep all thrusters shut. Returns (N, thrusters).
         """
         rest = np.zeros(len(wrench), bool) if rest is None else rest
         load = self._allocation.load(wrench)

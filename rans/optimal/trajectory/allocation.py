@@ -24,11 +24,8 @@ class Allocation:
     at once. For opposed pairs its first guess is exact: the pseudoinverse, of which each pair's
     positive part goes to one thruster and the negative part to the other.
 
-    Args:
-        craft: the spacecraft.
-
     Raises:
-        ConfigError: its thrusters cannot push and turn it in every direction.
+        ConfigError: the thrusters cannot push and turn it in every direction.
     """
 
     def __init__(self, craft: Spacecraft) -> None:
@@ -46,11 +43,8 @@ class Allocation:
     def commands(self, wrench: np.ndarray) -> np.ndarray:
         """Commands that give the wrench, or as great a share of it as the thrusters can.
 
-        Args:
-            wrench: (N, 3 or 6), force then torque on B, N and N m.
-
-        Returns:
-            (N, thrusters), each 0 to 1; where thrust is shared, so is their sum.
+        The wrench is (N, 3 or 6), force then torque on B, N and N m; commands are (N, thrusters), 0 to 1.
+        Where thrust is shared, so is their sum.
         """
         command = self._unbounded(wrench / self._size)
         return command / np.maximum(self._load(command), 1.0)[:, None]

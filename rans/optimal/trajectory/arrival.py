@@ -50,12 +50,8 @@ class Arrival:
     They alone would also accept some opposite attitudes (sin = 0 at half a turn); the others, which
     follow from them near the goal, rule those out as wide bands.
 
-    As a set: the task's errors within its tolerances, and the same rates.
-
-    Args:
-        task: what to reach.
-        goal: of floats, any of the task's.
-        ending: how to reach it.
+    As a set: the task's errors within its tolerances, and the same rates. The goal, of floats, may be any of
+    the task's.
     """
 
     def __init__(self, task: Task, goal: State, ending: Ending) -> None:

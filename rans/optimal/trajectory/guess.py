@@ -19,13 +19,9 @@ _BOW = 0.3
 
 
 def rotation_vector(rotation: Attitude) -> np.ndarray:
-    """Axis times angle of the shortest equal rotation, rad.
+    """Axis times angle (rad) of the shortest equal rotation, of floats or arrays (N,).
 
-    Args:
-        rotation: of floats or arrays (N,).
-
-    Returns:
-        (1,) or (1, N) in the plane, (3,) or (3, N) in space.
+    (1,) or (1, N) in the plane, (3,) or (3, N) in space.
     """
     if isinstance(rotation, Heading):
         return np.array([wrap(rotation.angle)])
@@ -39,19 +35,13 @@ def rotation_vector(rotation: Attitude) -> np.ndarray:
 
 def guess(aims: Collection[str], start: State, goal: State, duration: float, intervals: int,
           number: int = 0) -> np.ndarray:
-    """A motion that meets what is asked for; what is not asked for it leaves alone.
+    """A motion that meets the aims (`rans.optimal.trajectory.arrival.aims`) and leaves all else alone.
 
-    Args:
-        aims: of "position", "attitude", "velocity", "spin", see `rans.optimal.trajectory.arrival.aims`.
-        start: of floats.
-        goal: of floats.
-        duration: s.
-        intervals: N equal parts of the duration.
-        number: odd ones turn the other way round, by 2 pi minus the angle (in space: to the other of
-            the two quaternions of the goal's attitude); from 2 on the path is bowed at random.
+    Guesses of odd numbers turn the other way round, by 2 pi minus the angle (in space: to the other of the
+    two quaternions of the goal's attitude); from 2 on the path is bowed at random.
 
     Returns:
-        (leaves of the state, N): the states at the ends of the intervals.
+        (leaves of the state, N): the states at the ends of N equal intervals of the duration, s.
     """
     s = np.arange(1, intervals + 1) / intervals
     p, v = _translation(aims, start, goal, duration, s)
@@ -86,7 +76,9 @@ def _rotation(aims: Collection[str], start: State, goal: State, duration: float,
     """
     if "attitude" in aims:
         turn = rotation_vector(start.attitude.to(goal.attitude))
-        turn = _other_way(turn) if long_way else turn
+        if long_way:
+            angle = float(np.linalg.norm(turn))
+            turn = (turn / angle if angle > 0 else np.eye(len(turn))[-1]) * (angle - math.tau)
         pace, rate = s * s * (3.0 - 2.0 * s), 6.0 * s * (1.0 - s) / duration
         # the axis is the same in W relative to the start and in B throughout
         return _turned(start.attitude, turn, pace), np.outer(turn, rate)
@@ -100,13 +92,6 @@ def _rotation(aims: Collection[str], start: State, goal: State, duration: float,
     return np.array(columns).T, first[:, None] + np.outer(last - first, s)
 
 
-def _other_way(turn: np.ndarray) -> np.ndarray:
-    """The rotation vector that ends in the same attitude the other way round."""
-    angle = float(np.linalg.norm(turn))
-    axis = turn / angle if angle > 0 else np.eye(len(turn))[-1]
-    return axis * (angle - math.tau)
-
-
 def _turned(attitude: Any, turn: np.ndarray, pace: Field) -> np.ndarray:
     """The attitude after each share of a turn: (1, N) heading or (4, N) quaternion."""
     if isinstance(attitude, Heading):
@@ -117,23 +102,21 @@ def _turned(attitude: Any, turn: np.ndarray, pace: Field) -> np.ndarray:
     return np.array(leaves(attitude.times(Quat(np.cos(0.5 * angle * pace), x, y, z))))
 
 
+def inertia(craft: Spacecraft) -> np.ndarray:
+    """About the axes it can turn about, (1, 1) or (3, 3), kg m^2."""
+    return np.array(craft.inertia if craft.dimension == 3 else [[craft.inertia[2][2]]])
+
+
 def needed_wrenches(craft: Spacecraft, path: Any, period: float) -> np.ndarray:
-    """What moves a spacecraft along a path, but for gyroscopic torques.
+    """What moves a spacecraft along a path, but for gyroscopic torques: (T, 3 or 6) on B, N and N m.
 
-    Args:
-        craft: what flies.
-        path: a `State` of arrays (T + 1,), a control period apart.
-        period: s.
-
-    Returns:
-        (T, 3 or 6), force then torque on B, N and N m.
+    The path is a `State` of arrays (T + 1,), a control period (s) apart.
     """
     before = map_leaves(lambda x: x[:-1], path)
     identity = Heading(0.0) if craft.dimension == 2 else Quat(1.0, 0.0, 0.0, 0.0)
     push = (map_leaves(lambda x: x[1:], path.v) - before.v).scale(craft.mass / period)
     force = before.attitude.to(identity).rotate(push)
-    inertia = np.array([[craft.inertia[2][2]]] if craft.dimension == 2 else craft.inertia)
-    torque = inertia @ np.diff(np.array(path.spin()), axis=1) / period
+    torque = inertia(craft) @ np.diff(np.array(path.spin()), axis=1) / period
     return np.vstack([leaves(force), torque]).T
 
 

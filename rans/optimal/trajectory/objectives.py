@@ -6,7 +6,7 @@ import dataclasses
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol, cast
+from typing import Any, ClassVar, cast
 
 import casadi as ca
 
@@ -38,39 +38,6 @@ class SymbolicTrajectory:
     """Radius by which corners are to be rounded off (`trajectory.smoothing`); None: not at all."""
 
 
-class Objective(Protocol):
-    """What a trajectory is optimal for."""
-
-    @property
-    def name(self) -> str:
-        """What to call it in tables."""
-        ...
-
-    @property
-    def measure(self) -> str:
-        """What the cost is, with its unit."""
-        ...
-
-    @property
-    def ending(self) -> Ending:
-        """Where the trajectory must end."""
-        ...
-
-    @property
-    def intervals(self) -> int:
-        """Control periods of the trajectory."""
-        ...
-
-    @property
-    def control_period(self) -> float | None:
-        """s; None where the optimiser chooses it."""
-        ...
-
-    def cost(self, path: SymbolicTrajectory) -> Any:
-        """What to minimise, of a trajectory's symbols."""
-        ...
-
-
 @dataclass(frozen=True)
 class _GivenTime(ABC):
     """A trajectory of a given length.
@@ -86,6 +53,7 @@ class _GivenTime(ABC):
 
     kind: ClassVar[str]
     measure: ClassVar[str]
+    """What the cost is, with its unit."""
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(cast(Any, self)):
@@ -97,17 +65,17 @@ class _GivenTime(ABC):
 
     @property
     def name(self) -> str:
-        """See `Objective`."""
+        """What to call it in tables."""
         return f"{self.kind} in {self.horizon:g} s"
 
     @property
     def intervals(self) -> int:
-        """See `Objective`."""
+        """Control periods of the trajectory."""
         return max(1, round(self.horizon / self.control_period))
 
     @abstractmethod
     def cost(self, path: SymbolicTrajectory) -> Any:
-        """See `Objective`."""
+        """What to minimise, of a trajectory's symbols."""
 
 
 @dataclass(frozen=True)
@@ -151,12 +119,8 @@ class QuadraticTracking(_GivenTime):
     """Cost of a fully open thruster, as that of 1 m, 1 m/s, or a cosine or sine that is off by 1."""
 
     kind = "quadratic tracking"
+    ending: ClassVar[Ending] = "free"
     measure = "cost s"
-
-    @property
-    def ending(self) -> Ending:
-        """See `Objective`."""
-        return "free"
 
     def cost(self, path: SymbolicTrajectory) -> Any:
         """The integral of |residual - target|^2 + weight |commands|^2 over time, s."""
@@ -178,12 +142,8 @@ class MaximumReward(_GivenTime):
     """Length of the episode, s."""
 
     kind = "maximum reward"
+    ending: ClassVar[Ending] = "free"
     measure = "minus return"
-
-    @property
-    def ending(self) -> Ending:
-        """See `Objective`."""
-        return "free"
 
     def cost(self, path: SymbolicTrajectory) -> Any:
         """Minus the return: the sum of all terms of `Task.reward` over all steps."""
@@ -224,6 +184,9 @@ class MinimumTime:
     def cost(self, path: SymbolicTrajectory) -> Any:
         """Time of arrival, s."""
         return self.intervals * path.period
+
+
+Objective = MinimumFuel | MinimumEnergy | QuadraticTracking | MaximumReward | MinimumTime
 
 
 def _forces(craft: Spacecraft) -> ca.DM:

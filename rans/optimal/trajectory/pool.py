@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, as_completed
+from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
 
-from rans.model.dynamics import State
 from rans.model.fields import leaves, map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.optimal.trajectory.arrival import aims
@@ -16,8 +15,6 @@ from rans.optimal.trajectory.transcription import Trajectory, Transcription, uns
 from rans.processes import submitted
 from rans.scenario import Scenario
 from rans.tasks.base import Task
-
-_WORKER_DIED = "Worker_Died"
 
 _transcriptions: list[Transcription] = []
 """One per objective, in each worker process."""
@@ -30,14 +27,8 @@ def solve_all(craft: Spacecraft, task: Task, objectives: Sequence[Objective], st
 
     See `rans.processes.submitted` for what worker processes ask of a script, and for interrupts.
 
-    Args:
-        craft: what flies.
-        task: where to.
-        objectives: what to minimise.
-        starts: fields of arrays (N,), as `rans.flight.scenarios` gives them.
-        workers: processes, by default one per processor; 1 solves in this process.
-        progress: called once per solved problem.
-        guesses: from which every problem is solved, see `Transcription.solve`.
+    The starts are of arrays (N,), as `rans.scenario.scenarios` gives them. By default there is one worker per
+    processor; one solves in this process. Progress is called once per solved problem.
 
     Returns:
         Per objective N trajectories in the order of the starts. One whose worker process died has the
@@ -51,29 +42,19 @@ def solve_all(craft: Spacecraft, task: Task, objectives: Sequence[Objective], st
     workers = workers or os.cpu_count() or 1
     if workers == 1:
         _build(craft, task, objectives)
-        answers = [_called(progress, _solve(*job)) for job in jobs]
+        answers = []
+        for job in jobs:
+            answers.append(_solve(*job))
+            progress()
     else:
-        answers = _in_processes(craft, task, objectives, jobs, workers, progress)
+        with submitted(_solve, jobs, workers, _build, (craft, task, objectives)) as futures:
+            for _ in as_completed(futures):
+                progress()
+            answers = [unsolved(objectives[index], craft, scenario.start, "Worker_Died")
+                       if isinstance(future.exception(), BrokenProcessPool) else future.result()
+                       for future, (index, scenario, _) in zip(futures, jobs, strict=True)]
     count = len(jobs) // max(1, len(objectives))
     return [answers[i * count:(i + 1) * count] for i in range(len(objectives))]
-
-
-def _in_processes(craft: Spacecraft, task: Task, objectives: Sequence[Objective],
-                  jobs: Sequence[tuple[int, Scenario, int]], workers: int,
-                  progress: Callable[[], object]) -> list[Trajectory]:
-    with submitted(_solve, jobs, workers, _build, (craft, task, objectives)) as futures:
-        for _ in as_completed(futures):
-            progress()
-        return [_answer(future, objectives[index], craft, scenario.start)
-                for future, (index, scenario, _) in zip(futures, jobs, strict=True)]
-
-
-def _answer(future: Future[Trajectory], objective: Objective, craft: Spacecraft,
-            start: State) -> Trajectory:
-    try:
-        return future.result()
-    except BrokenProcessPool:
-        return unsolved(objective, craft, start, _WORKER_DIED)
 
 
 def _build(craft: Spacecraft, task: Task, objectives: Sequence[Objective]) -> None:
@@ -82,11 +63,6 @@ def _build(craft: Spacecraft, task: Task, objectives: Sequence[Objective]) -> No
 
 def _solve(index: int, scenario: Scenario, guesses: int) -> Trajectory:
     return _transcriptions[index].solve(scenario.start, scenario.goal, guesses)
-
-
-def _called(progress: Callable[[], object], answer: Trajectory) -> Trajectory:
-    progress()
-    return answer
 
 
 def each(starts: Scenario) -> Iterator[Scenario]:

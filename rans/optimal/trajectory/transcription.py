@@ -76,13 +76,9 @@ class Trajectory:
 
 def unsolved(objective: Objective, craft: Spacecraft, start: State, status: str) -> Trajectory:
     """A trajectory of NaN, for a problem whose solver never answered."""
-    def nothing(*shape: int) -> np.ndarray:
-        return np.full(shape, np.nan)
-
-    count = objective.intervals
-    states = map_leaves(lambda _: nothing(count + 1), start)
-    return Trajectory(objective.name, status, False, math.nan, states,
-                      nothing(count, len(craft.thrusters)), math.nan, 0, 0.0, 0)
+    nothing = np.full((objective.intervals + 1, len(craft.thrusters)), np.nan)
+    return Trajectory(objective.name, status, False, math.nan, map_leaves(lambda _: nothing[:, 0], start),
+                      nothing[1:], math.nan, 0, 0.0, 0)
 
 
 def _best(found: Sequence[Trajectory]) -> Trajectory:
@@ -103,14 +99,9 @@ class Transcription:
     is then differentiated in 3 or 6 directions instead of one per thruster, which in space takes the
     Hessian a third of the operations.
 
-    Args:
-        craft: what flies.
-        task: where to arrive, or what to be rewarded for.
-        objective: what to minimise.
-        substeps: integration steps a control period, see `rans.model.dynamics.advance`. In the plane one is
-            exact, in space of order six, which a replay in Drake shows to be enough.
-
-        drift: how a free point moves, None: as the task says; the goal stands still.
+    One integration substep a control period (`rans.model.dynamics.advance`) is exact in the plane and of
+    order six in space, which a replay in Drake shows to be enough. Points drift as given, by default as the
+    task says, but the goal stands still.
 
     Raises:
         ConfigError: the task is a multi-task.
@@ -159,16 +150,9 @@ class Transcription:
     def solve(self, start: State, goal: State, guesses: int = 1) -> Trajectory:
         """The best local optimum from some guesses.
 
-        Where none of them leads to one, further guesses are tried, up to one more.
-
-        Args:
-            start: of floats.
-            goal: of floats.
-            guesses: to start from, see `rans.optimal.trajectory.guess.guess`.
-
-        Returns:
-            The trajectory; its status says whether the solver succeeded. Nothing is raised for a
-            problem without a solution.
+        Where none of them (`rans.optimal.trajectory.guess.guess`) leads to one, one more is tried. Start and
+        goal are of floats. The status says whether the solver succeeded: nothing is raised for a problem
+        without a solution.
 
         Raises:
             ConfigError: there are no guesses, or for least time the thrusters cannot push and turn the
@@ -262,11 +246,8 @@ class Transcription:
 
 def _step(craft: Spacecraft, like: State, substeps: int, drift: Drift) -> ca.Function:
     """The engines' motion over one control period: (state, wrench on B, period) to the state after."""
-    def symbols(count: int) -> Sequence[Any]:
-        return [ca.SX.sym("s") for _ in range(count)]
-
-    state: Any = map_leaves(lambda _: symbols(1)[0], like)
-    parts, period = symbols(craft.degrees_of_freedom), symbols(1)[0]
+    state: Any = map_leaves(lambda _: ca.SX.sym("s"), like)
+    period, *parts = [ca.SX.sym("s") for _ in range(1 + craft.degrees_of_freedom)]
     planar = craft.dimension == 2
     applied = Wrench(Vec2(*parts[:2]), parts[2]) if planar else Wrench(Vec3(*parts[:3]), Vec3(*parts[3:]))
     after = advance(state, applied, Body.of(craft), period, substeps, _NODES, drift=drift)
