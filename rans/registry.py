@@ -24,13 +24,9 @@ class Registry(Mapping[str, T]):
     Names are those built in, the entry points that installed packages declare, and what `register` added.
     Besides, ``MODULE:NAME`` finds an object of any module, also in the current folder.
 
-    Args:
-        what: the objects are, in messages.
-        group: of the entry points.
-        built_in: where the objects that come with RANS are: "module:Name", or "package:file.toml" for the
-            text of a file. No package replaces them.
-        checked: called with what was loaded; gives the object to hand out.
-        or_else: what else a user may name, for messages.
+    Those built in are where "module:Name" or, for the text of a file, "package:file.toml" says; no package
+    replaces them. ``checked``, called with what was loaded, gives the object to hand out. Messages tell what
+    the objects are, and what else a user may name (``or_else``).
 
     Raises:
         ConfigError: by ``registry[name]``: there is no such object, or it does not work; the sentence names

@@ -47,34 +47,22 @@ def _function(name: str, *fields: Field) -> Callable[..., Field]:
     return getattr(np, _NUMPY_NAMES.get(name, name))
 
 
-def sin(x: Field) -> Field:
-    """Sine of an angle in rad."""
-    return _function("sin", x)(x)
+def _unary(name: str) -> Callable[[Field], Field]:
+    return lambda x: _function(name, x)(x)
 
 
-def cos(x: Field) -> Field:
-    """Cosine of an angle in rad."""
-    return _function("cos", x)(x)
-
-
-def exp(x: Field) -> Field:
-    """Natural exponential."""
-    return _function("exp", x)(x)
-
-
-def sqrt(x: Field) -> Field:
-    """Square root."""
-    return _function("sqrt", x)(x)
-
-
-def absolute(x: Field) -> Field:
-    """Absolute value."""
-    return _function("abs", x)(x)
-
-
-def floor(x: Field) -> Field:
-    """Largest whole number not above x."""
-    return _function("floor", x)(x)
+sin = _unary("sin")
+"""Sine of an angle in rad."""
+cos = _unary("cos")
+"""Cosine of an angle in rad."""
+exp = _unary("exp")
+"""Natural exponential."""
+sqrt = _unary("sqrt")
+"""Square root."""
+absolute = _unary("abs")
+"""Absolute value."""
+floor = _unary("floor")
+"""Largest whole number not above x."""
 
 
 def atan2(y: Field, x: Field) -> Field:

@@ -101,13 +101,9 @@ class Orbit(LeafSystem):
 
     They are m (3 n^2 x + 2 n v_y, -2 n v_x, -n^2 z), for x radial, y along the track, z across.
 
-    Args:
-        mean_motion: n, rad/s.
-        masses: (N,), kg.
-        places: (N, 2 or 3), where each spacecraft's place stands among the plant's positions.
-        speeds: (N, 2 or 3), where its velocity stands among the plant's velocities, and its force among the
-            generalised forces.
-        positions: how many the plant has.
+    The mean motion n is in rad/s, the masses (N,) in kg. Places (N, 2 or 3) tell where each spacecraft's
+    place stands among the plant's positions, speeds (N, 2 or 3) where its velocity stands among the
+    velocities, and its force among the generalised forces.
     """
 
     def __init__(self, mean_motion: float, masses: np.ndarray, places: np.ndarray, speeds: np.ndarray,

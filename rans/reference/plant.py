@@ -203,10 +203,7 @@ class Plant:
 
     def _rest(self) -> np.ndarray:
         """At W's origin, B along W, no motion."""
-        rest = np.zeros(6 if self.craft.dimension == 2 else 13)
-        if self.craft.dimension == 3:
-            rest[3] = 1.0
-        return rest
+        return np.zeros(6) if self.craft.dimension == 2 else np.eye(13)[3]  # a quaternion of 1, 0, 0, 0
 
     def _set(self, states: np.ndarray, commands: np.ndarray) -> None:
         """Put states and commands into the context."""

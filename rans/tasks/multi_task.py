@@ -41,7 +41,8 @@ class MultiTask(Task):
     """Fly whichever task the episode draws, with equal chances (paper: section 3.2, task flag).
 
     Start, goal, reward, failure and observation are those of the drawn task, whose flag tells the policy
-    which one it is. Agents are judged on each of the `parts` by itself: there an observation is the same.
+    which one it is; each has its own settings. Agents are judged on each of the `parts` by itself: there an
+    observation is the same.
 
     Raises:
         ConfigError: there is no task to draw, an unknown one or one twice.
@@ -51,15 +52,10 @@ class MultiTask(Task):
         "go-to-position", "go-to-pose", "track-velocity", "track-twist", "track-velocity-heading")
     """The tasks to draw from."""
     go_to_position: GoToPosition = field(default_factory=GoToPosition)
-    """Settings of this task."""
     go_to_pose: GoToPose = field(default_factory=GoToPose)
-    """Settings of this task."""
     track_velocity: TrackVelocity = field(default_factory=TrackVelocity)
-    """Settings of this task."""
     track_twist: TrackTwist = field(default_factory=TrackTwist)
-    """Settings of this task."""
     track_velocity_heading: TrackVelocityHeading = field(default_factory=TrackVelocityHeading)
-    """Settings of this task."""
 
     symmetric: ClassVar[bool] = False
 

@@ -60,16 +60,10 @@ def ascend(relaxation: Relaxation, branch: Branch, start: np.ndarray, cuts: list
            tolerance: float, trust: float, most: int) -> Ascent:
     """Raise the bound until it exceeds the target, can hardly rise any more, or patience ends.
 
-    Args:
-        relaxation: whose dual function to maximise. Where fuel is free the function is homogeneous, and
-            costates are kept on the plane through the start on which only their direction varies.
-        branch: the paths that count.
-        start: (4,) scaled costate.
-        cuts: known planes of paths of the branch.
-        target: bound that suffices.
-        tolerance: rise not worth another evaluation.
-        trust: half the edge of the first box, in scaled costate.
-        most: evaluations.
+    Where fuel is free the dual function is homogeneous, and costates are kept on the plane through the start
+    on which only their direction varies. The start is a scaled costate (4,), the cuts are known planes of
+    paths of the branch, the tolerance is a rise not worth another evaluation, of which there are at most so
+    many, and trust is half the edge of the first box (trust region), in scaled costate.
     """
     unit, cuts = scale(relaxation), list(cuts)
     normal = towards_goal(relaxation) if relaxation.fuel == 0.0 else None

@@ -210,7 +210,7 @@ def _tolerance(relaxation: Relaxation) -> float:
 
 
 def _decide(relaxation: Relaxation, root: Ascent, level: float, effort: Effort) -> _Outcome:
-    """Exclude a level by branch and bound, or find commands that reach it."""
+    """Exclude a level by branch and bound, best bound first, or find commands that reach it."""
     outcome, seen, order = _Outcome(), set(), itertools.count()
     deadline = time.process_time() + effort.seconds
     heap, closed = [_node(relaxation, root, relaxation.reachable(), level, next(order))], True

@@ -77,14 +77,8 @@ class DualValue:
 class Relaxation:
     """The dual problem from one start to one goal, of floats, in N periods.
 
-    Args:
-        lattice: of the spacecraft and its control period.
-        start: of floats.
-        goal: of floats.
-        goal_set: what counts as arrived.
-        steps: N.
-        cap: only controllers that burn at most this are looked at, N s; None: all.
-        fuel: weight of the fuel: 1, or 0 to ask only whether the goal set can be reached.
+    With a cap, only controllers that burn at most this much fuel, N s, are looked at. The weight of the fuel
+    is 1, or 0 to ask only whether the goal set can be reached.
 
     Raises:
         ConfigError: no whole number of pulses ends with the goal's spin, a number is not finite, or numba

@@ -1,9 +1,9 @@
 """Bounds for every spacecraft, in the plane and in space, from the most that its thrusters can do.
 
-They look at the translation and the rotation one at a time and let either use all thrusters in any
-direction of B, so they are looser than those of `rans.optimal.certificate.certificate`, but hold for
-shared thrust, any layout and any commands between 0 and 1, held for a period or not
-(docs/certificate.md proves them).
+A convex relaxation: on/off commands become their convex hull, every share between 0 and 1, held for a
+period or not; translation and rotation are looked at one at a time, and either may use all thrusters in any
+direction of B. So they are looser than those of `rans.optimal.certificate.certificate`, but hold for shared
+thrust and any layout (docs/certificate.md proves them).
 """
 
 from __future__ import annotations

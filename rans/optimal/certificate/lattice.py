@@ -53,9 +53,7 @@ class Patterns:
 class Lattice:
     """Spins and headings that on/off thrust can reach, and the force that each pattern gives.
 
-    Args:
-        craft: planar, without thrust sharing.
-        period: time for which a command is held, s.
+    The spacecraft is planar and shares no thrust; a command is held for the period, s.
 
     Raises:
         ConfigError: this spacecraft has no such lattice, or the period is not a positive number.

@@ -57,19 +57,16 @@ class Arrival:
     def __init__(self, task: Task, goal: State, ending: Ending) -> None:
         state, aim = (map_leaves(lambda _: ca.SX.sym("s"), goal) for _ in range(2))
         arguments = [ca.vertcat(*leaves(s)) for s in (state, aim)]
-
-        def function(conditions: Sequence[Any]) -> ca.Function:
-            return ca.Function("arrival", arguments, [ca.vertcat(*conditions)])
-
         rates = _rate_gaps(task, state, aim) if ending != "free" else []
         if ending == "exact":
             gaps = [*residual(task, state, aim), *rates]
-            self.conditions = function(gaps)
+            self.conditions = ca.Function("arrival", arguments, [ca.vertcat(*gaps)])
             self.high = np.where(_independent(self.conditions, leaves(goal)), 0.0, _BRANCH)
         else:
             tolerances = task.tolerances() if ending == "set" else {}
             errors = task.errors(state, aim)
-            self.conditions = rounded(function([*(errors[name] for name in tolerances), *rates]), _KNEE)
+            gaps = [*(errors[name] for name in tolerances), *rates]
+            self.conditions = rounded(ca.Function("arrival", arguments, [ca.vertcat(*gaps)]), _KNEE)
             self.high = np.array([*(t - 4 * _KNEE for t in tolerances.values()), *(0.0 for _ in rates)])
         self.low = -self.high
 

@@ -14,11 +14,9 @@ def rounded(function: ca.Function, radius: float | ca.SX) -> ca.Function:
     """The same function of SX with differentiable square roots and absolute values.
 
     sqrt(x) becomes sqrt(x + r^2) - r and |x| becomes sqrt(x^2 + r^2) - r: smooth, zero at zero, and
-    never more than r too small. So a distance, which has a corner at the goal, gets a gradient there.
-
-    Args:
-        function: of any number of dense arguments and results.
-        radius: r; a symbol becomes one more argument, after the function's own.
+    never more than r too small. So a distance, which has a corner at the goal, gets a gradient there. The
+    function has any number of dense arguments and results; a radius r that is a symbol becomes one more, the
+    last.
     """
     inputs = [ca.SX.sym(f"i{k}", function.sparsity_in(k)) for k in range(function.n_in())]
     outputs = [ca.SX(function.sparsity_out(k)) for k in range(function.n_out())]
