@@ -16,15 +16,13 @@ from rans.fast.symmetry import symmetries
 from rans.tasks.base import example
 
 
-def begin(engine: Engine, settings: Sequence[PPOSettings], seeds: Sequence[int],
-          continuous: bool = False) -> Learner:
+def begin(engine: Engine, settings: Sequence[PPOSettings], seeds: Sequence[int]) -> Learner:
     """Members that have learnt nothing, on an engine whose episodes then began at random times.
 
     Args:
         engine: with the members' environments, in equal and contiguous parts.
         settings: one a member.
         seeds: of weights, actions and those times; one a member.
-        continuous: whether commands are duties in [0, 1] instead of on and off.
 
     Raises:
         ConfigError: the settings do not fit the engine.
@@ -32,7 +30,7 @@ def begin(engine: Engine, settings: Sequence[PPOSettings], seeds: Sequence[int],
     first = settings[0]
     for one in settings:
         check_sizes(engine, one, len(settings))
-    given = architecture(engine, first, continuous)
+    given = architecture(engine, first)
     drawn = [given.initial(seed, one.initial_duty) for seed, one in zip(seeds, settings, strict=True)]
     network = Network.stacked(given, [tensors for tensors, _ in drawn], engine.device, engine.dtype)
     generators = [generator for _, generator in drawn]
@@ -42,11 +40,12 @@ def begin(engine: Engine, settings: Sequence[PPOSettings], seeds: Sequence[int],
     return Learner(engine, network, settings, generators)
 
 
-def architecture(engine: Engine, settings: PPOSettings, continuous: bool = False) -> Architecture:
+def architecture(engine: Engine, settings: PPOSettings) -> Architecture:
     """Of a network with these settings for an engine's spacecraft."""
     craft, dimension = engine.craft, engine.craft.dimension
     return Architecture.of(settings, engine.layout, len(craft.thrusters), symmetries(craft),
-                           engine.privileged_width, continuous, example(engine.task, dimension).bounds())
+                           engine.privileged_width, craft.actuators.is_continuous,
+                           example(engine.task, dimension).bounds())
 
 
 def check_sizes(engine: Engine, settings: PPOSettings, members: int) -> None:
