@@ -17,8 +17,8 @@ from rans.cli import main
 from rans.errors import ConfigError, WorkerLost
 from rans.fast.distributed import ALONE, Processes, join
 from rans.fast.engine import Engine
+from rans.fast.learn.member import rows
 from rans.fast.learn.ppo import Learner, act
-from rans.fast.learn.report import rows
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.start import begin
 from tests.cli.test_train import tiny

@@ -76,8 +76,8 @@ def answered(who: str, ask: Callable[[], Any], craft: Spacecraft, count: int) ->
     try:
         craft.actuators.check(commands, *wanted)
     except ConfigError as error:
-        raise ConfigError(f"{who} answers what {craft.name} cannot do: {error} Probabilities have to be rounded, "
-                          "and densities clipped, by the policy.") from None
+        raise ConfigError(f"{who} answers what {craft.name} cannot do: {error} Probabilities have to be "
+                          "rounded, and densities clipped, by the policy.") from None
     return commands
 
 

@@ -157,7 +157,7 @@ def _rows(array: Any, values: Any) -> Iterator[Store]:
 
 def _remembered(episode: Episode) -> tuple[tuple[Input, ...], Episode]:
     """The episode's arrays, and the episode with symbols in their place."""
-    types = [_TYPES[str(array.dtype).removeprefix("torch.")] for array in episode.memory()]
+    types: list[Type] = [_TYPES[str(array.dtype).removeprefix("torch.")] for array in episode.memory()]
     memory = tuple(
         Input(Symbol.input(f"memory_{row}", "real" if kind in ("float", "double") else "int"), kind, array)
         for row, (array, kind) in enumerate(zip(episode.memory(), types, strict=True)))

@@ -13,9 +13,9 @@ from rans.errors import ConfigError
 from rans.fast.engine import Engine
 from rans.fast.envs.sb3 import SB3VecEnv
 from rans.fast.learn.config import PPOSettings
+from rans.fast.learn.member import rows
 from rans.fast.learn.network import Network
 from rans.fast.learn.policy_file import read_policy, write_policy
-from rans.fast.learn.report import rows
 from rans.fast.learn.start import begin
 from rans.fast.policy import predict
 from rans.files import replace_file

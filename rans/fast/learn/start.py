@@ -12,8 +12,6 @@ from rans.fast.learn.architecture import Architecture
 from rans.fast.learn.config import PPOSettings
 from rans.fast.learn.network import Network
 from rans.fast.learn.ppo import Learner
-from rans.fast.symmetry import symmetries
-from rans.tasks.base import example
 
 
 def begin(engine: Engine, settings: Sequence[PPOSettings], seeds: Sequence[int]) -> Learner:
@@ -27,10 +25,9 @@ def begin(engine: Engine, settings: Sequence[PPOSettings], seeds: Sequence[int])
     Raises:
         ConfigError: the settings do not fit the engine.
     """
-    first = settings[0]
     for one in settings:
         check_sizes(engine, one, len(settings))
-    given = architecture(engine, first)
+    given = Architecture.of(engine, settings[0])
     drawn = [given.initial(seed, one.initial_duty) for seed, one in zip(seeds, settings, strict=True)]
     network = Network.stacked(given, [tensors for tensors, _ in drawn], engine.device, engine.dtype)
     generators = [generator for _, generator in drawn]
@@ -38,14 +35,6 @@ def begin(engine: Engine, settings: Sequence[PPOSettings], seeds: Sequence[int])
     if engine.device.type == "cuda":
         torch.cuda.manual_seed(seeds[0])
     return Learner(engine, network, settings, generators)
-
-
-def architecture(engine: Engine, settings: PPOSettings) -> Architecture:
-    """Of a network with these settings for an engine's spacecraft."""
-    craft, dimension = engine.craft, engine.craft.dimension
-    return Architecture.of(settings, engine.layout, len(craft.thrusters), symmetries(craft),
-                           engine.privileged_width, craft.actuators.is_continuous,
-                           example(engine.task, dimension).bounds())
 
 
 def check_sizes(engine: Engine, settings: PPOSettings, members: int) -> None:

@@ -19,7 +19,7 @@ from rans.fast.learn.config import TrainConfig, from_table, to_table
 from rans.fast.learn.member import Member
 from rans.fast.learn.ppo import Coefficients
 from rans.fast.learn.run_folder import RunFolder
-from rans.fast.learn.start import architecture, check_sizes
+from rans.fast.learn.start import check_sizes
 from rans.fast.learn.trainer import Trainer, check_device
 from rans.files import read_json, write_json
 from rans.model.spacecraft_file import load_spacecraft
@@ -146,7 +146,7 @@ def check(config: TrainConfig) -> Architecture:
     check_device(config.device)
     engine = Engine(load_spacecraft(config.spacecraft), config.settings, config.ppo.n_envs, config.timing)
     check_sizes(engine, config.ppo, 1)
-    return architecture(engine, config.ppo)
+    return Architecture.of(engine, config.ppo)
 
 
 def grouped(items: Iterable[Item], key: Callable[[Item], str]) -> list[list[Item]]:

@@ -12,15 +12,15 @@ from stable_baselines3.common.logger import TensorBoardOutputFormat
 
 from rans.errors import ConfigError, NonFiniteState, WorkerLost
 from rans.fast.distributed import ALONE, Processes
-from rans.fast.engine import Engine, field_dtype
+from rans.fast.engine import Engine
 from rans.fast.learn.config import TrainConfig
 from rans.fast.learn.curriculum import Curriculum
-from rans.fast.learn.member import Member
+from rans.fast.learn.member import Member, rows
 from rans.fast.learn.policy_file import write_policy
-from rans.fast.learn.report import rows
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.selection import Selection
 from rans.fast.learn.start import begin
+from rans.fast.memory import field_dtype
 from rans.files import replace_file
 from rans.model.spacecraft import Spacecraft
 

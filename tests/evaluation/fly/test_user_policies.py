@@ -68,7 +68,7 @@ def test_agent_of_rans_train_is_such_a_file(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("space", "width", "sentence"), [
-    (Box(-1, 1, (8,)), 10, r"8 thrusters, which take 0 \(shut\) or 1 \(open\): MultiDiscrete\(\[2 2 .*, MultiBinary\(8\)"),
+    (Box(-1, 1, (8,)), 10, r"8 thrusters, .* 0 \(shut\) or 1 \(open\): MultiDiscrete\(.*, MultiBinary\(8\)"),
     (MultiBinary(16), 10, "has 8 thrusters"),
     (MultiDiscrete([3] * 8), 10, "has 8 thrusters"),
     (MultiBinary(8), 22, r"observes \(22,\), but floating-platform shows \(10,\)"),

@@ -8,9 +8,10 @@ import torch
 from torch import Tensor
 
 from rans.errors import ConfigError, NonFiniteState
+from rans.fast.distributed import ALONE
 from rans.fast.engine import Engine
+from rans.fast.learn.member import rows
 from rans.fast.learn.ppo import Learner, losses
-from rans.fast.learn.report import rows
 from rans.fast.learn.rollout import minibatches
 from rans.fast.learn.start import begin
 from tests.fast.engines import NEAR, PLATFORM, SHORT, both_crafts
@@ -77,7 +78,8 @@ def test_losses_and_gradients_are_those_of_sb3(craft: Any, continuous: bool, ent
     learner, twin = filled(craft, continuous, ent_coef=ent_coef, max_grad_norm=1e9)
     twin.train()
     part, = minibatches(learner.batch(), 1, 1)
-    found = losses(learner.network, part, learner.coefficients, bool(ent_coef), True)
+    part = part._replace(advantage=ALONE.standardised(part.advantage[None])[0])
+    found = losses(learner.network, part, learner.coefficients, bool(ent_coef))
     names = learner.network.learnt
     gradients = torch.autograd.grad(found.loss.sum(), [learner.network.tensors[name] for name in names])
     said = twin.logger.name_to_value
