@@ -87,7 +87,9 @@ def allocated(world: World, body: Body, place: Place, count: int, seed: tuple[An
 def write(buffers: Sequence[Any], values: Sequence[Any]) -> None:
     """Change memory in place; what never varies is a number in both."""
     for buffer, value in zip(buffers, values, strict=True):
-        if not isinstance(buffer, float):
+        if isinstance(buffer, Tensor):
+            buffer.copy_(value) if isinstance(value, Tensor) else buffer.fill_(value)
+        elif not isinstance(buffer, float):
             buffer[...] = value
 
 

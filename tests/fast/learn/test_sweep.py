@@ -284,7 +284,7 @@ def test_weights_come_back_from_a_run_folder(tmp_path: Path) -> None:
     sweep.train(ignore)
     assert sweep.timed_steps == 2 * 256
     member = sweep.members[1]
-    member.save(tmp_path / "best", "rans sweep", sweep.architecture(member))
+    sweep.save(member, tmp_path / "best")
     loaded = load_agent(tmp_path / "best")
     tensors: dict[str, Tensor] = loaded.controller._network.tensors  # type: ignore[attr-defined]
     assert set(tensors) == set(member.weights)
