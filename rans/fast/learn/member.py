@@ -51,7 +51,8 @@ class Member:
             self.in_a_row = self.in_a_row + 1 if found else 0
 
 
-def statistics(numbers: Sequence[float], engine: Engine, steps: int, goes_on: bool = False) -> dict[str, float]:
+def statistics(numbers: Sequence[float], engine: Engine, steps: int,
+               goes_on: bool = False) -> dict[str, float]:
     """What an update said about a member, by the names that SB3 gives its log.
 
     Args:
