@@ -20,7 +20,7 @@ from rans.fast.learn.curriculum import Curriculum, Ramp
 from rans.fast.step import Step
 from rans.model.actuators import Pulsed, Throttle
 from rans.model.body import Body
-from rans.model.drift import UniformGravity
+from rans.model.drift import FREE, Drift, UniformGravity
 from rans.model.dynamics import step_goal
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
@@ -203,13 +203,30 @@ def test_shares_of_thrust(on_host: Any, kind: Any, dtype: torch.dtype) -> None:
     assert compare(ours, theirs, form=dtype, given=shares(25)) >= 16
 
 
-@both_crafts
+def like_near(kind: Any) -> Any:
+    return kind(**{field.name: getattr(NEAR, field.name) for field in fields(NEAR)})
+
+
+@dataclass(frozen=True)
+class Falling(GoToPose):
+    """Everything falls, but not the goal."""
+
+    @property
+    def drift(self) -> Drift:
+        return UniformGravity((0.1, -0.2))
+
+
 @pytest.mark.usefixtures("together")
-def test_a_drift(on_host: Any, craft: Spacecraft) -> None:
-    gravity = (0.1, -0.2) if craft.dimension == 2 else (0.1, -0.2, 0.15)
-    how: Any = {"seed": SEED, "dtype": torch.float64, "drift": UniformGravity(gravity)}
-    made: Any = (craft, NEAR, 16, SHORT)
-    assert compare(Engine(*made, **how), on_host(*made, **how)) > 16
+def test_a_drift(on_host: Any) -> None:
+    how: Any = {"seed": SEED, "dtype": torch.float64}
+    made: Any = (PLATFORM, like_near(Falling), 16, SHORT)
+    ours = Engine(*made, **how)
+    assert compare(ours, on_host(*made, **how)) > 16
+    before = np.array(ours.state.v.y)
+    still = ours.step(torch.zeros(16, 8))
+    going = ~(still.terminated | still.truncated).numpy()
+    # 0.2 m/s^2 for 0.2 s, in float64.
+    np.testing.assert_allclose((ours.state.v.y - before)[going], -0.04, rtol=1e-12)
 
 
 @both_crafts
@@ -227,14 +244,14 @@ def test_a_body_for_every_spacecraft(on_host: Any, craft: Spacecraft) -> None:
 class Chase(GoToPose):
     """The goal moves on, as nothing pushes it."""
 
-    def next_goal(self, goal: Any, state: Any, drift: Any, duration: float) -> Any:
-        return step_goal(replace(goal, v=type(goal.v)(*(x + 0.3 for x in goal.v.columns()))), drift, duration)
+    def next_goal(self, goal: Any, state: Any, period: Any) -> Any:
+        return step_goal(replace(goal, v=type(goal.v)(*(x + 0.3 for x in goal.v.columns()))), FREE, period)
 
 
 @both_crafts
 @pytest.mark.usefixtures("together")
 def test_a_goal_that_moves(on_host: Any, craft: Spacecraft) -> None:
-    task = Chase(**{field.name: getattr(NEAR, field.name) for field in fields(NEAR)})
+    task = like_near(Chase)
     made: Any = (craft, task, 16, SHORT)
     how: Any = {"seed": SEED, "dtype": torch.float64}
     ours = Engine(*made, **how)
