@@ -17,7 +17,7 @@ from rans.fast.engine import Engine
 from rans.fast.learn.adam import Adam
 from rans.fast.learn.config import PPOSettings
 from rans.fast.learn.graph import fused, graphed
-from rans.fast.learn.network import Network, set_precision
+from rans.fast.learn.network import Network
 from rans.fast.learn.rollout import Acted, Batch, Rollout, gae, minibatches, remember
 
 MIN_LEARNING_RATE = 1e-5
@@ -78,7 +78,6 @@ class Learner:
     def __init__(self, engine: Engine, network: Network, settings: Sequence[PPOSettings],
                  generators: Sequence[torch.Generator]) -> None:
         first, self.members = settings[0], len(settings)
-        set_precision(first.matmul, engine.device)
         self.engine, self.processes = engine, engine.processes
         self.network, self._generators = network, generators
         self.n_steps, self.n_epochs = first.n_steps, first.n_epochs
