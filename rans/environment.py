@@ -115,7 +115,7 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
     def _mover(self) -> Mover | None:
         """Who moves the spacecraft; None: our equations."""
 
-    def render(self) -> np.ndarray | None:  # type: ignore[override]
+    def render(self) -> Any:
         """A frame (480, 640, 3) uint8 in the mode "rgb_array"; see `rans.drawing.Scene`."""
         self._running()
         return self._draw() if self.render_mode == "rgb_array" else None

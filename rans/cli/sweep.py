@@ -138,7 +138,7 @@ def _save(sweep: Trainings, folder: Path) -> None:
         "best": sweep.members.index(best), "members": sweep.results()})
     write_text(folder / "sweep.svg", svg(sweep_figure(sweep)))
     shutil.rmtree(folder / "best", ignore_errors=True)  # of before the sweep was resumed
-    best.save(folder / "best", sweep.command, sweep.architecture(best))
+    sweep.save(best, folder / "best")
 
 
 def _table(sweep: Trainings) -> Table:

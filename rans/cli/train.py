@@ -100,8 +100,7 @@ class Train:
         import torch
 
         from rans.fast.learn.config import TrainConfig
-        from rans.fast.learn.presets import preset
-        from rans.fast.learn.recipes import RECIPES, recipe
+        from rans.fast.learn.recipes import RECIPES, preset, recipe
         from rans.model.spacecraft_file import load_spacecraft
         from rans.registry import meant
         from rans.tasks import TASKS

@@ -16,15 +16,13 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any
 
 import torch
 import torch.distributed as dist
 from torch import Tensor
 
 from rans.errors import ConfigError, WorkerLost
-
-Rows = TypeVar("Rows")
 
 
 @dataclass(frozen=True)
@@ -49,9 +47,9 @@ class Processes:
             raise ConfigError(f"{name} must be a multiple of the {self.size} processes, got {count}.")
         return count // self.size
 
-    def mine(self, whole: Rows) -> Rows:
+    def mine(self, whole: Any) -> Any:
         """This process's rows of the whole batch's."""
-        return whole[self.rank::self.size] if self.size > 1 else whole  # type: ignore[index]
+        return whole[self.rank::self.size] if self.size > 1 else whole
 
     def whole(self, mine: Tensor) -> Tensor:
         """The whole batch's rows from every process's; all must ask."""
@@ -84,6 +82,9 @@ class Processes:
 
     def standardised(self, values: Tensor) -> Tensor:
         """Values (K, rows) less their mean over all processes' rows, over their spread, as SB3."""
+        if self.size == 1:
+            spread, mean = torch.std_mean(values, dim=1, keepdim=True)
+            return (values - mean) / (spread + 1e-8)
         count = self.size * values.shape[1]
         centred = values - self.average(values.mean(dim=1, keepdim=True))
         variance = self.average(centred.square().mean(dim=1, keepdim=True)) * (count / (count - 1))

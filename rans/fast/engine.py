@@ -12,14 +12,15 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from rans.episode import Episode, World
+from rans.episode import World
 from rans.errors import ConfigError
 from rans.fast.distributed import ALONE, Processes
 from rans.fast.kernels.launch import Kernel
+from rans.fast.memory import Place, allocated, field_dtype, restore, saved, write
 from rans.fast.step import Step, results, step_and_restart, step_tensors
 from rans.model.body import Body, in_memory
 from rans.model.dynamics import NODES
-from rans.model.fields import leaves, map_leaves
+from rans.model.fields import leaves
 from rans.model.random import seed_words
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
@@ -28,13 +29,6 @@ from rans.tasks.rewards import Transition
 
 _FLOAT32_NODES = 4
 """Quadrature nodes at which float32 rounding hides the rule's error, up to 15 rad/s."""
-_NUMPY_DTYPES = {torch.float32: np.float32, torch.float64: np.float64}
-
-
-def field_dtype(device: torch.device, dtype: torch.dtype = torch.float32,
-                compiled: bool | None = None) -> Any:
-    """Dtype of an engine's fields: NumPy's for an uncompiled step on a CPU, else torch's."""
-    return dtype if compiled or device.type == "cuda" else _NUMPY_DTYPES[dtype]
 
 
 class Engine:
@@ -73,46 +67,29 @@ class Engine:
                 f"the number of environments must be a whole number >= 1, got {num_envs!r}.")
         if not isinstance(seed, int) and (not seed or num_envs % len(seed)):
             raise ConfigError(f"{num_envs} environments cannot be divided among {len(seed)} members.")
-        if dtype not in _NUMPY_DTYPES:
+        if dtype not in (torch.float32, torch.float64):
             raise ConfigError(f"dtype must be torch.float32 or torch.float64, got {dtype!r}.")
         self.craft, self.task, self.timing = craft, task, timing or Timing()
         self.num_envs, self.dtype, self.device = num_envs, dtype, torch.device(device)
         self.compiled = self.device.type == "cuda" if compiled is None else compiled
         self.processes = processes
         self.layout = layout(task, craft.dimension)
-        fields = field_dtype(self.device, dtype, self.compiled)
-        self._on_numpy = not isinstance(fields, torch.dtype)
-        nominal = Body.of(craft)
-        self._fields = fields
+        self.members = 1 if isinstance(seed, int) else len(seed)
+        self._place = Place(self.device, field_dtype(self.device, dtype, self.compiled))
         self._world = World(craft, task, self.timing,
                             _FLOAT32_NODES if dtype == torch.float32 else NODES)
-        step = step_tensors
-        self._step = torch.compile(step, fullgraph=True, dynamic=False) if self.compiled else step
-        self.members = 1 if isinstance(seed, int) else len(seed)
-        seed = seed if isinstance(seed, int) or self.members > 1 else seed[0]
-        self._each = num_envs // self.members
-        self._body = in_memory(body or nominal, nominal, num_envs, self._field)
-        self._numbers = self._first_numbers(), self._each * processes.size
-        self._seed = self._words(seed)
-        self._episode = self._allocate()
+        self._body = in_memory(body or Body.of(craft), Body.of(craft), num_envs,
+                               lambda values: self._place.put(values, dtype))
+        each, seeds = num_envs // self.members, [seed] if isinstance(seed, int) else seed
+        first = np.arange(num_envs) % each * processes.size + processes.rank
+        self._numbers = self._place.put(first, torch.int32), each * processes.size
+        self._seed = self._place.words(seeds, each)
+        self._episode = allocated(self._world, self._body, self._place, num_envs, self._seed,
+                                  self._numbers[0])
+        self._step = (torch.compile(step_tensors, fullgraph=True, dynamic=False) if self.compiled
+                      else step_tensors)
         self._kernel = self._generated() if generated else None
-        self.reset(seed)
-
-    def _field(self, values: Any) -> Any:
-        """A copy of them, (N,)."""
-        copy = torch.as_tensor(values).to(self.device, self.dtype, copy=True)
-        return copy.numpy() if self._on_numpy else copy
-
-    def _words(self, seed: int | Sequence[int]) -> tuple[Any, Any]:
-        """A seed's two words, or every environment's own of its member's."""
-        if isinstance(seed, int):
-            low, high = seed_words(seed)
-        else:
-            low, high = np.repeat([seed_words(s) for s in seed], self._each, axis=0).astype(np.int32).T.copy()
-        if self._on_numpy:
-            return low, high
-        low, high = (torch.as_tensor(word, dtype=torch.int32, device=self.device) for word in (low, high))
-        return low, high
+        self.reset(seeds[0] if self.members == 1 else seeds)
 
     @cached_property
     def term_names(self) -> tuple[str, ...]:
@@ -150,19 +127,16 @@ class Engine:
         Returns:
             Observation (N, width).
         """
-        world, clock = self._world, self._episode.clock
+        world, now = self._world, self._episode
         if seed is None:
-            self._write(clock, world.next_episode(clock))
+            write([now.clock], [world.next_episode(now.clock)])
         else:
-            self._set_seed(seed_words(seed) if isinstance(seed, int) else self._words(seed))
-            self._write(clock, 0)
-        start, goal = world.begin(self._seed, world.number(clock, self._numbers), self._fields)
-        now = self._episode
-        shut = (0,) * len(now.previous)
-        for buffer, value in zip(leaves((now.state, now.goal, now.previous)), leaves((start, goal, shut)),
-                                 strict=True):
-            if not isinstance(buffer, float):
-                self._write(buffer, value)
+            each = self.num_envs // self.members
+            # Numbers go into memory without a copy from the CPU, which no CUDA graph could record.
+            write(self._seed, seed_words(seed) if isinstance(seed, int) else self._place.words(seed, each))
+            write([now.clock], [0])
+        begun = world.begin(self._seed, world.number(now.clock, self._numbers), self._place.fields)
+        write(leaves((now.state, now.goal, now.previous)), leaves((*begun, (0,) * len(now.previous))))
         return self.observe()
 
     def stagger(self, *generators: torch.Generator) -> None:
@@ -178,7 +152,7 @@ class Engine:
             for generator in parts]))
         clock = self._episode.clock
         clock -= clock & self._world.step_mask
-        clock += steps.numpy() if self._on_numpy else steps.to(self.device)
+        clock += self._place.put(steps, torch.int32)
 
     @property
     def privileged_width(self) -> int:
@@ -197,7 +171,7 @@ class Engine:
 
     def observe(self) -> Tensor:
         """The current observation, (N, width)."""
-        return self._stack(self._world.observe(self._episode)).T
+        return self._place.stack(self._world.observe(self._episode)).T
 
     def errors(self) -> dict[str, Tensor]:
         """The task's errors in the current state by name, each (N,)."""
@@ -217,11 +191,11 @@ class Engine:
         if tuple(action.shape) != shape:
             raise ConfigError(f"actions must have the shape {shape} (environments, thrusters), got "
                               f"{tuple(action.shape)}.")
-        if self._on_numpy:
+        if self._place.on_numpy:
             return self._step_numpy(action)
         if self._kernel is not None:
             return self._kernel(action)
-        return self._step(self._world, self._episode, action, self._seed, self._numbers, self._fields)
+        return self._step(self._world, self._episode, action, self._seed, self._numbers, self._place.fields)
 
     def _generated(self) -> Kernel | None:
         """The step as one generated kernel; without it torch's compiler makes several."""
@@ -236,76 +210,20 @@ class Engine:
         return kernel
 
     def _step_numpy(self, action: Tensor) -> Step:
-        command = tuple(np.ascontiguousarray(action.numpy().T).astype(self._fields))
-        seen = step_and_restart(self._world, self._episode, command, self._seed, self._numbers, self._fields)
-        for buffer, value in zip(self._buffers(), seen.after.memory(), strict=True):
-            self._write(buffer, value)
-        return results(seen, lambda rows: torch.from_numpy(np.stack(rows)), torch.from_numpy)
+        fields = self._place.fields
+        command = tuple(np.ascontiguousarray(action.numpy().T).astype(fields))
+        seen = step_and_restart(self._world, self._episode, command, self._seed, self._numbers, fields)
+        write(self._episode.memory(), seen.after.memory())
+        return results(seen, self._place.stack, torch.from_numpy)
 
     def save_state(self) -> dict[str, Any]:
         """Everything a later `load_state` needs to go on bit-identically."""
-        buffers = [self.processes.whole(torch.as_tensor(b)).clone() for b in self._buffers()]
-        return {"buffers": buffers, "seed": [torch.as_tensor(word).tolist() for word in self._seed],
-                "episode_steps": self.timing.episode_steps}
+        return saved(self._world, self._episode, self._seed, self.processes)
 
-    def load_state(self, saved: dict[str, Any]) -> None:
+    def load_state(self, table: dict[str, Any]) -> None:
         """Continue from what `save_state` gave.
 
         Raises:
             ConfigError: it was saved with another number of environments, dimension or length of episodes.
         """
-        buffers, values = self._buffers(), [self.processes.mine(value) for value in saved["buffers"]]
-        if [tuple(b.shape) for b in buffers] != [tuple(v.shape) for v in values]:
-            raise ConfigError(
-                f"the saved state is not one of {self.num_envs} environments of {self.craft.name!r}; "
-                "the usual cause is a changed number of environments, or an older RANS that saved it.")
-        if saved["episode_steps"] != self.timing.episode_steps:
-            raise ConfigError(
-                f"the saved state is one of episodes of {saved['episode_steps']:,} steps, not "
-                f"{self.timing.episode_steps:,}: its clocks would be misread.")
-        for buffer, value in zip(buffers, values, strict=True):
-            self._write(buffer, value.cpu().numpy() if self._on_numpy else value.to(self.device))
-        self._set_seed([np.array(word, dtype=np.int32) for word in saved["seed"]])
-
-    def _set_seed(self, words: Sequence[Any]) -> None:
-        """Keep the seed's two words, in memory that never moves: a CUDA graph reads it."""
-        if self._on_numpy:
-            self._seed = (words[0], words[1])
-        else:
-            for tensor, word in zip(self._seed, words, strict=True):
-                tensor.fill_(word) if isinstance(word, int) else tensor.copy_(torch.as_tensor(word))
-
-    def _first_numbers(self) -> Any:
-        mine = np.arange(self.num_envs, dtype=np.int32) % self._each
-        numbers = mine * np.int32(self.processes.size) + np.int32(self.processes.rank)
-        return numbers if self._on_numpy else torch.from_numpy(numbers).to(self.device)
-
-    def _allocate(self) -> Episode:
-        """Buffers of the right shape; their content is written by `reset`."""
-        start, goal = self._world.begin(self._seed, self._numbers[0], self._fields)
-        moved = self.task.next_goal(goal, start, self.timing.control_period)
-        where = {} if self._on_numpy else {"device": self.device}
-        zeros: Any = np.zeros if self._on_numpy else torch.zeros
-        buffer = lambda _: zeros(self.num_envs, dtype=self._fields, **where)  # noqa: E731
-        return Episode(
-            state=map_leaves(buffer, start),
-            goal=map_leaves(lambda x, later: x if isinstance(x, float) and later is x else buffer(x),
-                            goal, moved),
-            body=self._body,
-            clock=self._numbers[0] * 0,
-            previous=self._shut() if self._world.watches_switching else (),
-        )
-
-    def _shut(self) -> tuple[Any, ...]:
-        """As much memory as the actuators' commands need: one byte where they are 0 or 1."""
-        zeros = np.zeros((len(self.craft.thrusters), self.num_envs), dtype=self.craft.actuators.dtype)
-        return tuple(zeros) if self._on_numpy else torch.from_numpy(zeros).to(self.device).unbind()
-
-    def _buffers(self) -> list[Any]:
-        return self._episode.memory()
-
-    def _write(self, buffer: Any, value: Any) -> None:
-        buffer[:] = value
-
-    def _stack(self, rows: tuple[Any, ...]) -> Tensor:
-        return torch.from_numpy(np.stack(rows)) if self._on_numpy else torch.stack(rows)
+        restore(table, self._world, self._episode, self._seed, self.processes)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
-from typing import Any
+from dataclasses import fields, replace
+from typing import Any, cast
 
 import gymnasium
 import numpy as np
@@ -19,7 +19,6 @@ from rans.fast.learn.adam import EPSILON
 from rans.fast.learn.architecture import EXTRACTOR, LOG_STD, Architecture, paper_layout
 from rans.fast.learn.distributions import Duty
 from rans.fast.learn.network import Network, Output
-from rans.fast.symmetry import Symmetries
 from rans.tasks.sight import Layout
 
 
@@ -29,29 +28,16 @@ class NormalisedMlp(BaseFeaturesExtractor):
     As SB3's features extractor it travels with the policy's weights, statistics included.
 
     Args:
-        observation_space: Box of shape (10,) or (22,).
-        layers: see `Architecture`, as all the others.
-        activation: see there.
-        clip: see there.
-        zoom: see there.
-        symmetries: see there; the policy is then an `AgentPolicy`.
+        observation_space: Box of shape (width,).
+        layers: see `Architecture`.
         layout: see there; None: that of the paper's tasks.
-        bf16: see there.
-        thrusters: see there; only a history needs to know.
-        continuous: see there.
-        history: see there.
-        units: see there.
-        privileged: see there.
+        others: see there; files say what differs from its defaults, with symmetries only in an `AgentPolicy`.
     """
 
     def __init__(self, observation_space: gymnasium.spaces.Box, layers: Sequence[int] = (128, 128),
-                 activation: str = "tanh", clip: float = 10.0, zoom: float = 0.0,
-                 symmetries: Symmetries | None = None, layout: Layout | None = None, bf16: bool = False,
-                 thrusters: int = 0, continuous: bool = False, history: int = 0, units: int = 0,
-                 privileged: int = 0) -> None:
-        architecture = Architecture(
-            layout or paper_layout(observation_space.shape[0]), thrusters, tuple(layers), activation,
-            zoom, symmetries, bf16, continuous, history, units, privileged, clip)
+                 layout: Layout | None = None, thrusters: int = 0, **others: Any) -> None:
+        layout = layout or paper_layout(observation_space.shape[0])
+        architecture = Architecture(layout, thrusters, tuple(layers), **others)
         super().__init__(observation_space, architecture.features)
         self.architecture = architecture
         for name, module in architecture.modules().items():
@@ -88,9 +74,8 @@ def network_of(policy: ActorCriticPolicy) -> Network:
 
 def policy_kwargs(architecture: Architecture) -> dict[str, Any]:
     """SB3's ``policy_kwargs`` of an `AgentPolicy` with this architecture, and Adam in one kernel."""
-    given = {name: getattr(architecture, name) for name in (
-        "layers", "activation", "clip", "zoom", "symmetries", "layout", "bf16", "thrusters", "continuous",
-        "history", "units", "privileged")}
+    given = {field.name: getattr(architecture, field.name) for field in fields(Architecture)
+             if field.name != "bounds"}  # which the file has as its spaces
     return {"features_extractor_class": NormalisedMlp, "features_extractor_kwargs": given, "net_arch": [],
             "log_std_init": LOG_STD, "optimizer_kwargs": {"fused": True, "eps": EPSILON}}
 
@@ -150,11 +135,11 @@ class AgentPolicy(ActorCriticPolicy):
 
     def get_distribution(self, obs: Any) -> Distribution:
         """As SB3."""
-        policy = self._evaluated(obs).policy
+        policy, known = self._evaluated(obs).policy, cast("Any", self.action_dist)
         if isinstance(policy, Duty):
-            return self.action_dist.proba_distribution(policy.mean, policy.log_std)  # type: ignore[call-arg]
+            return known.proba_distribution(policy.mean, policy.log_std)
         both = torch.stack((torch.zeros_like(policy.logit), policy.logit), dim=2).flatten(1)
-        return self.action_dist.proba_distribution(action_logits=both)  # type: ignore[call-arg]
+        return known.proba_distribution(action_logits=both)
 
     def evaluate_actions(self, obs: Any, actions: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """As SB3: values (N, 1), log-probabilities and entropies (N,) of actions (N, thrusters)."""

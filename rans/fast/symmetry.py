@@ -31,9 +31,9 @@ class Symmetries(NamedTuple):
     def which(self, way: Columns) -> Field:
         """Index (N,) of the view to take of a vector in B, `Layout.ahead`: the one that has it ahead."""
         goal: Any = [d[:, None] for d in way]
-        ahead = sum(a * sum(self.turn[:, i, j] * d for j, d in enumerate(goal))
-                    for i, a in enumerate(_AIM[:len(way)]))
-        return ahead.argmax(1)  # type: ignore[union-attr]
+        ahead: Any = sum(a * sum(self.turn[:, i, j] * d for j, d in enumerate(goal))
+                         for i, a in enumerate(_AIM[:len(way)]))
+        return ahead.argmax(1)
 
     def viewed(self, layout: Layout, seen: Columns, which: Field) -> list[Field]:
         """The columns in B as the chosen views show them."""

@@ -17,8 +17,8 @@ from rans.cli import main
 from rans.errors import ConfigError, WorkerLost
 from rans.fast.distributed import ALONE, Processes, join
 from rans.fast.engine import Engine
+from rans.fast.learn.member import statistics
 from rans.fast.learn.ppo import Learner, act
-from rans.fast.learn.report import rows
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.start import begin
 from tests.cli.test_train import tiny
@@ -48,7 +48,8 @@ def learned(model: Learner) -> dict[str, Any]:
     state = model.state()
     return {"weights": weights(model.network), "rate": model.adam.rate.tolist(),
             "random": state["generators"], "memory": state["memory"],
-            "engine": model.engine.save_state()["buffers"], "log": rows(said, model.engine, 384)}
+            "engine": model.engine.save_state()["buffers"],
+            "log": [statistics(numbers, model.engine, 384) for numbers in said]}
 
 
 def one_of_two(rank: int, folder: Path, members: int) -> None:

@@ -42,10 +42,12 @@ def test_every_valve_that_moves_is_paid_for(backend: Any, craft: Spacecraft) -> 
 
 
 def test_it_remembers_what_the_task_looks_at_and_nothing_more(backend: Any) -> None:
-    """A byte a thruster, where switching costs anything."""
+    """A byte a thruster, where switching costs anything; by default state, clock and the goal's attitude:
+    actuators, drifts, bodies and goals that move cost nothing where they are the usual ones."""
     engines = [backend(PLATFORM, task, 16, SHORT) for task in (NEAR, COSTLY)]
     sizes = [sum(x.nbytes for x in engine.save_state()["buffers"]) for engine in engines]
     assert sizes[1] - sizes[0] == 16 * 8
+    assert sizes[0] == 16 * 4 * (6 + 1 + 1)
     assert set(engines[1].term_names) - set(engines[0].term_names) == {"switching"}
 
 

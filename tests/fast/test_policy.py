@@ -16,9 +16,9 @@ from rans.fast.engine import Engine
 from rans.fast.learn.architecture import Architecture, paper_layout
 from rans.fast.learn.config import PPOSettings, Precision
 from rans.fast.learn.distributions import Duty, OnOff
-from rans.fast.learn.network import Network, Output, set_precision
+from rans.fast.learn.network import Network, Output
 from rans.fast.learn.policy_file import policy_spaces
-from rans.fast.learn.start import begin
+from rans.fast.learn.start import begin, set_precision
 from rans.fast.policy import policy_kwargs, predict
 from rans.model.dynamics import PlanarState, SpatialState
 from rans.model.fields import Heading, Quat, Vec2, Vec3

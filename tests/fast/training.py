@@ -26,6 +26,7 @@ from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.start import begin
 from rans.fast.learn.trainer import Trainer
 from rans.fast.policy import AgentPolicy, policy_kwargs
+from rans.model.actuators import Throttle
 from rans.tasks import GoToPose
 from tests.fast.engines import NEAR, PLATFORM, SHORT
 
@@ -38,8 +39,9 @@ def tiny_learner(craft: Any = PLATFORM, seed: int = 0, dtype: torch.dtype = torc
                  continuous: bool = False, **settings: Any) -> Learner:
     """PPO, by default where many episodes fail and others are cut off by time; SB3 knows its network."""
     chosen = replace(TINY, **{"symmetric": False} | settings)
+    craft = replace(craft, actuators=Throttle()) if continuous else craft
     engine = Engine(craft, task, chosen.n_envs, SHORT, seed=seed, dtype=dtype)
-    return begin(engine, [chosen], [seed], continuous)
+    return begin(engine, [chosen], [seed])
 
 
 def tiny_trainer(path: Path, config: TrainConfig = CONFIG) -> Trainer:

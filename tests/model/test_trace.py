@@ -109,7 +109,7 @@ def count(program: Program) -> tuple[int, int]:
 
 def moved(program: Program, action_bytes: int) -> int:
     """Bytes a step must read and write where no episode ends, in float32."""
-    size = {"real": 4, "int": 4, "signed char": 1}
+    size = {"float": 4, "int": 4, "signed char": 1}
     used = set(ordered([program.ended, *(store.value for store in program.going())]))
     read = sum(size[given.type] for given in program.memory if given.symbol in used)
     kinds = {"memory": lambda store: size[program.memory[store.row].type], "reals": lambda _: 4,

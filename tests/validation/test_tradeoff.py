@@ -8,7 +8,7 @@ import pytest
 
 import validation.speed.tradeoff as tradeoff
 from rans.fast.learn.config import TrainConfig
-from rans.fast.learn.presets import preset
+from rans.fast.learn.recipes import preset
 from validation.speed.tradeoff import Tradeoff, Trained, tradeoff_figure
 from validation.speed.training import Success
 

@@ -17,11 +17,11 @@ from stopwatch import options, say, steps_per_second
 
 from rans.fast.engine import Engine
 from rans.fast.envs.sb3 import SB3VecEnv
+from rans.fast.learn.architecture import Architecture
 from rans.fast.learn.config import PPOSettings
 from rans.fast.learn.member import SOLVED_IN_A_ROW
-from rans.fast.learn.presets import preset
+from rans.fast.learn.recipes import preset
 from rans.fast.learn.selection import Selection
-from rans.fast.learn.start import architecture
 from rans.fast.policy import network_of, policy_kwargs
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
@@ -68,7 +68,7 @@ def _model(settings: PPOSettings, device: str) -> PPO:
     env = _Scaled(SB3VecEnv(engine), settings.reward_scale)
     names = ("n_steps", "batch_size", "n_epochs", "learning_rate", "gamma", "gae_lambda", "clip_range",
              "ent_coef", "vf_coef", "max_grad_norm")
-    return PPO(ActorCriticPolicy, env, policy_kwargs=policy_kwargs(architecture(engine, settings)), seed=0,
+    return PPO(ActorCriticPolicy, env, policy_kwargs=policy_kwargs(Architecture.of(engine, settings)), seed=0,
                device=device, **{name: getattr(settings, name) for name in names})
 
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from rans.fast.learn.presets import preset
+from rans.fast.learn.recipes import preset
 from rans.model.spacecraft_file import load_spacecraft
 from rans.tasks import GoToPose
 from validation.peers.runner import PEERS, PeerResult, measure_peer

@@ -20,7 +20,7 @@ from rich.console import Console
 
 from rans.errors import ConfigError, RansError
 from rans.fast.learn.config import PPOSettings, TrainConfig
-from rans.fast.learn.presets import preset
+from rans.fast.learn.recipes import preset
 from rans.fast.learn.trainer import check_device
 from rans.files import environment, ready_folder, write_json, write_text
 from rans.model.spacecraft_file import load_spacecraft

@@ -82,3 +82,6 @@ def _check_fit(network: Network, craft: Spacecraft, task: Task, run: RunFolder) 
         raise ConfigError(
             f"{run.policy_file} observes {seen} columns and commands {commanded} thrusters, but "
             f"{run.spacecraft_file} needs {needed[0]} and {needed[1]}: they are of different runs.")
+    if given.continuous != craft.actuators.is_continuous:
+        raise ConfigError(f"{run.policy_file} does not command the {craft.actuators.kind} actuators of "
+                          f"{run.spacecraft_file}: they are of different runs.")

@@ -60,7 +60,7 @@ class Guarded:
     """
 
     def __init__(self, name: str, setup: Setup) -> None:
-        self._thrusters, package = len(setup.craft.thrusters), CONTROLLERS.package(name)
+        self._craft, package = setup.craft, CONTROLLERS.package(name)
         self._who = f"the controller {name!r}" + (f" of the package {package}" if package else "")
         try:
             self._made = CONTROLLERS[name](*setup)
@@ -88,7 +88,7 @@ class Guarded:
         """See `rans.flight.Controller`.
 
         Raises:
-            ConfigError: it fails, or answers something else than zeros and ones.
+            ConfigError: it fails, or answers what the craft's actuators cannot follow.
         """
-        return answered(self._who, lambda: self._made.act(state, goal, observation),
-                        (len(observation), self._thrusters))
+        return answered(self._who, lambda: self._made.act(state, goal, observation), self._craft,
+                        len(observation))

@@ -10,6 +10,7 @@ import numpy as np
 
 from rans.errors import ConfigError
 from rans.files import first_line
+from rans.model.actuators import ON_OFF
 from rans.model.spacecraft import Spacecraft
 from rans.registry import from_here, resolve
 from rans.tasks import Task, observation_width
@@ -18,8 +19,8 @@ FORMS = "sb3:FILE.zip, onnx:FILE or python:MODULE:FUNCTION"
 """What `user_policy` understands, for messages and help."""
 
 Policy = Callable[[np.ndarray], Any]
-"""(N, width) float32 observations, as `rans.tasks.observation` orders them, to (N, thrusters) zeros and
-ones."""
+"""(N, width) float32 observations, as `rans.tasks.observation` orders them, to (N, thrusters) what the
+craft's actuators take: zeros and ones, or numbers between."""
 
 
 class UserPolicy:
@@ -47,34 +48,36 @@ class UserPolicy:
         """See `rans.flight.Controller`; looks at the observation only.
 
         Raises:
-            ConfigError: the function fails, or answers something else than zeros and ones.
+            ConfigError: the function fails, or answers what the craft's actuators cannot follow.
         """
-        return answered(self.name, lambda: self._policy(observation),
-                        (len(observation), len(self._craft.thrusters)))
+        return answered(self.name, lambda: self._policy(observation), self._craft, len(observation))
 
 
-def answered(who: str, ask: Callable[[], Any], wanted: tuple[int, int]) -> np.ndarray:
+def answered(who: str, ask: Callable[[], Any], craft: Spacecraft, count: int) -> np.ndarray:
     """The commands that somebody answers with, (N, thrusters).
 
     Args:
         who: is asked, for messages.
         ask: somebody else's code.
-        wanted: N and the number of thrusters.
+        craft: whose thrusters they are for.
+        count: N.
 
     Raises:
-        ConfigError: it fails, or answers something else than zeros and ones.
+        ConfigError: it fails, or answers what the craft's actuators cannot follow.
     """
     try:
         commands = np.asarray(ask(), dtype=np.float64)
     except Exception as error:  # somebody else's code raises anything
         raise ConfigError(f"{who} failed: {type(error).__name__}: {first_line(error)}.") from error
+    wanted = count, len(craft.thrusters)
     if commands.shape != wanted:
-        raise ConfigError(f"{who} must answer {wanted[0]} observations with commands of shape "
+        raise ConfigError(f"{who} must answer {count} observations with commands of shape "
                           f"{wanted}, got {commands.shape}.")
-    wrong = commands[(commands != 0.0) & (commands != 1.0)]
-    if wrong.size:
-        raise ConfigError(f"{who} must answer zeros (shut) and ones (open), got {wrong[0]:g}; "
-                          "probabilities have to be rounded by the policy.")
+    try:
+        craft.actuators.check(commands, *wanted)
+    except ConfigError as error:
+        raise ConfigError(f"{who} answers what {craft.name} cannot do: {error} Probabilities have to be "
+                          "rounded, and densities clipped, by the policy.") from None
     return commands
 
 
@@ -120,20 +123,15 @@ def _sb3(name: str, craft: Spacecraft, task: Task) -> Policy:
 
 
 def _check_spaces(name: str, seen: Any, action: Any, craft: Spacecraft, task: Task) -> None:
+    from gymnasium.spaces import MultiBinary
+
     width, count = observation_width(task, craft.dimension), len(craft.thrusters)
     if seen.shape != (width,):
         raise ConfigError(f"{name} observes {seen.shape}, but {craft.name} shows ({width},).")
-    if not _on_off(action, count):
-        raise ConfigError(f"{name} acts by {action}, but all contestants open and shut {count} thrusters: "
-                          f"MultiDiscrete([2] * {count}) or MultiBinary({count}).")
-
-
-def _on_off(action: Any, count: int) -> bool:
-    from gymnasium.spaces import MultiBinary, MultiDiscrete
-
-    if isinstance(action, MultiDiscrete):
-        return action.nvec.shape == (count,) and bool((action.nvec == 2).all())
-    return isinstance(action, MultiBinary) and action.shape == (count,)
+    known = ON_OFF.action_space(count), MultiBinary(count), craft.actuators.action_space(count)
+    if action not in known:
+        raise ConfigError(f"{name} acts by {action}, but {craft.name} has {count} thrusters, which take "
+                          f"{craft.actuators.allowed}: {', '.join(dict.fromkeys(map(str, known)))}.")
 
 
 def _onnx(name: str, _craft: Spacecraft, _task: Task) -> Policy:

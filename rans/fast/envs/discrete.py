@@ -36,8 +36,9 @@ class DiscreteThrusters(gymnasium.ActionWrapper[np.ndarray, np.int64, np.ndarray
             raise ConfigError(f"DiscreteThrusters is for up to {MOST_THRUSTERS} thrusters, got "
                               f"{given.shape[0]}, which are {2**given.shape[0]:,} combinations; PPO decides "
                               "each on its own.")
+        self._thrusters = np.arange(given.shape[0])
         self.action_space = spaces.Discrete(2 ** given.shape[0])
 
     def action(self, action: np.int64) -> np.ndarray:
         """The command, (thrusters,), that a number stands for."""
-        return int(action) >> np.arange(self.env.action_space.shape[0]) & 1  # type: ignore[index]
+        return int(action) >> self._thrusters & 1

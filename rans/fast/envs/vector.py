@@ -129,7 +129,7 @@ class SpacecraftVectorEnv(VectorEnv[Tensor, Tensor, Tensor]):
         }
         return step.observation, step.reward, step.terminated, step.truncated, info
 
-    def render(self) -> tuple[np.ndarray, ...] | None:  # type: ignore[override]
+    def render(self) -> Any:
         """A frame (240, 320, 3) uint8 of every environment in the mode "rgb_array".
 
         Raises:

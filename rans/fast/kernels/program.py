@@ -13,9 +13,8 @@ from rans.model.fields import map_leaves
 from rans.model.trace import Symbol, ordered, substituted
 from rans.tasks.settings import map_settings
 
-Type = Literal["real", "int", "signed char"]
-_TYPES: dict[str, Type] = {"int32": "int", "int8": "signed char"}
-"""By dtype; all others are reals."""
+Type = Literal["real", "float", "double", "int", "signed char"]
+_TYPES: dict[str, Type] = {"int32": "int", "int8": "signed char", "float32": "float", "float64": "double"}
 
 
 @dataclass(frozen=True)
@@ -158,10 +157,9 @@ def _rows(array: Any, values: Any) -> Iterator[Store]:
 
 def _remembered(episode: Episode) -> tuple[tuple[Input, ...], Episode]:
     """The episode's arrays, and the episode with symbols in their place."""
-    types: list[Type] = [_TYPES.get(str(array.dtype).removeprefix("torch."), "real")
-                         for array in episode.memory()]
+    types: list[Type] = [_TYPES[str(array.dtype).removeprefix("torch.")] for array in episode.memory()]
     memory = tuple(
-        Input(Symbol.input(f"memory_{row}", "real" if kind == "real" else "int"), kind, array)
+        Input(Symbol.input(f"memory_{row}", "real" if kind in ("float", "double") else "int"), kind, array)
         for row, (array, kind) in enumerate(zip(episode.memory(), types, strict=True)))
     symbols = iter(given.symbol for given in memory)
     new = lambda x: x if isinstance(x, int | float) else next(symbols)  # noqa: E731

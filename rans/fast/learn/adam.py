@@ -56,7 +56,7 @@ class Adam:
         """
         with torch.no_grad():
             gradients = torch.autograd.grad(loss, self._leaves)
-            torch._foreach_copy_(self._gradients, gradients)  # type: ignore[attr-defined]
+            torch._foreach_copy_(self._gradients, gradients)  # type: ignore[attr-defined]  # torch hides it
             return self._step(self._row, world.average(self._gradient), self._first, self._second,
                               self._steps, self.rate, max_norm)
 
@@ -77,7 +77,6 @@ class Adam:
         steps = self._steps.detach().cpu().float()
         return {place: {"step": steps.clone(), "exp_avg": a, "exp_avg_sq": b}
                 for place, (a, b) in enumerate(zip(first, second, strict=True))}
-
 
     def restore(self, saved: dict[Any, Any], rate: float) -> None:
         """Go on, with one member, from what `member` gave; without anything, with empty memory."""

@@ -10,8 +10,10 @@ from itertools import pairwise
 import torch
 from torch import Tensor, nn
 
+from rans.fast.engine import Engine
 from rans.fast.learn.config import PPOSettings
-from rans.fast.symmetry import Symmetries
+from rans.fast.symmetry import Symmetries, symmetries
+from rans.tasks.base import example
 from rans.tasks.sight import Block, Drawn, Layout, OwnAttitude, Scalar, Spin, Turn, VectorInW
 
 ACTIVATIONS: dict[str, type[nn.Module]] = {"tanh": nn.Tanh, "elu": nn.ELU, "relu": nn.ReLU}
@@ -66,15 +68,17 @@ class Architecture:
     """Of the columns' absolute values, for whoever asks for a space; without them, those of float32."""
 
     @classmethod
-    def of(cls, settings: PPOSettings, layout: Layout, thrusters: int, symmetries: Symmetries | None,
-           privileged: int = 0, continuous: bool = False, bounds: tuple[float, ...] = ()) -> Architecture:
-        """That of these settings; the critic is given ``privileged`` numbers if they want it."""
+    def of(cls, engine: Engine, settings: PPOSettings) -> Architecture:
+        """Of a network with these settings for an engine's task and spacecraft."""
+        craft = engine.craft
         return cls(
-            layout, thrusters, tuple(settings.layers), settings.activation, settings.zoom,
-            symmetries if settings.symmetric else None, settings.matmul == "bf16", continuous,
+            engine.layout, len(craft.thrusters), tuple(settings.layers), settings.activation, settings.zoom,
+            symmetries(craft) if settings.symmetric else None, settings.matmul == "bf16",
+            craft.actuators.is_continuous,
             settings.history if settings.memory == "history" else 0,
             settings.recurrent_units if settings.memory == "recurrent" else 0,
-            privileged if settings.privileged_critic else 0, bounds=bounds)
+            engine.privileged_width if settings.privileged_critic else 0,
+            bounds=example(engine.task, craft.dimension).bounds())
 
     @property
     def seen(self) -> int:

@@ -168,12 +168,12 @@ def _numbers(value: Numbers) -> tuple[float, ...]:
 
 def _numbers_of(task: Task) -> dict[str, Numbers]:
     """Every number and range among the settings, by name; those of tasks within after a dot."""
-    found: dict[str, Numbers] = {}
+    found: dict[str, Any] = {}
 
     def note(name: str, number: float) -> float:
         setting, _, place = name.rpartition(".")
         if place.isdigit():
-            found[setting] = (*_numbers(found.get(setting, ())), number)  # type: ignore[arg-type]
+            found[setting] = (*found.get(setting, ()), number)
         else:
             found[name] = number
         return number

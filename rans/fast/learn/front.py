@@ -13,12 +13,11 @@ from rans.errors import ConfigError
 from rans.fast.engine import Engine
 from rans.fast.envs.sb3 import SB3VecEnv
 from rans.fast.learn.config import PPOSettings
+from rans.fast.learn.member import statistics
 from rans.fast.learn.network import Network
 from rans.fast.learn.policy_file import read_policy, write_policy
-from rans.fast.learn.report import rows
 from rans.fast.learn.start import begin
 from rans.fast.policy import predict
-from rans.files import replace_file
 
 
 class PPO:
@@ -76,9 +75,9 @@ class PPO:
         while self.num_timesteps - begun < total_timesteps:
             self.learner.slow_down(1 - (self.num_timesteps - begun) / total_timesteps)
             self.learner.collect()
-            said = self.learner.update().tolist()
+            said, = self.learner.update().tolist()
             self.num_timesteps += rollout
-            self.log, = rows(said, self.engine, self.num_timesteps)
+            self.log = statistics(said, self.engine, self.num_timesteps)
             report(self)
         return self
 
@@ -94,10 +93,9 @@ class PPO:
         Raises:
             ConfigError: the disk refused.
         """
-        adam, network = self.learner.adam, self.network
-        replace_file(Path(file), lambda draft: write_policy(
-            draft, network.architecture, network.member(0), self.settings, self.num_timesteps, adam.member(0),
-            float(adam.rate)))
+        adam = self.learner.adam
+        write_policy(Path(file), self.network.architecture, self.network.member(0), self.settings,
+                     self.num_timesteps, adam.member(0), float(adam.rate))
 
     @classmethod
     def load(cls, file: str | Path, env: Engine | SB3VecEnv, **settings: Any) -> PPO:

@@ -38,19 +38,16 @@ class _Graphed:
     _WARM_UP = 2
 
     def __init__(self, function: Callable[[], Tensor]) -> None:
-        self._function = function
-        self._calls = 0
-        self._graph: torch.cuda.CUDAGraph | None = None
-        self._result: Tensor | None = None
+        self._function, self._calls = function, 0
+        self._recorded: tuple[torch.cuda.CUDAGraph, Tensor] | None = None
 
     def __call__(self) -> Tensor:
-        if self._graph is None:
-            if self._calls < self._WARM_UP:
-                self._calls += 1
-                return self._on_side_stream()
-            self._record()
-        self._graph.replay()  # type: ignore[union-attr]
-        return self._result  # type: ignore[return-value]
+        if self._recorded is None and self._calls < self._WARM_UP:
+            self._calls += 1
+            return self._on_side_stream()
+        graph, result = self._recorded = self._recorded or self._record()
+        graph.replay()
+        return result
 
     def _on_side_stream(self) -> Tensor:
         stream = torch.cuda.Stream()
@@ -60,10 +57,11 @@ class _Graphed:
         torch.cuda.current_stream().wait_stream(stream)
         return result
 
-    def _record(self) -> None:
-        self._graph = torch.cuda.CUDAGraph()
-        with _no_garbage_collection(), torch.cuda.graph(self._graph):
-            self._result = self._function()
+    def _record(self) -> tuple[torch.cuda.CUDAGraph, Tensor]:
+        graph = torch.cuda.CUDAGraph()
+        with _no_garbage_collection(), torch.cuda.graph(graph):
+            result = self._function()
+        return graph, result
 
 
 @contextmanager

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
+from math import isfinite
 from typing import Any
 
 from torch import Tensor
 
-from rans.fast.learn.architecture import Architecture
+from rans.errors import NonFiniteState
+from rans.fast.engine import Engine
 from rans.fast.learn.config import TrainConfig
-from rans.fast.learn.policy_file import write_policy
-from rans.fast.learn.run_folder import RunFolder
-from rans.files import replace_file
+from rans.fast.learn.ppo import STATISTICS
 
 SOLVED_IN_A_ROW = 2
 """Reports that must find the task solved: one alone may be the luckiest of many."""
@@ -50,15 +50,28 @@ class Member:
         if found is not None:
             self.in_a_row = self.in_a_row + 1 if found else 0
 
-    def save(self, path: Path, command: str, architecture: Architecture) -> None:
-        """Write config, metrics and agent into a new run folder.
 
-        Raises:
-            ConfigError: the disk refused, or the folder holds a training.
-        """
-        run = RunFolder(path)
-        run.begin(self.config, command)
-        for row in self.rows:
-            run.append_metrics(row)
-        replace_file(run.policy_file, lambda draft: write_policy(
-            draft, architecture, self.weights, self.config.ppo, self.rows[-1]["steps"]))
+def statistics(numbers: Sequence[float], engine: Engine, steps: int,
+               goes_on: bool = False) -> dict[str, float]:
+    """What an update said about a member, by the names that SB3 gives its log.
+
+    Args:
+        numbers: a row of what `Learner.update` returned.
+        engine: names the reward's terms.
+        steps: environment steps that the member has learned from.
+        goes_on: whether numbers that are not finite are no matter.
+
+    Raises:
+        NonFiniteState: a loss or a gradient is NaN or infinite.
+    """
+    losses = dict(zip(STATISTICS, numbers, strict=False))
+    rate, truncated, ended, reached, *terms = numbers[len(STATISTICS):]
+    if not goes_on and not all(map(isfinite, numbers)):
+        raise NonFiniteState(
+            f"training produced a value that is not finite after {steps} steps "
+            f"(losses {losses}); the usual cause is a learning rate or a reward that is too large.")
+    table = {f"train/{name}": value for name, value in losses.items()} | {"train/learning_rate": rate}
+    if ended:
+        table |= {"rollout/success_rate": reached / ended, "rollout/failure_rate": 1 - truncated / ended}
+    means = zip(engine.term_names, terms, strict=True)
+    return table | {f"return/{name}": mean * engine.timing.episode_steps for name, mean in means}

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from typing import NamedTuple, get_args
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
 from torch.nn import functional
 
-from rans.errors import ConfigError
 from rans.fast.distributed import ALONE, Processes
 from rans.fast.learn.architecture import ACTIVATIONS, EXTRACTOR, Architecture
-from rans.fast.learn.config import Precision
 from rans.fast.learn.distributions import Duty, OnOff
 from rans.fast.symmetry import Symmetries
 
@@ -269,15 +267,3 @@ def _gated(inputs: Tensor, recalled: Tensor, state: Tensor) -> Tensor:
     update = torch.sigmoid(update + old_update)
     fresh = torch.tanh(fresh + torch.sigmoid(reset + old_reset) * old)
     return fresh + update * (state - fresh)
-
-
-def set_precision(matmul: str, device: torch.device) -> None:
-    """Let a GPU multiply matrices of float32 like this, see `rans.fast.learn.config.Precision`; process-wide.
-
-    Raises:
-        ConfigError: there is no such precision.
-    """
-    if matmul not in get_args(Precision):
-        raise ConfigError(f"matmul must be one of {', '.join(get_args(Precision))}, got {matmul!r}.")
-    if device.type == "cuda":
-        torch.set_float32_matmul_precision("highest" if matmul == "float32" else "high")

@@ -19,7 +19,7 @@ from rans.fast.learn.architecture import Architecture
 from rans.fast.learn.config import PPOSettings
 from rans.fast.learn.network import Network
 from rans.fast.policy import AgentPolicy, network_of, policy_kwargs
-from rans.files import first_line
+from rans.files import first_line, replace_file
 
 _SHARED = ("n_envs", "n_steps", "batch_size", "n_epochs", "learning_rate", "gamma", "gae_lambda",
            "clip_range", "ent_coef", "vf_coef", "max_grad_norm")
@@ -64,6 +64,9 @@ def write_policy(file: Path, architecture: Architecture, tensors: Mapping[str, T
         steps: environment steps that it learned from.
         adam: what `Adam.member` gave; by default Adam begins anew.
         rate: Adam's step size.
+
+    Raises:
+        ConfigError: the disk refused.
     """
     seen, commanded = policy_spaces(architecture)
     kwargs, rate = policy_kwargs(architecture), rate or settings.learning_rate
@@ -79,9 +82,12 @@ def write_policy(file: Path, architecture: Architecture, tensors: Mapping[str, T
     data = {"policy_class": AgentPolicy, "policy_kwargs": kwargs, "observation_space": seen,
             "action_space": commanded, "verbose": 0, "num_timesteps": steps,
             **{name: getattr(settings, name) for name in _SHARED}, _SETTINGS: dataclasses.asdict(settings)}
-    # Not to a path: SB3 adds ".zip" to one that has another ending, such as a draft's.
-    with file.open("wb") as stream:
-        save_to_zip_file(stream, data, {"policy": policy.state_dict(), "policy.optimizer": optimizer})
+
+    def write(draft: Path) -> None:
+        with draft.open("wb") as stream:  # not a path: SB3 adds ".zip" to one that has another ending
+            save_to_zip_file(stream, data, {"policy": policy.state_dict(), "policy.optimizer": optimizer})
+
+    replace_file(file, write)
 
 
 def read_policy(file: Path) -> SavedPolicy:

@@ -17,7 +17,7 @@ from rans.fast.engine import Engine
 from rans.fast.learn.adam import Adam
 from rans.fast.learn.config import PPOSettings
 from rans.fast.learn.graph import fused, graphed
-from rans.fast.learn.network import Network, set_precision
+from rans.fast.learn.network import Network
 from rans.fast.learn.rollout import Acted, Batch, Rollout, gae, minibatches, remember
 
 MIN_LEARNING_RATE = 1e-5
@@ -78,7 +78,6 @@ class Learner:
     def __init__(self, engine: Engine, network: Network, settings: Sequence[PPOSettings],
                  generators: Sequence[torch.Generator]) -> None:
         first, self.members = settings[0], len(settings)
-        set_precision(first.matmul, engine.device)
         self.engine, self.processes = engine, engine.processes
         self.network, self._generators = network, generators
         self.n_steps, self.n_epochs = first.n_steps, first.n_epochs
@@ -129,13 +128,15 @@ class Learner:
     @torch.no_grad()
     def _collect(self) -> Tensor:
         """The rewards, (T, N)."""
-        engine, rollout, kept = self.engine, self.rollout, self.rollout.begin()
+        engine, rollout = self.engine, self.rollout
+        rollout.terms.zero_()
+        rollout.reached.zero_()
         observation = engine.observe()
         for uniform, slot in zip(self._uniform(), rollout.steps, strict=True):
             privileged = self._privileged()
             acted = self._act(self.network, observation, rollout.memory, privileged, uniform)
             step = engine.step(acted.command)
-            self._remember(observation, acted, privileged, step, slot, kept)
+            self._remember(observation, acted, privileged, step, slot, rollout)
             observation = step.observation
         return rollout.all.reward
 
@@ -197,8 +198,10 @@ class Learner:
         """
         batch = self.batch()
         parts = minibatches(batch, self.members, self._minibatches)
-        if self.processes.size > 1:
-            parts = [part._replace(advantage=self._standardised(part.advantage)) for part in parts]
+        # Those of every member in every minibatch get zero mean and unit variance.
+        advantage = torch.cat([part.advantage for part in parts]).view(len(parts) * self.members, -1)
+        standard = self.processes.standardised(advantage).flatten().chunk(len(parts))
+        parts = [part._replace(advantage=own) for part, own in zip(parts, standard, strict=True)]
         found = torch.stack([self._descend(part) for _ in range(self.n_epochs) for part in parts]).mean(dim=0)
         self.network.update_statistics(batch.seen, self.processes)
         kept, members = self.rollout.all, (self.members, -1)
@@ -209,15 +212,11 @@ class Learner:
         first, rest = said.tensor_split([len(STATISTICS)], dim=1)
         return torch.cat((first, self.adam.rate[:, None], rest), dim=1)
 
-    def _standardised(self, advantage: Tensor) -> Tensor:
-        return self.processes.standardised(advantage.view(self.members, -1)).flatten()
-
     # Step: one minibatch, down the gradient of its losses.
 
     def _descend(self, part: Batch) -> Tensor:
         """Losses and the gradients' norms, (K, statistics)."""
-        found = self._losses(self.network, part, self.coefficients, self._with_entropy,
-                             self.processes.size == 1)
+        found = self._losses(self.network, part, self.coefficients, self._with_entropy)
         norm = self.adam.descend(found.loss.sum(), self.coefficients.max_grad_norm, self.processes)
         return torch.stack((*found, norm), dim=1).detach()
 
@@ -251,16 +250,12 @@ def shown(network: Network, observation: Tensor, action: Tensor) -> tuple[Tensor
     return seen, action if place is None else torch.empty_like(action).scatter(1, place, action)
 
 
-def losses(network: Network, batch: Batch, coefficients: Coefficients, with_entropy: bool,
-           standardise: bool) -> Losses:
+def losses(network: Network, batch: Batch, coefficients: Coefficients, with_entropy: bool) -> Losses:
     """Clipped surrogate, squared value error and entropy bonus of one minibatch, equal to SB3's."""
     by_member = lambda x: x.view(network.members, -1)  # noqa: E731
     output = network.evaluate_seen(batch.seen, batch.memory, batch.privileged, batch.going_on)
     # What the members' policies would gain, no further than the clipping lets them go.
     advantage = by_member(batch.advantage)
-    if standardise:
-        spread, mean = torch.std_mean(advantage, dim=1, keepdim=True)
-        advantage = (advantage - mean) / (spread + 1e-8)
     log_ratio = by_member(output.policy.log_prob(batch.action) - batch.log_prob)
     ratio, clip_range = log_ratio.exp(), coefficients.clip_range[:, None]
     clipped = ratio.clamp(1 - clip_range, 1 + clip_range)

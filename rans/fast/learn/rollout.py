@@ -61,16 +61,6 @@ class Batch(NamedTuple):
     """Zero where an episode began with this step; only for recurrent networks."""
 
 
-class Kept(NamedTuple):
-    """What a rollout changes in place, see `Rollout`."""
-
-    memory: Tensor | None
-    cut: Tensor
-    cut_memory: Tensor | None
-    terms: Tensor
-    reached: Tensor
-
-
 class Rollout:
     """T steps of N environments of K members.
 
@@ -103,13 +93,9 @@ class Rollout:
         self.reached = new(members)
         """Number of a member's episodes cut off by time within the task's tolerances."""
 
-    def begin(self) -> Kept:
-        """Count anew; what `remember` changes in place."""
-        return Kept(self.memory, self.cut, self.cut_memory, self.terms.zero_(), self.reached.zero_())
-
 
 def remember(observation: Tensor, acted: Acted, privileged: Tensor | None, step: Step, slot: Slot,
-             kept: Kept) -> None:
+             rollout: Rollout) -> None:
     """Write one step of all environments into the rollout's memory.
 
     Args:
@@ -118,9 +104,9 @@ def remember(observation: Tensor, acted: Acted, privileged: Tensor | None, step:
         privileged: (N, p) that the critic was told.
         step: what followed.
         slot: where to keep them.
-        kept: see `Rollout.begin`, changed in place.
+        rollout: whose `memory`, `cut`, `terms` and `reached` are changed in place.
     """
-    memory, cut, cut_memory, terms, reached = kept
+    memory, cut, cut_memory = rollout.memory, rollout.cut, rollout.cut_memory
     ended = step.truncated | step.terminated
     values = Slot(observation, acted.action, acted.log_prob, acted.value, memory, privileged,
                   step.reward, ended, step.truncated)
@@ -132,9 +118,9 @@ def remember(observation: Tensor, acted: Acted, privileged: Tensor | None, step:
     if memory is not None and cut_memory is not None and acted.memory is not None:
         cut_memory.copy_(torch.where(last, acted.memory, cut_memory))
         memory.copy_(torch.where(ended[:, None], 0.0, acted.memory))
-    members = len(reached)
-    terms += step.terms.unflatten(1, (members, -1)).mean(dim=2).T
-    reached += (step.truncated & step.reached).unflatten(0, (members, -1)).sum(dim=1)
+    members = (len(rollout.reached), -1)
+    rollout.terms.add_(step.terms.unflatten(1, members).mean(dim=2).T)
+    rollout.reached.add_((step.truncated & step.reached).unflatten(0, members).sum(dim=1))
 
 
 def gae(reward: Tensor, value: Tensor, ended: Tensor, last_value: Tensor, gamma: Tensor | float,

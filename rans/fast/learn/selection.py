@@ -8,10 +8,11 @@ from statistics import fmean
 import torch
 from torch import Tensor
 
-from rans.fast.engine import Engine, field_dtype
+from rans.fast.engine import Engine
 from rans.fast.learn.curriculum import Curriculum
 from rans.fast.learn.graph import fused, graphed
 from rans.fast.learn.network import Network
+from rans.fast.memory import field_dtype
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.scenario import SELECTION_SEED

@@ -3,36 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import get_args
 
 import torch
 
 from rans.errors import ConfigError
 from rans.fast.engine import Engine
 from rans.fast.learn.architecture import Architecture
-from rans.fast.learn.config import PPOSettings
+from rans.fast.learn.config import PPOSettings, Precision
 from rans.fast.learn.network import Network
 from rans.fast.learn.ppo import Learner
-from rans.fast.symmetry import symmetries
-from rans.tasks.base import example
 
 
-def begin(engine: Engine, settings: Sequence[PPOSettings], seeds: Sequence[int],
-          continuous: bool = False) -> Learner:
+def begin(engine: Engine, settings: Sequence[PPOSettings], seeds: Sequence[int]) -> Learner:
     """Members that have learnt nothing, on an engine whose episodes then began at random times.
 
     Args:
         engine: with the members' environments, in equal and contiguous parts.
         settings: one a member.
         seeds: of weights, actions and those times; one a member.
-        continuous: whether commands are duties in [0, 1] instead of on and off.
 
     Raises:
         ConfigError: the settings do not fit the engine.
     """
-    first = settings[0]
     for one in settings:
         check_sizes(engine, one, len(settings))
-    given = architecture(engine, first, continuous)
+    given = Architecture.of(engine, settings[0])
+    set_precision(settings[0].matmul, engine.device)
     drawn = [given.initial(seed, one.initial_duty) for seed, one in zip(seeds, settings, strict=True)]
     network = Network.stacked(given, [tensors for tensors, _ in drawn], engine.device, engine.dtype)
     generators = [generator for _, generator in drawn]
@@ -40,13 +37,6 @@ def begin(engine: Engine, settings: Sequence[PPOSettings], seeds: Sequence[int],
     if engine.device.type == "cuda":
         torch.cuda.manual_seed(seeds[0])
     return Learner(engine, network, settings, generators)
-
-
-def architecture(engine: Engine, settings: PPOSettings, continuous: bool = False) -> Architecture:
-    """Of a network with these settings for an engine's spacecraft."""
-    craft, dimension = engine.craft, engine.craft.dimension
-    return Architecture.of(settings, engine.layout, len(craft.thrusters), symmetries(craft),
-                           engine.privileged_width, continuous, example(engine.task, dimension).bounds())
 
 
 def check_sizes(engine: Engine, settings: PPOSettings, members: int) -> None:
@@ -69,3 +59,15 @@ def check_sizes(engine: Engine, settings: PPOSettings, members: int) -> None:
             f"batch_size must be a multiple of n_steps = {steps} that divides n_steps x environments = "
             f"{samples}, got {batch}.")
     processes.share("batch_size", batch // steps)
+
+
+def set_precision(matmul: str, device: torch.device) -> None:
+    """Let a GPU multiply matrices of float32 like this, see `rans.fast.learn.config.Precision`; process-wide.
+
+    Raises:
+        ConfigError: there is no such precision.
+    """
+    if matmul not in get_args(Precision):
+        raise ConfigError(f"matmul must be one of {', '.join(get_args(Precision))}, got {matmul!r}.")
+    if device.type == "cuda":
+        torch.set_float32_matmul_precision("highest" if matmul == "float32" else "high")

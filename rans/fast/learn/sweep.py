@@ -17,9 +17,10 @@ from rans.fast.engine import Engine
 from rans.fast.learn.architecture import Architecture
 from rans.fast.learn.config import TrainConfig, from_table, to_table
 from rans.fast.learn.member import Member
+from rans.fast.learn.policy_file import write_policy
 from rans.fast.learn.ppo import Coefficients
 from rans.fast.learn.run_folder import RunFolder
-from rans.fast.learn.start import architecture, check_sizes
+from rans.fast.learn.start import check_sizes
 from rans.fast.learn.trainer import Trainer, check_device
 from rans.files import read_json, write_json
 from rans.model.spacecraft_file import load_spacecraft
@@ -95,9 +96,18 @@ class Sweep:
         self.seconds += trainer.seconds
         self.timed_steps += trainer.timed_steps
 
-    def architecture(self, member: Member) -> Architecture:
-        """Of a member's network."""
-        return check(member.config)
+    def save(self, member: Member, path: Path) -> None:
+        """Write a member's config, metrics and agent into a new run folder.
+
+        Raises:
+            ConfigError: the disk refused, or the folder holds a training.
+        """
+        run = RunFolder(path)
+        run.begin(member.config, self.command)
+        for row in member.rows:
+            run.append_metrics(row)
+        write_policy(run.policy_file, check(member.config), member.weights, member.config.ppo,
+                     member.rows[-1]["steps"])
 
     def best(self) -> Member:
         """The best seed of the config that does best over its seeds: one lucky seed is no good config."""
@@ -146,7 +156,7 @@ def check(config: TrainConfig) -> Architecture:
     check_device(config.device)
     engine = Engine(load_spacecraft(config.spacecraft), config.settings, config.ppo.n_envs, config.timing)
     check_sizes(engine, config.ppo, 1)
-    return architecture(engine, config.ppo)
+    return Architecture.of(engine, config.ppo)
 
 
 def grouped(items: Iterable[Item], key: Callable[[Item], str]) -> list[list[Item]]:

@@ -12,15 +12,15 @@ from stable_baselines3.common.logger import TensorBoardOutputFormat
 
 from rans.errors import ConfigError, NonFiniteState, WorkerLost
 from rans.fast.distributed import ALONE, Processes
-from rans.fast.engine import Engine, field_dtype
+from rans.fast.engine import Engine
 from rans.fast.learn.config import TrainConfig
 from rans.fast.learn.curriculum import Curriculum
-from rans.fast.learn.member import Member
+from rans.fast.learn.member import Member, statistics
 from rans.fast.learn.policy_file import write_policy
-from rans.fast.learn.report import rows
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.selection import Selection
 from rans.fast.learn.start import begin
+from rans.fast.memory import field_dtype
 from rans.files import replace_file
 from rans.model.spacecraft import Spacecraft
 
@@ -157,7 +157,7 @@ class Trainer:
         said = self.learner.update().tolist()
         self.steps += self.config.ppo.n_envs * self.config.ppo.n_steps
         try:
-            self._said = rows(said, self.engine, self.steps, self._goes_on)
+            self._said = [statistics(numbers, self.engine, self.steps, self._goes_on) for numbers in said]
         except NonFiniteState as error:
             file, state = self.run.path / "nonfinite.pt", self._checkpoint()
             if self.processes.is_first:
@@ -205,9 +205,8 @@ class Trainer:
         self.run.save_checkpoint(state)
         if len(self.members) == 1:
             network, adam = self.learner.network, self.learner.adam
-            replace_file(self.run.policy_file, lambda draft: write_policy(
-                draft, network.architecture, network.member(0), self.config.ppo, self.steps, adam.member(0),
-                float(adam.rate)))
+            write_policy(self.run.policy_file, network.architecture, network.member(0), self.config.ppo,
+                         self.steps, adam.member(0), float(adam.rate))
 
     def _checkpoint(self) -> dict[str, Any]:
         cuda = torch.cuda.get_rng_state() if self.config.device.startswith("cuda") else None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,10 @@ from rans.fast.kernels.cuda import CudaError
 from rans.fast.kernels.launch import Kernel
 from rans.fast.learn.curriculum import Curriculum, Ramp
 from rans.fast.step import Step
+from rans.model.actuators import Pulsed, Throttle
+from rans.model.body import Body
+from rans.model.drift import FREE, Drift, UniformGravity
+from rans.model.dynamics import step_goal
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.tasks import TASKS, GoToPose
@@ -43,10 +47,11 @@ def on_host(tmp_path: Path) -> Iterator[Callable[..., Engine]]:
         yield make
 
 
-def compare(ours: Engine, theirs: Engine, steps: int = 25, form: torch.dtype = torch.uint8) -> int:
+def compare(ours: Engine, theirs: Engine, steps: int = 25, form: torch.dtype = torch.uint8,
+            given: torch.Tensor | None = None) -> int:
     """Fly the same commands; the number of episodes that ended."""
     ends, tolerance = 0, TOLERANCE[ours.dtype]
-    for action in actions(ours.craft, ours.num_envs, steps):
+    for action in actions(ours.craft, ours.num_envs, steps) if given is None else given:
         a, b = ours.step(action), theirs.step(action.to(form))
         ended = a.terminated | a.truncated
         for name, x, y in zip(Step._fields, a, b, strict=True):
@@ -175,3 +180,96 @@ def test_without_a_kernel_torch_makes_the_step(error: Exception, monkeypatch: py
     engine.device = torch.device("cuda")
     with pytest.warns(UserWarning, match=f"torch.compile makes this engine's step, .*: {error}"):
         assert engine._generated() is None
+
+
+def with_actuators(kind: Any) -> Spacecraft:
+    return replace(PLATFORM, actuators=kind)
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+@pytest.mark.parametrize("kind", [Throttle(), Pulsed(3), Pulsed(5, 2)], ids=str)
+@pytest.mark.usefixtures("together")
+def test_shares_of_thrust(on_host: Any, kind: Any, dtype: torch.dtype) -> None:
+    """Commands anywhere from 0 to 1; the last is remembered in 32 bits, whatever the engine computes in."""
+    made: Any = (with_actuators(kind), replace(NEAR, switching_weight=0.1), 16, SHORT)
+    ours, theirs = Engine(*made, seed=SEED, dtype=dtype), on_host(*made, seed=SEED, dtype=dtype)
+    assert {array.dtype for array in theirs._episode.previous} == {torch.float32}
+    generator = torch.Generator().manual_seed(7)
+
+    def shares(steps: int) -> torch.Tensor:
+        whole = actions(PLATFORM, 16, steps)
+        return whole * (0.2 + 0.8 * torch.rand(whole.shape, generator=generator, dtype=dtype))
+
+    assert compare(ours, theirs, form=dtype, given=shares(25)) >= 16
+
+
+def like_near(kind: Any) -> Any:
+    return kind(**{field.name: getattr(NEAR, field.name) for field in fields(NEAR)})
+
+
+@dataclass(frozen=True)
+class Falling(GoToPose):
+    """Everything falls, but not the goal."""
+
+    @property
+    def drift(self) -> Drift:
+        return UniformGravity((0.1, -0.2))
+
+
+@pytest.mark.usefixtures("together")
+def test_a_drift(on_host: Any) -> None:
+    how: Any = {"seed": SEED, "dtype": torch.float64}
+    made: Any = (PLATFORM, like_near(Falling), 16, SHORT)
+    ours = Engine(*made, **how)
+    assert compare(ours, on_host(*made, **how)) > 16
+    before = np.array(ours.state.v.y)
+    still = ours.step(torch.zeros(16, 8))
+    going = ~(still.terminated | still.truncated).numpy()
+    # 0.2 m/s^2 for 0.2 s, in float64.
+    np.testing.assert_allclose((ours.state.v.y - before)[going], -0.04, rtol=1e-12)
+
+
+@both_crafts
+@pytest.mark.usefixtures("together")
+def test_a_body_for_every_spacecraft(on_host: Any, craft: Spacecraft) -> None:
+    nominal, scale = Body.of(craft), torch.linspace(0.5, 2.0, 16, dtype=torch.float64)
+    gain = tuple(torch.roll(scale, k).clamp(max=1.0) for k in range(len(craft.thrusters)))
+    body = replace(nominal, mass=nominal.mass * scale, gain=gain)
+    how: Any = {"seed": SEED, "dtype": torch.float64, "body": body}
+    made: Any = (craft, NEAR, 16, SHORT)
+    assert compare(Engine(*made, **how), on_host(*made, **how)) > 16
+
+
+@dataclass(frozen=True)
+class Chase(GoToPose):
+    """The goal moves on, as nothing pushes it."""
+
+    def next_goal(self, goal: Any, state: Any, period: Any) -> Any:
+        return step_goal(replace(goal, v=type(goal.v)(*(x + 0.3 for x in goal.v.columns()))), FREE, period)
+
+
+@both_crafts
+@pytest.mark.usefixtures("together")
+def test_a_goal_that_moves(on_host: Any, craft: Spacecraft) -> None:
+    task = like_near(Chase)
+    made: Any = (craft, task, 16, SHORT)
+    how: Any = {"seed": SEED, "dtype": torch.float64}
+    ours = Engine(*made, **how)
+    first = np.array(ours.goal.p.x)
+    ours.step(actions(craft, 16, 1)[0])
+    assert (ours.goal.p.x != first).any()
+    ours.reset(SEED)
+    assert compare(ours, on_host(*made, **how)) > 16
+
+
+@pytest.mark.usefixtures("together")
+def test_members_with_seeds_of_their_own(on_host: Any) -> None:
+    made: Any = (PLATFORM, NEAR, 24, SHORT)
+    how: Any = {"seed": [SEED, 3, 2**33], "dtype": torch.float64}
+    engine = on_host(*made, **how)
+    assert compare(Engine(*made, **how), engine) > 24
+    alone = Engine(PLATFORM, NEAR, 8, SHORT, seed=3, dtype=torch.float64)
+    for action in actions(PLATFORM, 24, 25):
+        alone.step(action[8:16])
+    # A dozen steps over restarts, as above.
+    torch.testing.assert_close(engine.observe()[8:16], alone.observe(), rtol=0, atol=1e-12)

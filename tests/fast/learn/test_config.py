@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from rans.errors import ConfigError
 from rans.fast.learn.config import PPOSettings, TrainConfig, from_table, to_table
-from rans.fast.learn.presets import preset
+from rans.fast.learn.recipes import preset
 from rans.model.timing import Timing
 from rans.tasks import TASKS, GoToPose
 from tests.fast.training import CONFIG

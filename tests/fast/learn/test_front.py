@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ import rans
 from rans.errors import ConfigError
 from rans.fast.engine import Engine
 from rans.fast.envs.sb3 import SB3VecEnv
+from rans.model.actuators import ON_OFF, Actuators, Throttle
 from rans.model.timing import Timing
 from tests.fast.engines import FLYER, NEAR, PLATFORM, SHORT
 from tests.fast.test_policy import seen
@@ -145,10 +147,12 @@ def test_what_it_does_not_know() -> None:
         made(memory="history")
 
 
-@pytest.mark.parametrize("kind", KINDS[1:], ids=["history", "recurrent", "privileged"])
-def test_every_kind_learns(kind: dict[str, Any]) -> None:
+@pytest.mark.parametrize(("kind", "actuators"), [*((kind, ON_OFF) for kind in KINDS[1:]), ({}, Throttle())],
+                         ids=["history", "recurrent", "privileged", "throttle"])
+def test_every_kind_learns(kind: dict[str, Any], actuators: Actuators) -> None:
     """Forty thousand steps make its values less wrong by a quarter, and it flies nearer to the goal."""
-    engine = Engine(PLATFORM, rans.GoToPose(spawn_distance=(0.5, 1.0)), 64, Timing(episode_steps=100), seed=1)
+    craft, task = replace(PLATFORM, actuators=actuators), rans.GoToPose(spawn_distance=(0.5, 1.0))
+    engine = Engine(craft, task, 64, Timing(episode_steps=100), seed=1)
     model, told = rans.PPO(engine, n_steps=16, layers=(32, 32), symmetric=False, **kind), []
     model.learn(40 * 1024, lambda model: told.append(model.log))
     early, late = ({name: np.mean([log[name] for log in part]) for name in told[0]

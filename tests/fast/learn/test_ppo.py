@@ -8,9 +8,10 @@ import torch
 from torch import Tensor
 
 from rans.errors import ConfigError, NonFiniteState
+from rans.fast.distributed import ALONE
 from rans.fast.engine import Engine
+from rans.fast.learn.member import statistics
 from rans.fast.learn.ppo import Learner, losses
-from rans.fast.learn.report import rows
 from rans.fast.learn.rollout import minibatches
 from rans.fast.learn.start import begin
 from tests.fast.engines import NEAR, PLATFORM, SHORT, both_crafts
@@ -77,7 +78,8 @@ def test_losses_and_gradients_are_those_of_sb3(craft: Any, continuous: bool, ent
     learner, twin = filled(craft, continuous, ent_coef=ent_coef, max_grad_norm=1e9)
     twin.train()
     part, = minibatches(learner.batch(), 1, 1)
-    found = losses(learner.network, part, learner.coefficients, bool(ent_coef), True)
+    part = part._replace(advantage=ALONE.standardised(part.advantage[None])[0])
+    found = losses(learner.network, part, learner.coefficients, bool(ent_coef))
     names = learner.network.learnt
     gradients = torch.autograd.grad(found.loss.sum(), [learner.network.tensors[name] for name in names])
     said = twin.logger.name_to_value
@@ -138,7 +140,7 @@ def test_training_leaves_torchs_own_random_numbers_alone() -> None:
 def test_what_an_iteration_says() -> None:
     learner = tiny_learner()
     learner.collect()
-    told, = rows(learner.update().tolist(), learner.engine, 128)
+    told = statistics(learner.update().tolist()[0], learner.engine, 128)
     rollout, terms = learner.rollout, learner.engine.term_names
     for name in ("train/loss", "train/approx_kl", "train/clip_fraction", "train/learning_rate",
                  "train/grad_norm", "rollout/success_rate", "rollout/failure_rate"):
@@ -172,7 +174,7 @@ def test_an_infinite_gradient_is_noticed_in_the_same_update() -> None:
     learner.network.tensors["value_net.weight"].register_hook(lambda gradient: gradient * float("inf"))
     learner.collect()
     with pytest.raises(NonFiniteState, match="not finite after 128 steps"):
-        rows(learner.update().tolist(), learner.engine, 128)
+        statistics(learner.update().tolist()[0], learner.engine, 128)
 
 
 def rate_after(learner: Learner, divergence: float, times: int = 1) -> float:

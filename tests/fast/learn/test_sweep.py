@@ -13,7 +13,7 @@ from torch import Tensor
 
 from rans.errors import ConfigError
 from rans.evaluation.fly.agent import load_agent
-from rans.fast.engine import Engine, field_dtype
+from rans.fast.engine import Engine
 from rans.fast.learn import adam, ppo
 from rans.fast.learn.curriculum import Curriculum, Ramp
 from rans.fast.learn.member import Member
@@ -21,6 +21,7 @@ from rans.fast.learn.ppo import Learner
 from rans.fast.learn.start import begin
 from rans.fast.learn.sweep import Sweep, read_configs
 from rans.fast.learn.trainer import Trainer
+from rans.fast.memory import field_dtype
 from rans.tasks import GoToPose, MultiTask, TrackTwist
 from tests.fast.engines import NEAR, PLATFORM, SHORT, actions, both_crafts
 from tests.fast.training import CONFIG, TINY, after, ignore, tiny_trainer
@@ -283,7 +284,7 @@ def test_weights_come_back_from_a_run_folder(tmp_path: Path) -> None:
     sweep.train(ignore)
     assert sweep.timed_steps == 2 * 256
     member = sweep.members[1]
-    member.save(tmp_path / "best", "rans sweep", sweep.architecture(member))
+    sweep.save(member, tmp_path / "best")
     loaded = load_agent(tmp_path / "best")
     tensors: dict[str, Tensor] = loaded.controller._network.tensors  # type: ignore[attr-defined]
     assert set(tensors) == set(member.weights)

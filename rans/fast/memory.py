@@ -1,0 +1,122 @@
+"""An engine's numbers: where they lie, how they are laid out, and how they are saved."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from rans.episode import Episode, World
+from rans.errors import ConfigError
+from rans.fast.distributed import Processes
+from rans.model.body import Body
+from rans.model.fields import map_leaves
+from rans.model.random import seed_words
+
+_NUMPY_DTYPES = {torch.float32: np.float32, torch.float64: np.float64}
+
+
+def field_dtype(device: torch.device, dtype: torch.dtype = torch.float32,
+                compiled: bool | None = None) -> Any:
+    """Dtype of an engine's fields: NumPy's for an uncompiled step on a CPU, else torch's."""
+    return dtype if compiled or device.type == "cuda" else _NUMPY_DTYPES[dtype]
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where fields lie: in NumPy's arrays, or in torch's tensors on a device."""
+
+    device: torch.device
+    fields: Any
+    """Their floating dtype, see `field_dtype`."""
+
+    @property
+    def on_numpy(self) -> bool:
+        """Whether they are NumPy's."""
+        return not isinstance(self.fields, torch.dtype)
+
+    def put(self, values: Any, dtype: torch.dtype) -> Any:
+        """A copy of numbers, an array or a tensor."""
+        copy = torch.as_tensor(values).to(self.device, dtype, copy=True)
+        return copy.numpy() if self.on_numpy else copy
+
+    def stack(self, rows: Sequence[Any]) -> Tensor:
+        """Fields (N,) as one tensor (rows, N)."""
+        return torch.from_numpy(np.stack(rows)) if self.on_numpy else torch.stack(tuple(rows))
+
+    def words(self, seeds: Sequence[int], each: int) -> tuple[Any, Any]:
+        """The two words of a seed, or every environment's own of its member's, int32."""
+        table = np.repeat([seed_words(seed) for seed in seeds], each, axis=0).T if len(seeds) > 1 else (
+            seed_words(seeds[0]))
+        low, high = (self.put(word, torch.int32) for word in table)
+        return low, high
+
+
+def allocated(world: World, body: Body, place: Place, count: int, seed: tuple[Any, Any],
+              number: Any) -> Episode:
+    """Episodes of N spacecraft in buffers of the right shape, which a reset fills.
+
+    Args:
+        world: of the episodes.
+        body: in memory already.
+        place: of the buffers.
+        count: N.
+        seed: its words.
+        number: of the first episodes, (N,).
+    """
+    start, goal = world.begin(seed, number, place.fields)
+    moved = world.task.next_goal(goal, start, world.timing.control_period)
+    zeros = torch.zeros(count, dtype=torch.float64)
+    real = torch.float64 if place.fields in (np.float64, torch.float64) else torch.float32
+    kept = getattr(torch, world.craft.actuators.dtype)
+    buffer = lambda _: place.put(zeros, real)  # noqa: E731
+    return Episode(
+        state=map_leaves(buffer, start),
+        goal=map_leaves(lambda x, later: x if isinstance(x, float) and later is x else buffer(x),
+                        goal, moved),
+        body=body,
+        clock=place.put(zeros, torch.int32),
+        previous=tuple(place.put(zeros, kept) for _ in world.craft.thrusters if world.watches_switching),
+    )
+
+
+def write(buffers: Sequence[Any], values: Sequence[Any]) -> None:
+    """Change memory in place; what never varies is a number in both."""
+    for buffer, value in zip(buffers, values, strict=True):
+        if isinstance(buffer, Tensor):
+            buffer.copy_(value) if isinstance(value, Tensor) else buffer.fill_(value)
+        elif not isinstance(buffer, float):
+            buffer[...] = value
+
+
+def saved(world: World, episode: Episode, seed: Sequence[Any], processes: Processes) -> dict[str, Any]:
+    """The episodes of all processes, as tensors and plain numbers; all processes must ask."""
+    buffers = [processes.whole(torch.as_tensor(b)).clone() for b in episode.memory()]
+    return {"buffers": buffers, "seed": [torch.as_tensor(word).tolist() for word in seed],
+            "episode_steps": world.timing.episode_steps}
+
+
+def restore(table: dict[str, Any], world: World, episode: Episode, seed: Sequence[Any],
+            processes: Processes) -> None:
+    """Write what `saved` gave into an engine's memory.
+
+    Raises:
+        ConfigError: it was saved with another number of environments, dimension or length of episodes.
+    """
+    buffers, values = episode.memory(), [processes.mine(value) for value in table["buffers"]]
+    if [tuple(b.shape) for b in buffers] != [tuple(v.shape) for v in values]:
+        raise ConfigError(
+            f"the saved state is not one of {len(episode.clock)} environments of {world.craft.name!r}; "
+            "the usual cause is a changed number of environments, or an older RANS that saved it.")
+    if table["episode_steps"] != world.timing.episode_steps:
+        raise ConfigError(
+            f"the saved state is one of episodes of {table['episode_steps']:,} steps, not "
+            f"{world.timing.episode_steps:,}: its clocks would be misread.")
+    write(buffers, [value.cpu() if isinstance(b, np.ndarray) else value.to(b.device)
+                    for b, value in zip(buffers, values, strict=True)])
+    write(seed, [torch.as_tensor(word).numpy() if isinstance(kept, np.ndarray) else torch.as_tensor(word)
+                 for kept, word in zip(seed, table["seed"], strict=True)])

@@ -1,0 +1,73 @@
+"""Trainings of thrusters that take any number from 0 to 1, from the engine to the file."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import stable_baselines3
+import torch
+
+from rans.errors import ConfigError
+from rans.evaluation.fly.agent import load_agent
+from rans.fast.learn.run_folder import RunFolder
+from rans.fast.learn.sweep import check
+from rans.fast.learn.trainer import Trainer
+from rans.flight import fly
+from rans.model.actuators import Actuators, Pulsed, Throttle
+from rans.model.spacecraft_file import to_toml
+from rans.reference.flight import fly_in_drake
+from rans.scenario import scenarios
+from tests.fast.engines import PLATFORM
+from tests.fast.test_policy import seen
+from tests.fast.training import CONFIG, after, ignore, resumed, weights
+
+KINDS = pytest.mark.parametrize("kind", [Throttle(), Pulsed(4, 1)], ids=["throttle", "pulsed"])
+
+
+def begun(folder: Path, kind: Actuators) -> Trainer:
+    """A training of the platform with these actuators, from a file of the user's."""
+    file = folder / "craft.toml"
+    file.write_text(to_toml(replace(PLATFORM, name="own", actuators=kind)))
+    config = replace(CONFIG, spacecraft=str(file))
+    assert check(config).continuous
+    run = RunFolder(folder / "run")
+    run.begin(config, "rans train")
+    return Trainer([config], run.spacecraft(), run)
+
+
+@KINDS
+def test_an_agent_is_trained_saved_and_flown(kind: Actuators, tmp_path: Path) -> None:
+    begun(tmp_path, kind).train(ignore)
+    agent, craft, task, timing = load_agent(tmp_path / "run")
+    assert craft.actuators == kind
+    observations = seen(craft, 200).numpy()
+    commands = agent.act(None, None, observations)
+    model = stable_baselines3.PPO.load(tmp_path / "run" / "policy.zip", device="cpu")
+    np.testing.assert_array_equal(model.predict(observations, deterministic=True)[0], commands)
+    assert model.action_space == kind.action_space(8)
+    assert ((commands > 0) & (commands < 1)).mean() > 0.5
+    starts = scenarios(task.for_evaluation(), craft, 1, 2)
+    ours, drakes = (by(craft, task, agent, starts, timing) for by in (fly, fly_in_drake))
+    # Float32 observations of 20 steps that agree to rounding.
+    np.testing.assert_allclose(ours.commands, drakes.commands, rtol=0, atol=1e-5)
+
+
+@KINDS
+def test_it_resumes_bit_for_bit(kind: Actuators, tmp_path: Path) -> None:
+    (tmp_path / "whole").mkdir()
+    whole = begun(tmp_path / "whole", kind)
+    whole.train(ignore)
+    begun(tmp_path, kind).train(ignore, after(5))
+    again = resumed(tmp_path / "run")
+    again.train(ignore)
+    assert torch.equal(weights(whole.learner.network), weights(again.learner.network))
+
+
+def test_an_agent_for_other_actuators_is_refused(tmp_path: Path) -> None:
+    begun(tmp_path, Throttle()).train(ignore, after(1))
+    (tmp_path / "run" / "spacecraft.toml").write_text(to_toml(PLATFORM))
+    with pytest.raises(ConfigError, match=r"does not command the on-off actuators of .* different runs"):
+        load_agent(tmp_path / "run")
