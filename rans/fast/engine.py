@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 import warnings
 from collections.abc import Sequence
 from dataclasses import replace
@@ -15,6 +16,7 @@ from torch import Tensor
 from rans.episode import World
 from rans.errors import ConfigError
 from rans.fast.distributed import ALONE, Processes
+from rans.fast.kernels.cuda import CudaError
 from rans.fast.kernels.launch import Kernel
 from rans.fast.memory import Place, allocated, field_dtype, restore, saved, write
 from rans.fast.step import Step, results, step_and_restart, step_tensors
@@ -165,8 +167,9 @@ class Engine:
         scales = leaves(replace(nominal, inertia=(max(nominal.inertia),) * len(nominal.inertia),
                                 centre=(self.craft.radius,) * len(nominal.centre),
                                 leak=(1.0,) * len(nominal.leak)))
-        columns = [torch.as_tensor(own / scale, dtype=self.dtype, device=self.device).expand(self.num_envs)
-                   for own, scale in zip(leaves(self.body), scales, strict=True)]
+        everywhere = torch.ones(self.num_envs, dtype=self.dtype, device=self.device)
+        columns = [everywhere * (x if isinstance(x, int | float) else torch.as_tensor(x))
+                   for x in map(operator.truediv, leaves(self.body), scales)]
         return torch.stack(columns, dim=1)
 
     def observe(self) -> Tensor:
@@ -204,7 +207,7 @@ class Engine:
         try:
             kernel = Kernel(self._world, self._episode, self._seed, self.processes, self.dtype, self.members)
             kernel.function(self.dtype)
-        except Exception as error:  # no compiler, or a task of the user's that only torch understands
+        except (OSError, CudaError, TypeError, AttributeError) as error:  # no compiler, or not only arithmetic
             warnings.warn(f"torch.compile makes this engine's step, which is slower: {error}", stacklevel=3)
             return None
         return kernel
