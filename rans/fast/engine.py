@@ -207,7 +207,8 @@ class Engine:
         try:
             kernel = Kernel(self._world, self._episode, self._seed, self.processes, self.dtype, self.members)
             kernel.function(self.dtype)
-        except (OSError, CudaError, TypeError, AttributeError) as error:  # no compiler, or not only arithmetic
+        # No compiler, or a task that does more than arithmetic on fields.
+        except (OSError, CudaError, TypeError, AttributeError) as error:
             warnings.warn(f"torch.compile makes this engine's step, which is slower: {error}", stacklevel=3)
             return None
         return kernel
