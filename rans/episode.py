@@ -18,7 +18,7 @@ from rans.model.fields import Field, finite, leaves, map_leaves, where
 from rans.model.random import Random
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
-from rans.model.trace import Symbol, depends
+from rans.model.trace import UNTRACEABLE, Symbol, depends
 from rans.tasks.base import Task, observation, symbolic
 from rans.tasks.rewards import Transition
 
@@ -121,7 +121,7 @@ class World:
         try:
             task, state, goal = symbolic(self.task, self.craft.dimension)
             terms = task.reward(Transition(state, goal, command, previous))
-        except TypeError:  # a task of the user's that symbols cannot follow may look at anything
+        except UNTRACEABLE:  # only torch or NumPy can follow this task, which may look at anything
             return True
         return depends(terms.values(), previous)
 

@@ -12,6 +12,8 @@ import pytest
 import torch
 
 from rans.episode import Episode, World, step
+from rans.errors import ConfigError
+from rans.evaluation.compare.bounds import goal_set
 from rans.fast import Engine
 from rans.flight import fly
 from rans.model.body import Body
@@ -22,6 +24,7 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.reference.flight import fly_in_drake
 from rans.scenario import scenarios
+from rans.show.motion import Motion
 from rans.tasks import GoToPose, MultiTask, TrackVelocity, Transition, observation_columns, observation_width
 from rans.tasks.sight import Entry, Scalar, VectorInW
 
@@ -89,6 +92,8 @@ def test_an_orbit_and_a_goal_on_it_are_the_same_in_drake(craft: Any) -> None:
         # Drake's own steps of 0.01 s: 1e-12 m in the plane; 7e-9 m at the 7.5 rad/s that chance leads to in
         # space, where half the step leaves 2e-10.
         np.testing.assert_allclose(a, b, rtol=0, atol=1e-9 if craft.dimension == 2 else 1e-8)
+    motion = Motion.of(ours, 1)  # what is drawn moves too
+    assert motion.goal_at(9).translation()[:2].tolist() == [ours.goals.p.x[9, 1], ours.goals.p.y[9, 1]]
     still = fly(craft, replace(task, mean_motion=1e-9), pilot, starts, Timing())
     assert np.abs(still.states.p.x - ours.states.p.x).max() > 0.1  # the orbit is felt
 
@@ -126,6 +131,27 @@ def test_what_a_reward_reads_is_found_not_promised() -> None:
     for command in (torch.ones(2, 8), torch.zeros(2, 8)):
         assert engine.step(command).reward.tolist() == [-8.0, -8.0]
         assert env.step(command[0].numpy())[1] == -8.0
+
+
+@dataclass(frozen=True)
+class OnlyTorch(GoToPose):
+    """Calls a tensor's own method, which no symbol has."""
+
+    def errors(self, state: State, goal: State) -> dict[str, Field]:
+        return {name: error.clip(0.0, 9.0) for name, error in super().errors(state, goal).items()}
+
+
+def test_a_task_that_symbols_cannot_follow_flies_all_the_same() -> None:
+    engine, usual = (Engine(PLATFORM, task, 2, seed=1) for task in (OnlyTorch(), GoToPose()))
+    assert World(PLATFORM, OnlyTorch()).watches_switching  # it may look at anything
+    for _ in range(3):
+        assert torch.equal(engine.step(torch.ones(2, 8)).reward, usual.step(torch.ones(2, 8)).reward)
+
+
+@pytest.mark.parametrize(("task", "reason"), [(Chase(), "clohessy-wiltshire")])
+def test_no_bound_of_free_flight_is_claimed_on_an_orbit(task: Any, reason: str) -> None:
+    with pytest.raises(ConfigError, match=f"free flight to a goal that stands still; Chase has {reason}"):
+        goal_set(task)
 
 
 @pytest.mark.parametrize(("dimension", "width"), [(2, 10 + 3), (3, 22 + 4)])

@@ -26,6 +26,7 @@ from rans.model.fields import leaves
 from rans.model.random import seed_words
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
+from rans.model.trace import UNTRACEABLE
 from rans.tasks.base import Task, layout
 from rans.tasks.rewards import Transition
 
@@ -208,7 +209,7 @@ class Engine:
             kernel = Kernel(self._world, self._episode, self._seed, self.processes, self.dtype, self.members)
             kernel.function(self.dtype)
         # No compiler, or a task that does more than arithmetic on fields.
-        except (OSError, CudaError, TypeError, AttributeError) as error:
+        except (OSError, CudaError, *UNTRACEABLE) as error:
             warnings.warn(f"torch.compile makes this engine's step, which is slower: {error}", stacklevel=3)
             return None
         return kernel

@@ -33,6 +33,10 @@ _COMPARISONS = ("<", "<=", ">", ">=", "==", "!=")
 _COMMUTING = ("+", "*", "&", "|", "^", "==", "!=")
 
 
+UNTRACEABLE = (TypeError, AttributeError)
+"""What a task raises that does more with a symbol than arithmetic, such as calling a tensor's method."""
+
+
 class Untraceable(TypeError):
     """Equations asked a symbol for what only a number has, such as a branch on its value."""
 

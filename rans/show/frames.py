@@ -138,7 +138,7 @@ def _scene(motion: Motion, k: int) -> Iterator[tuple[RigidTransform, Part]]:
     yield from ((pose, plumes[index]) for index in np.flatnonzero(motion.firing[k]))
     yield from ((motion.goal_at(k), part) for part in shapes.goal_parts(craft, motion.wanted))
     if "velocity" in motion.wanted:
-        for goal, velocity in ((True, motion.goal_velocity), (False, motion.velocities[k])):
+        for goal, velocity in ((True, motion.goal_velocities[k]), (False, motion.velocities[k])):
             turn, length = shapes.velocity_arrow(velocity)
             arrow = RigidTransform(turn, pose.translation())
             yield from ((arrow, part) for part in shapes.velocity_parts(goal, length))
@@ -160,7 +160,7 @@ def _viewpoint(motion: Motion, k: int) -> RigidTransform:
 
 def _margin(motion: Motion) -> float:
     """How far things stand out from the spacecraft's centre: axes, plumes and arrows of velocities."""
-    arrows = [*motion.velocities, motion.goal_velocity] if "velocity" in motion.wanted else []
+    arrows = [*motion.velocities, *motion.goal_velocities] if "velocity" in motion.wanted else []
     return max([2.9 * motion.craft.radius, *(shapes.velocity_arrow(v)[1] for v in arrows)])
 
 

@@ -33,23 +33,24 @@ class Motion:
     """(K, 3) m/s in W."""
     firing: np.ndarray
     """(K, thrusters) bool: open from this instant on; at the last none is."""
-    goal: RigidTransform
-    """The goal's pose in W; where the task bounds no position, only its rotation counts."""
-    goal_velocity: np.ndarray
-    """(3,) m/s in W."""
+    goals: list[RigidTransform]
+    """The goal's pose in W at every instant; where the task bounds no position, only its rotation counts."""
+    goal_velocities: np.ndarray
+    """(K, 3) m/s in W."""
 
     @classmethod
     def of(cls, flight: Flight, episode: int) -> Motion:
         """Of one episode of a flight, by its index in the batch."""
         states = map_leaves(lambda x: x[:, episode], flight.states)
-        goal = map_leaves(lambda x: x[episode:episode + 1] if x.ndim == 1 else x[:, episode], flight.goals)
+        instants = np.zeros(len(flight.times))
+        goal = map_leaves(lambda x: x[..., episode] + instants, flight.goals)
         failed = np.asarray(flight.task.failed(states, goal))
         end = int(failed.argmax()) + 1 if failed.any() else len(failed)
         firing = np.zeros((end, len(flight.craft.thrusters)), dtype=bool)
         firing[:-1] = flight.commands[:end - 1, episode] > 0.0
         return cls(flight.craft, flight.controller, frozenset(flight.task.tolerances()), flight.times[:end],
-                   _poses(states)[:end], columns(states.v)[:end], firing, _poses(goal)[0],
-                   columns(goal.v)[0])
+                   _poses(states)[:end], columns(states.v)[:end], firing, _poses(goal)[:end],
+                   columns(goal.v)[:end])
 
     @property
     def way(self) -> np.ndarray:
@@ -59,12 +60,12 @@ class Motion:
     def goal_at(self, instant: int) -> RigidTransform:
         """Where to draw the goal: at its place, or else where the spacecraft is."""
         if "position" in self.wanted:
-            return self.goal
-        return RigidTransform(self.goal.rotation(), self.poses[instant].translation())
+            return self.goals[instant]
+        return RigidTransform(self.goals[instant].rotation(), self.poses[instant].translation())
 
     def box(self) -> tuple[np.ndarray, np.ndarray]:
         """Lowest and highest corner in W, (3,) m, of all that is drawn."""
-        goals = [self.goal.translation()] if "position" in self.wanted else []
+        goals = [goal.translation() for goal in self.goals] if "position" in self.wanted else []
         points = np.array([*self.way, *goals])
         margin = 2.0 * self.craft.radius
         return points.min(axis=0) - margin, points.max(axis=0) + margin

@@ -119,7 +119,7 @@ def comparison_section(comparison: Mapping[str, Any]) -> Section:
     """Contestants from the same starts, a line each; compare.html beside the report has the rest.
 
     Args:
-        comparison: ``title``; ``summary``, see `rans.show.comparison_tables.summary`; ``failures`` and
+        comparison: ``title``; ``summary``, see `rans.show.comparison_tables.outcome`; ``failures`` and
             ``notes``, sentences.
     """
     summary = [(row["contestant"], _outcome(row)) for row in comparison.get("summary", [])]

@@ -120,8 +120,7 @@ class View:
             self._put(f"{path}/trail", [part])
             self._switch(frames, f"{path}/trail/{part.name}", np.arange(len(frames)) >= k)
         if "velocity" in motion.wanted:
-            targets = np.tile(motion.goal_velocity, (len(frames), 1))
-            self._add_arrow(motion, frames, f"{path}/target velocity", targets, goal=True)
+            self._add_arrow(motion, frames, f"{path}/target velocity", motion.goal_velocities, goal=True)
             self._add_arrow(motion, frames, f"{path}/velocity", motion.velocities, goal=False)
 
     def _add_arrow(self, motion: Motion, frames: np.ndarray, path: str, velocities: np.ndarray,

@@ -16,7 +16,7 @@ from rans.model.drift import FREE, Drift
 from rans.model.dynamics import State
 from rans.model.fields import Field
 from rans.model.random import Random
-from rans.model.trace import Symbol
+from rans.model.trace import UNTRACEABLE, Symbol
 from rans.tasks.rewards import Prices, Transition
 from rans.tasks.settings import map_settings
 from rans.tasks.sight import Column, Dimension, Entry, Layout, OwnAttitude, Scalar, Spin, VectorInW
@@ -169,7 +169,7 @@ def example(task: Task, dimension: Dimension) -> Sight:
     """What the task shows at the start of an episode, whose entries have the types that all have."""
     try:
         return sight(*symbolic(task, dimension))
-    except TypeError:  # a task of the user's that symbols cannot follow
+    except UNTRACEABLE:  # only torch or NumPy can follow this task
         return sight(task, *task.sample(Random(dimension, 0, 0, np.zeros(1, dtype=np.int32), np.float64)))
 
 

@@ -41,7 +41,7 @@ def test_poses_are_the_states() -> None:
         quaternion = pose.rotation().ToQuaternion().wxyz()
         assert abs(quaternion @ wxyz) == pytest.approx(1.0, abs=1e-12)  # both signs are one rotation
     goal = np.array(leaves(flight.goals))[:, 1]
-    np.testing.assert_array_equal(motion.goal.translation(), goal[:3])
+    np.testing.assert_array_equal(motion.goals[0].translation(), goal[:3])
 
 
 def test_a_planar_pose_turns_about_z() -> None:
@@ -71,7 +71,7 @@ def test_a_goal_without_a_place_stays_with_the_spacecraft() -> None:
     motion = Motion.of(drifting(TRACKING), 0)
     np.testing.assert_allclose(motion.goal_at(10).translation(), [1.0, 0.0, 0.0], atol=1e-15)
     np.testing.assert_allclose(motion.goal_at(10).rotation().matrix(), np.diag([-1.0, -1.0, 1.0]), atol=1e-15)
-    np.testing.assert_array_equal(motion.goal_velocity, [0.0, 0.25, 0.0])
+    np.testing.assert_array_equal(motion.goal_velocities[-1], [0.0, 0.25, 0.0])
     np.testing.assert_array_equal(motion.box()[1], np.array([1.0, 0.0, 0.0]) + 2.0 * FLYER.radius)
     placed = Motion.of(drifting(GoToPosition(fail_distance=100.0)), 0)
     np.testing.assert_array_equal(placed.goal_at(10).translation(), [9.0, 9.0, 9.0])

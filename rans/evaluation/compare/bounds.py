@@ -18,6 +18,7 @@ from rich.table import Table
 from rans import terminal
 from rans.errors import ConfigError, RansError
 from rans.evaluation.measure.statistics import figure
+from rans.model.drift import FREE
 from rans.model.fields import leaves
 from rans.model.spacecraft import Spacecraft
 from rans.optimal.certificate import hull
@@ -85,7 +86,14 @@ class Bound:
 
 
 def goal_set(task: Task) -> GoalSet:
-    """A task's tolerances, and rest where it has a place; what it leaves open is not looked at."""
+    """A task's tolerances, and rest where it has a place; what it leaves open is not looked at.
+
+    Raises:
+        ConfigError: something pulls at the spacecraft, or the goal moves: the bounds would be wrong.
+    """
+    if task.drift != FREE or type(task).next_goal is not Task.next_goal:
+        raise ConfigError("bounds hold for free flight to a goal that stands still; "
+                          f"{type(task).__name__} has {task.drift.name} or a goal that moves.")
     tolerances = task.tolerances()
     return GoalSet(tolerances.get("position", 0.0), tolerances.get("velocity", REST_SPEED),
                    tolerances.get("attitude", 0.0), tolerances.get("spin", REST_SPIN))

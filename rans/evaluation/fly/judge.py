@@ -41,7 +41,7 @@ def flown(controller: Controller, setup: Setup, seed: int, episodes: int,
     Args:
         controller: can be pickled; one that is slow has a true attribute ``slow``.
         setup: what flies, what for and how long; with the starts to fly from.
-        seed: of starts and goals; they are those of `rans.flight.scenarios`.
+        seed: of starts and goals; they are those of `rans.scenario.scenarios`.
         episodes: how many, from episode 0 of the seed on.
         engine: what computes the motion.
         workers: processes (see `rans.processes.submitted`); by default one per processor.
