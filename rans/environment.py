@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +12,7 @@ from gymnasium.error import ResetNeeded
 
 from rans.episode import Episode, Mover, World, step
 from rans.errors import ConfigError
+from rans.model.conditions import Conditions
 from rans.model.dynamics import State
 from rans.model.fields import leaves, map_leaves
 from rans.model.spacecraft import Spacecraft
@@ -43,6 +43,7 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
         timing: control period, accuracy and length of an episode.
         render_mode: None; "rgb_array": `render` gives frames; "human": every `reset` and `step` shows one
             in the browser, at real time (see `rans.window.Window`).
+        conditions: what episodes do not promise; None: a perfect world.
 
     Raises:
         ConfigError: one of these does not exist or does not fit the others.
@@ -52,7 +53,8 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
 
     def __init__(self, task_name: str, dimension: Dimension, *,
                  spacecraft: str | Path | Spacecraft | None = None, task: Task | None = None,
-                 timing: Timing | None = None, render_mode: str | None = None) -> None:
+                 timing: Timing | None = None, render_mode: str | None = None,
+                 conditions: Conditions | None = None) -> None:
         self.render_mode = checked_render_mode(render_mode)
         self.craft, self.task = choose(task_name, dimension, spacecraft, task)
         self.timing = timing or Timing()
@@ -61,7 +63,7 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
         self.metadata = {**self.metadata, "render_fps": 1.0 / self.timing.control_period}
         self._seed: int | None = None
         self._episode = 0
-        self._world = World(self.craft, self.task, self.timing)
+        self._world = World(self.craft, self.task, self.timing, conditions=conditions)
         self._move = self._mover()
         self._now = None
         self._scene: Any = None
@@ -83,8 +85,9 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
         self._count(seed)
         chosen = scenario(self.task, self.craft.dimension, self._seed or 0, self._episode)
         chosen = _given_scenario(options or {}, chosen) or chosen
-        shut = (0.0,) * len(self.craft.thrusters)
-        self._now: Episode | None = Episode(chosen.start, chosen.goal, 0, shut)
+        self._draws = chosen.draws
+        self._now: Episode | None = _plain(self._world.begin(chosen.start, chosen.goal, 0, chosen.draws))
+        self._command = (0.0,) * len(self.craft.thrusters)
         self._trail: list[tuple[float, ...]] = []
         self._show()
         return self._observe(), {"errors": self._errors()}
@@ -99,10 +102,8 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
         before = self._running()
         command = self._checked(action)
         self._trail.append(before.state.p.columns())
-        outcome = step(self._world, before, command, self._move)
-        arrived = outcome.episode
-        self._now = replace(arrived, state=map_leaves(float, arrived.state),
-                            goal=map_leaves(float, arrived.goal))
+        outcome = step(self._world, before, command, self._draws, self._move)
+        self._now, self._command = _plain(outcome.episode), outcome.command
         self._show()
         terms = {name: float(term) for name, term in outcome.terms.items()}
         terminated, truncated = bool(outcome.terminated), bool(outcome.truncated)
@@ -146,7 +147,7 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
             from rans.drawing import Scene
 
             self._scene = Scene(self.craft, self.task)
-        return self._scene.render(now.state, now.goal, now.previous, self._trail)
+        return self._scene.render(now.state, now.goal, self._command, self._trail)
 
     def _show(self) -> None:
         """Show the newest frame if the render mode asks for it."""
@@ -177,11 +178,18 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
         return tuple(values.astype(float).tolist())
 
     def _observe(self) -> np.ndarray:
-        return np.array(self._world.observe(self._running()), dtype=np.float32)
+        seen = self._world.observe(self._running(), self._draws)
+        return np.array([float(np.squeeze(x)) for x in seen], dtype=np.float32)
 
     def _errors(self) -> dict[str, float]:
         now = self._running()
         return {name: float(x) for name, x in self.task.errors(now.state, now.goal).items()}
+
+
+def _plain(episode: Episode) -> Episode:
+    """The same of numbers, but for whole ones."""
+    whole = lambda x: np.asarray(x).dtype.kind in "iu"  # noqa: E731
+    return map_leaves(lambda x: x if whole(x) else float(np.squeeze(x)), episode)
 
 
 def _given_scenario(options: dict[str, Any], like: Scenario) -> Scenario | None:

@@ -7,18 +7,23 @@ Drivers differ in who moves the spacecraft (our equations, or Drake) and who beg
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
+from rans.errors import ConfigError
 from rans.model.body import Body
-from rans.model.dynamics import NODES, held
+from rans.model.case import Case, Sensors, draw, reading
+from rans.model.conditions import Conditions, largest
+from rans.model.dynamics import NODES, Wrench, held
 from rans.model.fields import Field, finite, leaves, map_leaves, where
-from rans.model.random import Random
+from rans.model.random import Draws
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.model.trace import UNTRACEABLE, Symbol, depends
+from rans.model.valves import Lag
 from rans.tasks.base import Task, observation, symbolic
 from rans.tasks.rewards import Transition
 
@@ -28,25 +33,28 @@ Command = tuple[Field, ...]
 
 @dataclass(frozen=True)
 class Episode:
-    """What is known of N running episodes, or of one."""
+    """What is known of N running episodes, or of one: states and goals are a `State` of fields each."""
 
     state: Any
-    """`State` of fields."""
     goal: Any
-    """`State` of fields, or of floats where the task's goal never varies."""
-    clock: Field
+    """Of floats where the task's goal never varies."""
+    body: Body | None = None
+    """What flies: numbers, or fields where spacecraft differ; None: as designed. Conditions change it."""
+    case: Case | None = None
+    """What it drew from its conditions; None: nothing, or it is drawn again in every step (`World.recalled`)."""
+    past: tuple[Any, ...] = ()
+    """The states before, the last one first: as many as readings may be old."""
+    reading: Any = None
+    """What sensors told last, where they may tell it again."""
+    clock: Field = 0
     """int32: control periods since the episode's start in the low bits, and above them how many episodes of
     this environment came before. Their count wraps around."""
-    previous: Command = ()
-    """The last command; empty where the task's reward does not look at it."""
-    body: Body | None = None
-    """What flies: numbers, or fields where spacecraft differ; None: as designed."""
+    commands: tuple[Command, ...] = ()
+    """The last ones, the newest first: as many as are still felt, or as the task's reward looks at."""
 
     def memory(self) -> list[Field]:
-        """Every field that varies, in a fixed order: state, goal and body, clock, last command."""
-        varying = (x for tree in (self.goal, self.body) for x in leaves(tree)
-                   if x is not None and not isinstance(x, int | float))
-        return [*leaves(self.state), *varying, self.clock, *self.previous]
+        """Every field that varies, in the order of definition."""
+        return [x for x in leaves(self) if not isinstance(x, int | float)]
 
 
 @dataclass(frozen=True)
@@ -55,6 +63,8 @@ class Outcome:
 
     episode: Episode
     """As it arrived."""
+    command: Command
+    """What valves were told to do."""
     terms: dict[str, Field]
     """Reward by name."""
     terminated: Field
@@ -76,6 +86,19 @@ class Outcome:
 
 
 @dataclass(frozen=True)
+class Influences:
+    """What moves a spacecraft in one control period."""
+
+    body: Body
+    commands: tuple[Command, ...]
+    """This period's, and earlier ones that may still be felt, the newest first."""
+    lag: Lag | None = None
+    """None: valves obey at once."""
+    disturbance: Wrench | None = None
+    """Constant in W."""
+
+
+@dataclass(frozen=True)
 class World:
     """Everything about episodes that does not change while they run."""
 
@@ -84,15 +107,20 @@ class World:
     timing: Timing = field(default_factory=Timing)
     nodes: int = NODES
     """Of the quadrature in the plane (`rans.model.dynamics.advance`)."""
+    conditions: Conditions | None = None
+    """What episodes do not promise; None: a perfect world."""
 
-    def move(self, episode: Episode, command: Command) -> Any:
-        """The state after the command was held for one control period, by our equations."""
-        return held(episode.state, self.craft, episode.body or Body.of(self.craft), command, self.timing,
-                    self.task.drift, self.nodes)
+    def move(self, state: Any, influences: Influences) -> Any:
+        """The state one control period later, by our equations."""
+        command, *earlier = influences.commands
+        return held(state, self.craft, influences.body, command, self.timing, self.task.drift, self.nodes,
+                    influences.disturbance, influences.lag, earlier)
 
-    def observe(self, episode: Episode) -> tuple[Field, ...]:
+    def observe(self, episode: Episode, draws: Draws | None = None) -> tuple[Field, ...]:
         """What a policy sees now."""
-        return observation(self.task, episode.state, episode.goal)
+        return observation(self.task, self.sensed(episode, draws), episode.goal)
+
+    # Time.
 
     @property
     def step_mask(self) -> int:
@@ -103,14 +131,52 @@ class World:
         """The clock at the start of the next episode."""
         return (clock | self.step_mask) + 1
 
-    def number(self, clock: Field, numbers: tuple[Field, Any]) -> Field:
-        """Number of the episode, for an environment whose numbers these are (`restart`)."""
-        first, stride = numbers
-        return first + (clock >> self.step_mask.bit_length()) * stride
+    def number(self, clock: Field, draws: Draws) -> Field:
+        """Number of the episode, which with the seed decides all that it draws."""
+        return draws.first + (clock >> self.step_mask.bit_length()) * draws.stride
 
-    def begin(self, seed: tuple[Field, Field], number: Field, dtype: Any) -> tuple[Any, Any]:
-        """Start and goal of the episodes with these numbers, as fields of this floating dtype."""
-        return self.task.sample(Random(self.craft.dimension, *seed, number, dtype))
+    # Beginning.
+
+    def scenario(self, clock: Field, draws: Draws) -> tuple[Any, Any]:
+        """Start and goal of the episodes that begin at these clocks."""
+        return self.task.sample(draws.random(self.craft.dimension, self.number(clock, draws)))
+
+    def begin(self, start: Any, goal: Any, clock: Field = 0, draws: Draws | None = None,
+              body: Body | None = None) -> Episode:
+        """A new episode from a start to a goal.
+
+        The clock is as in `Episode`. Under conditions it takes draws. A body is what flies before conditions
+        change it; None: as designed.
+        """
+        shut = (0,) * len(self.craft.thrusters)
+        new = self.recalled(Episode(start, goal, body, None, (start,) * self._past, None, clock,
+                                    (shut,) * self.remembered), draws)
+        sensors = None if new.case is None else new.case.sensors
+        if sensors is None or sensors.dropout is None:
+            return new
+        return replace(new, reading=self._read(new, sensors, draws))
+
+    @cached_property
+    def remembered(self) -> int:
+        """How many commands an episode remembers."""
+        held_for = 0.0
+        if self.conditions is not None:
+            thrusters = self.conditions.thrusters
+            held_for = max(largest(thrusters.least_on), largest(thrusters.least_off))
+        return max(self._felt, self._periods(held_for), int(self.watches_switching))
+
+    @cached_property
+    def _felt(self) -> int:
+        """How many commands before the newest may still be felt."""
+        return 0 if self.conditions is None else self._periods(self.conditions.lasting)
+
+    @property
+    def _past(self) -> int:
+        """How many states before the present one a reading may be of."""
+        return 0 if self.conditions is None else int(largest(self.conditions.sensors.delay))
+
+    def _periods(self, seconds: float) -> int:
+        return math.ceil(seconds / self.timing.control_period - 1e-9)
 
     @cached_property
     def watches_switching(self) -> bool:
@@ -125,56 +191,118 @@ class World:
             return True
         return depends(terms.values(), previous)
 
+    # Conditions.
 
-Mover = Callable[[Episode, Command], Any]
-"""The state after a command was held for one control period: `World.move`, or Drake."""
+    def recalled(self, episode: Episode, draws: Draws | None) -> Episode:
+        """The episode with what it drew from its conditions, drawn again if it does not remember.
+
+        Raises:
+            ConfigError: there is nothing to draw with.
+        """
+        if self.conditions is None or episode.case is not None:
+            return episode
+        if draws is None:
+            raise ConfigError("what an episode meets is drawn by its seed and number: give `draws` with "
+                              "conditions.")
+        number = self.number(episode.clock, draws)
+        return replace(episode, case=draw(
+            self.conditions, episode.body or Body.of(self.craft), self.timing.episode_steps, number,
+            lambda stream: draws.random(self.craft.dimension, number, stream * 256)))
+
+    def obeyed(self, episode: Episode, command: Command) -> Command:
+        """What valves do of a command: one that has just moved stays for as long as it must."""
+        if episode.case is None or episode.case.hold is None:
+            return command
+        hold, period, result = episode.case.hold, self.timing.control_period, []
+        for told, *before in zip(command, *episode.commands, strict=True):
+            opened, shut = _age(before), _age([1.0 - x for x in before])
+            must_open = (opened > 0.0) & (opened * period < hold.on - 1e-6)
+            # One that was shut for as long as is remembered may have been so forever.
+            must_shut = (shut > 0.0) & (shut < float(len(before))) & (shut * period < hold.off - 1e-6)
+            result.append(where(must_open, told * 0.0 + 1.0, where(must_shut, told * 0.0, told)))
+        return tuple(result)
+
+    def influences(self, episode: Episode, command: Command, draws: Draws | None) -> Influences:
+        """What moves the spacecraft while a command is held."""
+        case, period = episode.case, self.timing.control_period
+        if case is None or draws is None:
+            return Influences(episode.body or Body.of(self.craft), (command,))
+        step = draws.real(episode.clock & self.step_mask)
+        earlier = (tuple(map(draws.real, told)) for told in episode.commands[:self._felt])
+        return Influences(case.body_at(step * period), (command, *earlier), case.lag,
+                          case.disturbance(step, period))
+
+    def sensed(self, episode: Episode, draws: Draws | None) -> Any:
+        """The state as sensors tell it."""
+        if episode.reading is not None:
+            return episode.reading
+        if episode.case is None or episode.case.sensors is None:
+            return episode.state
+        return self._read(episode, episode.case.sensors, draws)
+
+    def _read(self, episode: Episode, sensors: Sensors, draws: Draws | None, last: Any = None) -> Any:
+        assert episode.case is not None and draws is not None
+        state = episode.state
+        for age, old in enumerate(episode.past, 1):
+            state = map_leaves(lambda new, old, late=sensors.delay >= age: where(late, old, new), state, old)
+        number, step = episode.case.number, episode.clock & self.step_mask
+        return reading(state, sensors, lambda quantity: draws.random(
+            self.craft.dimension, number, step * 16 + (_READINGS + quantity * 4)), last)
 
 
-def step(world: World, episode: Episode, command: Command, move: Mover | None = None) -> Outcome:
-    """Hold the command for one control period.
+_READINGS = 2**25
+"""The first block of random numbers that sensors draw, behind all that is drawn once an episode."""
 
-    Args:
-        world: what does not change.
-        episode: as it runs.
-        command: one field per thruster, 0 (shut) to 1 (open).
-        move: who computes the motion; None: our equations.
+
+def _age(open_before: Sequence[Field]) -> Field:
+    """For how many control periods a valve has been open until now, as far as is remembered."""
+    still: Field = 1.0
+    age: Field = 0.0
+    for was_open in open_before:
+        still = still * was_open
+        age = age + still
+    return age
+
+
+Mover = Callable[[Any, Influences], Any]
+"""The state one control period later: `World.move`, or Drake."""
+
+
+def step(world: World, episode: Episode, command: Command, draws: Draws | None = None,
+         move: Mover | None = None) -> Outcome:
+    """Hold the command, 0 (shut) to 1 (open) each, for one control period.
+
+    Under conditions it takes draws, and an episode that knows its case. By default our equations move.
     """
-    task = world.task
-    state = (move or world.move)(episode, command)
+    task, command = world.task, world.obeyed(episode, command)
+    state = (move or world.move)(episode.state, world.influences(episode, command, draws))
     goal = task.next_goal(episode.goal, state, world.timing.control_period)
     clock = episode.clock + 1
     terminated = task.failed(state, goal) | ~finite(*leaves(state))
+    arrived = replace(episode, state=state, goal=goal, clock=clock,
+                      past=(episode.state, *episode.past)[:len(episode.past)],
+                      commands=(command, *episode.commands)[:len(episode.commands)])
+    if episode.reading is not None:
+        arrived = replace(arrived, reading=world._read(arrived, arrived.case.sensors, draws, episode.reading))
+    previous = episode.commands[0] if episode.commands else command
     return Outcome(
-        episode=replace(episode, state=state, goal=goal, clock=clock,
-                        previous=command if episode.previous else ()),
-        terms=task.reward(Transition(state, goal, command, episode.previous or command)),
+        episode=arrived,
+        command=command,
+        terms=task.reward(Transition(state, goal, command, previous)),
         terminated=terminated,
         truncated=((clock & world.step_mask) >= world.timing.episode_steps) & ~terminated,
         reached=task.reached(state, goal),
     )
 
 
-def restart(world: World, outcome: Outcome, seed: tuple[Field, Field], numbers: tuple[Field, Any],
-            dtype: Any) -> Episode:
-    """The next episode where one ended, elsewhere the same.
-
-    Args:
-        world: what does not change.
-        outcome: of the last step.
-        seed: its two words (`rans.model.random.seed_words`).
-        numbers: the number of each environment's first episode, and how far from one of its episodes to
-            the next. With the seed an episode's number decides start and goal.
-        dtype: floating dtype of the fields, of their library.
-    """
+def restart(world: World, outcome: Outcome, draws: Draws) -> Episode:
+    """The next episode where one ended, elsewhere the same."""
     ended, arrived = outcome.ended, outcome.episode
+
+    def chosen(new: Field, old: Field) -> Field:
+        never_varies = new is old or isinstance(old, int | float)
+        return old if never_varies else where(ended, new, old)
+
     clock = world.next_episode(arrived.clock)
-    start, goal = world.begin(seed, world.number(clock, numbers), dtype)
-    choose = lambda new, old: old if new is old else where(ended, new, old)  # noqa: E731
-    return replace(
-        arrived,
-        state=map_leaves(choose, start, arrived.state),
-        goal=map_leaves(lambda new, old: old if isinstance(old, float) else choose(new, old),
-                        goal, arrived.goal),
-        clock=where(ended, clock, arrived.clock),
-        previous=tuple(where(ended, valve * 0, valve) for valve in arrived.previous),
-    )
+    begun = world.begin(*world.scenario(clock, draws), clock, draws, arrived.body)
+    return map_leaves(chosen, begun, arrived)

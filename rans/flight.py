@@ -7,8 +7,9 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from rans.episode import Episode, Mover, World, step
+from rans.episode import Mover, World, step
 from rans.model.body import Body
+from rans.model.conditions import Conditions
 from rans.model.fields import finite, leaves, map_leaves, unflatten
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
@@ -85,7 +86,8 @@ class Flight:
 
 
 def fly(craft: Spacecraft, task: Task, controller: Controller, starts: Scenario, timing: Timing,
-        engine: str = "fast", move: Mover | None = None, body: Body | None = None) -> Flight:
+        engine: str = "fast", move: Mover | None = None, body: Body | None = None,
+        conditions: Conditions | None = None) -> Flight:
     """Fly a batch of scenarios, in float64.
 
     Episodes run for the full time, failed or not, so that nothing is dropped from a statistic. One whose
@@ -100,16 +102,21 @@ def fly(craft: Spacecraft, task: Task, controller: Controller, starts: Scenario,
         engine: who moves, for `Flight.engine`.
         move: how; None: our equations.
         body: what flies, numbers or (N,); None: as designed.
+        conditions: what the scenarios do not promise; controllers then see what sensors tell.
+
+    Raises:
+        ConfigError: there are conditions, but the scenarios have no numbers to draw by.
     """
-    world = World(craft, task, timing)
-    now = Episode(starts.start, starts.goal, 0, body=body or Body.of(craft))
+    world, draws = World(craft, task, timing, conditions=conditions), starts.draws
+    now = world.begin(starts.start, starts.goal, 0, draws, body or Body.of(craft))
     count = len(leaves(starts.start)[0])
     controller.reset(count)
     states, goals, commands, alive = [starts.start], [starts.goal], [], np.ones(count, dtype=bool)
     for _ in range(timing.episode_steps):
-        seen = np.stack(world.observe(now), axis=1).astype(np.float32)
-        command = np.asarray(controller.act(now.state, now.goal, seen), dtype=np.float64)
-        now = step(world, now, tuple(command.T), move).episode
+        seen = np.stack(world.observe(now, draws), axis=1).astype(np.float32)
+        told = np.asarray(controller.act(world.sensed(now, draws), now.goal, seen), dtype=np.float64)
+        outcome = step(world, now, tuple(told.T), draws, move)
+        now, command = outcome.episode, np.stack(outcome.command, axis=1)
         alive &= np.asarray(finite(*leaves(now.state)))
         if alive.all():
             states.append(now.state)

@@ -6,6 +6,7 @@ Drake and in an optimal control problem, on every device, however many spacecraf
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -15,7 +16,7 @@ import numpy as np
 from rans.errors import ConfigError
 from rans.model.dynamics import State
 from rans.model.fields import leaves, map_leaves, unflatten
-from rans.model.random import Random, seed_words
+from rans.model.random import Draws, seed_words
 from rans.model.spacecraft import Spacecraft
 from rans.tasks.base import Task
 
@@ -31,6 +32,8 @@ class Scenario:
 
     start: State
     goal: State
+    draws: Draws | None = dataclasses.field(default=None, compare=False)
+    """What else the episode draws with, under conditions; None: nothing can be drawn."""
 
 
 def scenario(task: Task, dimension: Literal[2, 3], seed: int, episode: int) -> Scenario:
@@ -41,9 +44,9 @@ def scenario(task: Task, dimension: Literal[2, 3], seed: int, episode: int) -> S
     """
     if not 0 <= episode < 2**31:
         raise ConfigError(f"the episode must be a whole number from 0 to {2**31 - 1}, got {episode}.")
-    random = Random(dimension, *seed_words(seed), np.array([episode], dtype=np.int32), np.float64)
-    start, goal = task.sample(random)
-    return Scenario(*(map_leaves(lambda x: float(np.squeeze(x)), s) for s in (start, goal)))
+    draws = _draws(seed, np.array([episode], dtype=np.int32))
+    start, goal = task.sample(draws.random(dimension, draws.first))
+    return Scenario(*(map_leaves(lambda x: float(np.squeeze(x)), s) for s in (start, goal)), draws)
 
 
 def batch(scenarios: Sequence[Scenario]) -> Scenario:
@@ -52,12 +55,26 @@ def batch(scenarios: Sequence[Scenario]) -> Scenario:
         columns = zip(*(leaves(s) for s in states), strict=True)
         return unflatten(states[0], [np.array(c, dtype=np.float64) for c in columns])
 
-    return Scenario(stack([s.start for s in scenarios]), stack([s.goal for s in scenarios]))
+    return Scenario(stack([s.start for s in scenarios]), stack([s.goal for s in scenarios]),
+                    _together([s.draws for s in scenarios]))
+
+
+def _together(draws: Sequence[Draws | None]) -> Draws | None:
+    """What many draw with, if all do, as arrays (N,)."""
+    if any(one is None for one in draws):
+        return None
+    low, high, first = (np.concatenate([np.atleast_1d(np.asarray(getattr(one, name), dtype=np.int32))
+                                        for one in draws]) for name in ("low", "high", "first"))
+    return Draws(low, high, first, 0, np.float64)
 
 
 def scenarios(task: Task, craft: Spacecraft, seed: int, count: int, first: int = 0) -> Scenario:
     """Scenarios ``first`` to ``first + count - 1`` of a seed as one batch of float64 arrays (N,)."""
-    episodes = np.arange(first, first + count, dtype=np.int32)
-    start, goal = task.sample(Random(craft.dimension, *seed_words(seed), episodes, np.float64))
+    draws = _draws(seed, np.arange(first, first + count, dtype=np.int32))
+    start, goal = task.sample(draws.random(craft.dimension, draws.first))
     full = lambda x: np.broadcast_to(np.asarray(x, dtype=np.float64), (count,)).copy()  # noqa: E731
-    return Scenario(map_leaves(full, start), map_leaves(full, goal))
+    return Scenario(map_leaves(full, start), map_leaves(full, goal), draws)
+
+
+def _draws(seed: int, numbers: np.ndarray) -> Draws:
+    return Draws(*seed_words(seed), numbers, 0, np.float64)

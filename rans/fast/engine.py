@@ -21,9 +21,10 @@ from rans.fast.kernels.launch import Kernel
 from rans.fast.memory import Place, allocated, field_dtype, restore, saved, write
 from rans.fast.step import Step, results, step_and_restart, step_tensors
 from rans.model.body import Body, in_memory
+from rans.model.conditions import Conditions
 from rans.model.dynamics import NODES
 from rans.model.fields import leaves
-from rans.model.random import seed_words
+from rans.model.random import Draws, seed_words
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.model.trace import UNTRACEABLE
@@ -53,6 +54,9 @@ class Engine:
             to 2.7 times as fast as torch.compile's, which stands in where it cannot be made.
         processes: those among which the batch is divided; ``num_envs`` are this one's.
         body: other than the craft's, each number or (N,), one for each spacecraft.
+        conditions: what episodes do not promise; None: a perfect world.
+        remember: whether what episodes draw from their conditions lies in memory, for `privileged`; the
+            generated kernel else draws it again in every step. A step without a kernel always remembers.
 
     Raises:
         ConfigError: craft is no spacecraft, num_envs not a positive whole number, dtype another one, or mass
@@ -62,7 +66,8 @@ class Engine:
     def __init__(self, craft: Spacecraft, task: Task, num_envs: int, timing: Timing | None = None, *,
                  seed: int | Sequence[int] = 0, device: str | torch.device = "cpu",
                  dtype: torch.dtype = torch.float32, compiled: bool | None = None,
-                 generated: bool = True, processes: Processes = ALONE, body: Body | None = None) -> None:
+                 generated: bool = True, processes: Processes = ALONE, body: Body | None = None,
+                 conditions: Conditions | None = None, remember: bool = False) -> None:
         if not isinstance(craft, Spacecraft):
             raise ConfigError(f"craft must be a Spacecraft, got {craft!r}; rans.load_spacecraft reads one.")
         if isinstance(num_envs, bool) or not isinstance(num_envs, int) or num_envs < 1:
@@ -79,19 +84,22 @@ class Engine:
         self.layout = layout(task, craft.dimension)
         self.members = 1 if isinstance(seed, int) else len(seed)
         self._place = Place(self.device, field_dtype(self.device, dtype, self.compiled))
-        self._world = World(craft, task, self.timing,
-                            _FLOAT32_NODES if dtype == torch.float32 else NODES)
+        self._world = World(craft, task, self.timing, _FLOAT32_NODES if dtype == torch.float32 else NODES,
+                            conditions)
         self._body = in_memory(body or Body.of(craft), Body.of(craft), num_envs,
                                lambda values: self._place.put(values, dtype))
         each, seeds = num_envs // self.members, [seed] if isinstance(seed, int) else seed
         first = np.arange(num_envs) % each * processes.size + processes.rank
-        self._numbers = self._place.put(first, torch.int32), each * processes.size
-        self._seed = self._place.words(seeds, each)
-        self._episode = allocated(self._world, self._body, self._place, num_envs, self._seed,
-                                  self._numbers[0])
+        self._draws = Draws(*self._place.words(seeds, each), self._place.put(first, torch.int32),
+                            each * processes.size, self._place.fields)
+        made = lambda remember: allocated(  # noqa: E731
+            self._world, self._body, self._place, num_envs, self._draws, remember)
+        self._episode = made(remember)
+        self._kernel = self._generated() if generated else None
+        if self._kernel is None:
+            self._episode = made(remember=True)
         self._step = (torch.compile(step_tensors, fullgraph=True, dynamic=False) if self.compiled
                       else step_tensors)
-        self._kernel = self._generated() if generated else None
         self.reset(seeds[0] if self.members == 1 else seeds)
 
     @cached_property
@@ -136,10 +144,11 @@ class Engine:
         else:
             each = self.num_envs // self.members
             # Numbers go into memory without a copy from the CPU, which no CUDA graph could record.
-            write(self._seed, seed_words(seed) if isinstance(seed, int) else self._place.words(seed, each))
+            words = seed_words(seed) if isinstance(seed, int) else self._place.words(seed, each)
+            write((self._draws.low, self._draws.high), words)
             write([now.clock], [0])
-        begun = world.begin(self._seed, world.number(now.clock, self._numbers), self._place.fields)
-        write(leaves((now.state, now.goal, now.previous)), leaves((*begun, (0,) * len(now.previous))))
+        begun = world.begin(*world.scenario(now.clock, self._draws), now.clock, self._draws, now.body)
+        write(leaves(now), leaves(begun if now.case is not None else replace(begun, case=None)))
         return self.observe()
 
     def stagger(self, *generators: torch.Generator) -> None:
@@ -175,7 +184,8 @@ class Engine:
 
     def observe(self) -> Tensor:
         """The current observation, (N, width)."""
-        return self._place.stack(self._world.observe(self._episode)).T
+        now = self._world.recalled(self._episode, self._draws)
+        return self._place.stack(self._world.observe(now, self._draws)).T
 
     def errors(self) -> dict[str, Tensor]:
         """The task's errors in the current state by name, each (N,)."""
@@ -199,14 +209,15 @@ class Engine:
             return self._step_numpy(action)
         if self._kernel is not None:
             return self._kernel(action)
-        return self._step(self._world, self._episode, action, self._seed, self._numbers, self._place.fields)
+        return self._step(self._world, self._episode, action, self._draws)
 
     def _generated(self) -> Kernel | None:
         """The step as one generated kernel; without it torch's compiler makes several."""
         if self.device.type != "cuda" or not self.compiled:
             return None
         try:
-            kernel = Kernel(self._world, self._episode, self._seed, self.processes, self.dtype, self.members)
+            kernel = Kernel(self._world, self._episode, (self._draws.low, self._draws.high), self.processes,
+                            self.dtype, self.members)
             kernel.function(self.dtype)
         # No compiler, or a task that does more than arithmetic on fields.
         except (OSError, CudaError, *UNTRACEABLE) as error:
@@ -215,15 +226,14 @@ class Engine:
         return kernel
 
     def _step_numpy(self, action: Tensor) -> Step:
-        fields = self._place.fields
-        command = tuple(np.ascontiguousarray(action.numpy().T).astype(fields))
-        seen = step_and_restart(self._world, self._episode, command, self._seed, self._numbers, fields)
+        command = tuple(np.ascontiguousarray(action.numpy().T).astype(self._place.fields))
+        seen = step_and_restart(self._world, self._episode, command, self._draws)
         write(self._episode.memory(), seen.after.memory())
         return results(seen, self._place.stack, torch.from_numpy)
 
     def save_state(self) -> dict[str, Any]:
         """Everything a later `load_state` needs to go on bit-identically."""
-        return saved(self._world, self._episode, self._seed, self.processes)
+        return saved(self._world, self._episode, (self._draws.low, self._draws.high), self.processes)
 
     def load_state(self, table: dict[str, Any]) -> None:
         """Continue from what `save_state` gave.
@@ -231,4 +241,4 @@ class Engine:
         Raises:
             ConfigError: it was saved with another number of environments, dimension or length of episodes.
         """
-        restore(table, self._world, self._episode, self._seed, self.processes)
+        restore(table, self._world, self._episode, (self._draws.low, self._draws.high), self.processes)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,7 @@ from rans.errors import ConfigError
 from rans.fast.distributed import Processes
 from rans.model.body import Body
 from rans.model.fields import map_leaves
-from rans.model.random import seed_words
+from rans.model.random import Draws, seed_words
 
 _NUMPY_DTYPES = {torch.float32: np.float32, torch.float64: np.float64}
 
@@ -56,8 +56,7 @@ class Place:
         return low, high
 
 
-def allocated(world: World, body: Body, place: Place, count: int, seed: tuple[Any, Any],
-              number: Any) -> Episode:
+def allocated(world: World, body: Body, place: Place, count: int, draws: Draws, remember: bool) -> Episode:
     """Episodes of N spacecraft in buffers of the right shape, which a reset fills.
 
     Args:
@@ -65,23 +64,23 @@ def allocated(world: World, body: Body, place: Place, count: int, seed: tuple[An
         body: in memory already.
         place: of the buffers.
         count: N.
-        seed: its words.
-        number: of the first episodes, (N,).
+        draws: of their random numbers.
+        remember: whether they remember what they draw from their conditions, or draw it in every step.
     """
-    start, goal = world.begin(seed, number, place.fields)
-    moved = world.task.next_goal(goal, start, world.timing.control_period)
     zeros = torch.zeros(count, dtype=torch.float64)
     real = torch.float64 if place.fields in (np.float64, torch.float64) else torch.float32
-    kept = getattr(torch, world.craft.actuators.dtype)
-    buffer = lambda _: place.put(zeros, real)  # noqa: E731
-    return Episode(
-        state=map_leaves(buffer, start),
-        goal=map_leaves(lambda x, later: x if isinstance(x, float) and later is x else buffer(x),
-                        goal, moved),
-        body=body,
-        clock=place.put(zeros, torch.int32),
-        previous=tuple(place.put(zeros, kept) for _ in world.craft.thrusters if world.watches_switching),
-    )
+    clock, kept = place.put(zeros, torch.int32), getattr(torch, world.craft.actuators.dtype)
+    start, goal = world.scenario(clock, draws)
+    moved = world.task.next_goal(goal, start, world.timing.control_period)
+    new = world.begin(start, goal, clock, draws, body)
+    buffer = lambda _=None: place.put(zeros, real)  # noqa: E731
+    varying = lambda x: x if isinstance(x, int | float) else buffer()  # noqa: E731
+    case = new.case and replace(map_leaves(varying, new.case), number=place.put(zeros, torch.int32))
+    return replace(
+        new, state=map_leaves(buffer, start), case=case if remember else None,
+        goal=map_leaves(lambda x, later: x if isinstance(x, float) and later is x else buffer(), goal, moved),
+        past=map_leaves(buffer, new.past), reading=map_leaves(buffer, new.reading),
+        commands=map_leaves(lambda _: place.put(zeros, kept), new.commands))
 
 
 def write(buffers: Sequence[Any], values: Sequence[Any]) -> None:

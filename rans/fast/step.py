@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import torch
@@ -9,6 +10,7 @@ from torch import Tensor
 
 from rans.episode import Command, Episode, Outcome, World, restart, step
 from rans.model.fields import Field
+from rans.model.random import Draws
 
 
 class Step(NamedTuple):
@@ -43,19 +45,19 @@ class Seen(NamedTuple):
     """Of the state arrived in."""
 
 
-def step_and_restart(world: World, episode: Episode, command: Command, seed: tuple[Field, Field],
-                     numbers: tuple[Field, Any], dtype: Any) -> Seen:
+def step_and_restart(world: World, episode: Episode, command: Command, draws: Draws) -> Seen:
     """`rans.episode.step` and, where an episode ended, `rans.episode.restart`."""
-    outcome = step(world, episode, command)
-    after = restart(world, outcome, seed, numbers, dtype)
-    return Seen(after, outcome, world.observe(after), world.observe(outcome.episode))
+    remembers = episode.case is not None
+    outcome = step(world, world.recalled(episode, draws), command, draws)
+    after = restart(world, outcome, draws)
+    seen, final = world.observe(after, draws), world.observe(outcome.episode, draws)
+    return Seen(after if remembers else replace(after, case=None), outcome, seen, final)
 
 
-def step_tensors(world: World, episode: Episode, action: Tensor, seed: tuple[Tensor, Tensor],
-                 numbers: tuple[Tensor, int], dtype: torch.dtype) -> Step:
+def step_tensors(world: World, episode: Episode, action: Tensor, draws: Draws) -> Step:
     """One step on tensors, writing the episode's buffers in place; this is what is compiled."""
-    command = tuple(action[:, i].to(dtype) for i in range(action.shape[1]))
-    seen = step_and_restart(world, episode, command, seed, numbers, dtype)
+    command = tuple(action[:, i].to(draws.dtype) for i in range(action.shape[1]))
+    seen = step_and_restart(world, episode, command, draws)
     for buffer, value in zip(episode.memory(), seen.after.memory(), strict=True):
         buffer.copy_(value)
     return results(seen, torch.stack, lambda x: x)

@@ -11,6 +11,7 @@ import numpy as np
 
 from rans.errors import ConfigError
 from rans.model.fields import Field, floor, where
+from rans.model.valves import ascending
 
 if TYPE_CHECKING:
     from gymnasium import spaces
@@ -131,7 +132,7 @@ class Pulsed(_Continuous):
         widths = [self._width(duty) for duty in command]
         begun: Field = 0.0
         regular = self.counts <= len(widths) + 1
-        ends = [float(k) for k in range(1, self.counts)] if regular else _ascending(widths)
+        ends = [float(k) for k in range(1, self.counts)] if regular else ascending(widths)
         for end in (*ends, float(self.counts)):
             zero = [width * 0.0 for width in widths]
             open_ = [where(width > begun, none + 1.0, none) for width, none in zip(widths, zero, strict=True)]
@@ -147,16 +148,6 @@ class Pulsed(_Continuous):
 ON_OFF = OnOff()
 
 KINDS: dict[str, type[Actuators]] = {kind.kind: kind for kind in (OnOff, Pulsed, Throttle)}
-
-
-def _ascending(values: Sequence[Field]) -> list[Field]:
-    """Fields of the same numbers, the smallest first (a bubble sort, which never branches)."""
-    result = list(values)
-    for last in range(len(result) - 1, 0, -1):
-        for k in range(last):
-            a, b = result[k], result[k + 1]
-            result[k], result[k + 1] = where(a < b, a, b), where(a < b, b, a)
-    return result
 
 
 def _shown(given: np.ndarray, shape: tuple[int, ...], values: Any) -> str:

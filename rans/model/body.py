@@ -35,6 +35,8 @@ class Body:
     """One per thruster; empty: each is 1."""
     leak: tuple[Field, ...] = ()
     """One per thruster; empty: each is 0."""
+    droop: Field | None = None
+    """How much the shared supply gives way, see `rans.model.dynamics.thrust`; None: as the craft's."""
 
     @classmethod
     def of(cls, craft: Spacecraft) -> Body:

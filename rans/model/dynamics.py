@@ -13,16 +13,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any, Self, TypeVar
 
 from rans.model.body import Body
 from rans.model.drift import FREE, Drift
-from rans.model.fields import Attitude, Field, Heading, Quat, Vec2, Vec3, Vector, at_least, cos, sin, sqrt
+from rans.model.fields import Attitude, Field, Heading, Quat, Vec2, Vec3, Vector, at_least, cos, map_leaves, sin, sqrt
 from rans.model.magnus import Rotation, at, exponential, turned
 from rans.model.spacecraft import Spacecraft
 from rans.model.spin import spin_series
 from rans.model.timing import Timing
 from rans.model.translation import RULES, moved
+from rans.model.valves import Jump, Lag, pieces
 
 NODES = 6
 """Of the Gauss-Legendre rule for planar motion. Over one control period its error, as a share of the
@@ -98,9 +100,11 @@ def thrust(craft: Spacecraft, command: Sequence[Field], body: Body | None = None
     if body is not None:
         gains, leaks = body.gain or (1.0,) * len(command), body.leak or (0.0,) * len(command)
         command = [_opened(*x) for x in zip(command, gains, leaks, strict=True)]
-    if craft.thrust_sharing == "none":
+    droop = craft.droop if body is None or body.droop is None else body.droop
+    if _is(droop, 0.0):
         return tuple(command)
-    share = 1.0 / at_least(sum(command[1:], start=command[0]), 1.0)
+    opened = at_least(sum(command[1:], start=command[0]), 1.0)
+    share = 1.0 / (opened if _is(droop, 1.0) else 1.0 + droop * (opened - 1.0))
     return tuple(c * share for c in command)
 
 
@@ -119,7 +123,11 @@ def wrench(craft: Spacecraft, command: Sequence[Field], body: Body | None = None
 
     Commands are 0 (shut) to 1 (open); without a body the craft is as it was designed.
     """
-    shares = thrust(craft, command, body)
+    return _wrench(craft, thrust(craft, command, body), body)
+
+
+def _wrench(craft: Spacecraft, shares: Sequence[Field], body: Body | None) -> Wrench:
+    """That of thrusters which give these shares of their force; linear in them."""
     total = [_dot(shares, column) for column in zip(*craft.wrench_map, strict=True)]
     planar = craft.dimension == 2
     force, torque = (Vec2(*total[:2]), total[2]) if planar else (Vec3(*total[:3]), Vec3(*total[3:]))
@@ -138,16 +146,47 @@ def _dot(shares: Sequence[Field], coefficients: Sequence[float]) -> Field:
 
 
 def held(state: AnyState, craft: Spacecraft, body: Body, command: Sequence[Field], timing: Timing,
-         drift: Drift = FREE, nodes: int = NODES, disturbance: Wrench | None = None) -> AnyState:
+         drift: Drift = FREE, nodes: int = NODES, disturbance: Wrench | None = None, lag: Lag | None = None,
+         earlier: Sequence[Sequence[Field]] = ()) -> AnyState:
     """The state after a command was held for one control period, heading or quaternion normalised.
 
-    The craft's actuators say how they take commands, one field of 0 to 1 per thruster. Substeps are those of
-    each of the command's pieces; the rest is as for `advance`.
+    The craft's actuators say how they take commands, one field of 0 to 1 per thruster. Valves may lag: then
+    earlier commands, the last one first, are still felt. Substeps are those of each of the period's pieces;
+    the rest is as for `advance`.
     """
-    for share, part in craft.actuators.pulses(command):
-        state = advance(state, wrench(craft, part, body), body, share * timing.control_period,
-                        timing.substeps, nodes, disturbance, drift)
+    if lag is None:
+        parts: Any = ((share * timing.control_period, wrench(craft, part, body), None)
+                      for share, part in craft.actuators.pulses(command))
+    else:
+        told = _told(craft, body, (command, *earlier), timing.control_period, lag.fall is not None)
+        parts = pieces(*told, lag, timing.control_period)
+    for duration, first, last in parts:
+        state = advance(state, first, body, duration, timing.substeps, nodes, disturbance, drift, last)
     return state.normalised()
+
+
+def _told(craft: Spacecraft, body: Body, commands: Sequence[Sequence[Field]], period: float,
+          apart: bool) -> tuple[Wrench, list[Jump]]:
+    """The wrench of the oldest command at its beginning, and every later change; newest command first.
+
+    What opens and what shuts are kept apart if they are not felt alike.
+    """
+    when, thrusts = [], []
+    for age, command in reversed(list(enumerate(commands))):
+        time: Field = -age * period
+        for share, part in craft.actuators.pulses(command):
+            when.append(time)
+            thrusts.append(thrust(craft, part, body))
+            time = time + share * period
+    jumps = []
+    for time, (old, new) in zip(when[1:], pairwise(thrusts), strict=True):
+        change = [b - a for a, b in zip(old, new, strict=True)]
+        if not apart:
+            jumps.append(Jump(time, _wrench(craft, change, body), None))
+            continue
+        up, down = [at_least(x, 0.0) for x in change], [-at_least(-x, 0.0) for x in change]
+        jumps.append(Jump(time, _wrench(craft, up, body), _wrench(craft, down, body)))
+    return _wrench(craft, thrusts[0], body), jumps
 
 
 def step_goal(goal: AnyState, drift: Drift, duration: Field) -> AnyState:
@@ -165,7 +204,8 @@ def step_goal(goal: AnyState, drift: Drift, duration: Field) -> AnyState:
 
 
 def advance(state: AnyState, applied: Wrench, body: Body, duration: Field, substeps: int = 1,
-            nodes: int = NODES, disturbance: Wrench | None = None, drift: Drift = FREE) -> AnyState:
+            nodes: int = NODES, disturbance: Wrench | None = None, drift: Drift = FREE,
+            last: Wrench | None = None) -> AnyState:
     """The state after the wrench acted for the duration, constant in B.
 
     Args:
@@ -178,9 +218,13 @@ def advance(state: AnyState, applied: Wrench, body: Body, duration: Field, subst
         nodes: of the quadrature in the plane; float32 needs only four.
         disturbance: a second wrench, constant in W: an uneven floor, a draught, a tether.
         drift: how a free point moves.
+        last: what the wrench has become in the end, in a straight line over time; None: it stays.
     """
-    load, h = _Load(applied, disturbance, body, drift), duration / substeps
-    for _ in range(substeps):
+    h = duration / substeps
+    for k in range(substeps):
+        growth = None if last is None else map_leaves(lambda a, b: (b - a) * (1.0 / substeps), applied, last)
+        now = applied if growth is None else map_leaves(lambda a, d, k=k: a + d * k, applied, growth)
+        load = _Load(now, growth, disturbance, body, drift)
         if isinstance(state, PlanarState):
             state = _advance_planar(state, load, h, nodes)
         else:
@@ -193,6 +237,8 @@ class _Load:
     """What acts on what."""
 
     thrust: Wrench
+    growth: Wrench | None
+    """What is added to the thrust until the end, in a straight line over time."""
     disturbance: Wrench | None
     body: Body
     drift: Drift
@@ -208,21 +254,30 @@ def _advance_planar(state: PlanarState, load: _Load, h: Field, nodes: int) -> Pl
     torque = load.thrust.torque if load.disturbance is None else load.thrust.torque + load.disturbance.torque
     spin_up = torque * (1.0 / load.body.inertia[0])
     x, y = acceleration.columns()
+    jerk: Any = None if load.growth is None else load.growth.torque * (1.0 / load.body.inertia[0])
 
-    def turn(t: Field) -> Vec2:
-        angle = state.attitude.angle + t * (state.w + (0.5 * t) * spin_up)
-        return Vec2(cos(angle), sin(angle))
+    def angle(share: float) -> Field:
+        t = share * h
+        faster = spin_up if jerk is None else spin_up + (share / 3.0) * jerk
+        return state.attitude.angle + t * (state.w + (0.5 * t) * faster)
+
+    def turn(share: float) -> Vec2:
+        return Vec2(cos(angle(share)), sin(angle(share)))
 
     def in_world(*scaled: tuple[Vec2, Field]) -> list[Vec2]:
         return [Vec2(u.x * x - u.y * y, u.y * x + u.x * y).scale(s) for u, s in scaled]
 
-    turns = (turn(node * h) for node, _ in RULES[nodes])
+    turns = (turn(node) for node, _ in RULES[nodes])
+    if load.growth is not None:  # what turns is no longer the same everywhere
+        grown: Any = load.growth.force.scale(1.0 / load.body.mass)
+        turns = (Heading(angle(node)).rotate(acceleration + grown.scale(node)) for node, _ in RULES[nodes])
+        in_world = lambda *scaled: [u.scale(s) for u, s in scaled]  # noqa: E731
     p, v = moved(state.p, state.v, h, load.drift, RULES[nodes], turns, in_world, load.steady())
     return PlanarState(
         p=p,
-        attitude=Heading(state.attitude.angle + h * (state.w + (0.5 * h) * spin_up)),
+        attitude=Heading(angle(1.0)),
         v=v,
-        w=state.w + h * spin_up,
+        w=state.w + h * (spin_up if jerk is None else spin_up + 0.5 * jerk),
     )
 
 
@@ -234,11 +289,14 @@ def _advance_spatial(state: SpatialState, load: _Load, h: Field) -> SpatialState
     steady = None
     if load.disturbance is not None:
         steady = state.attitude.conjugate().rotate(load.disturbance.torque)
-    rate = spin_series(state.w, load.thrust.torque, load.body.inertia, h, steady)
+    torque: list[Any] = [load.thrust.torque] if load.growth is None else [load.thrust.torque, load.growth.torque]
+    rate = spin_series(state.w, torque, load.body.inertia, h, steady)
     rotation = Rotation(rate, h)
     acceleration: Any = load.thrust.force.scale(1.0 / load.body.mass)
     rule = RULES[_SPATIAL_NODES]
-    pushes = (turned(rotation.vector(node), acceleration) for node, _ in rule)
+    grown: Any = None if load.growth is None else load.growth.force.scale(1.0 / load.body.mass)
+    pushes = (turned(rotation.vector(node), acceleration if grown is None else acceleration + grown.scale(node))
+              for node, _ in rule)
 
     def in_world(*scaled: tuple[Vec3, Field]) -> list[Vec3]:
         return [state.attitude.rotate(u) for u in [u.scale(s) for u, s in scaled]]

@@ -57,6 +57,8 @@ cos = _unary("cos")
 """Cosine of an angle in rad."""
 exp = _unary("exp")
 """Natural exponential."""
+log = _unary("log")
+"""Natural logarithm."""
 sqrt = _unary("sqrt")
 """Square root."""
 absolute = _unary("abs")
@@ -93,7 +95,9 @@ def finite(*xs: Field) -> Field:
 
 
 def leaves(tree: Any) -> tuple[Field, ...]:
-    """The fields of a tree of frozen dataclasses, in the order of definition."""
+    """The fields of a tree of frozen dataclasses, in the order of definition; None has no field."""
+    if tree is None:
+        return ()
     if isinstance(tree, tuple):
         return tuple(x for branch in tree for x in leaves(branch))
     if not dataclasses.is_dataclass(tree):
@@ -112,6 +116,8 @@ def unflatten(tree: Tree, fields: Iterable[Field]) -> Tree:
 
 
 def _filled(tree: Any, fields: Iterator[Field]) -> Any:
+    if tree is None:
+        return None
     if isinstance(tree, tuple):
         return tuple([_filled(branch, fields) for branch in tree])
     if not dataclasses.is_dataclass(tree):

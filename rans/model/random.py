@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
 
 from rans.errors import ConfigError
 from rans.model.dynamics import PlanarState, SpatialState, State
-from rans.model.fields import Attitude, Field, Heading, Quat, Vec2, Vec3, Vector, cos, sin, sqrt
+from rans.model.fields import Attitude, Field, Heading, Quat, Vec2, Vec3, Vector, cos, floor, log, sin, sqrt, where
 
 
 def seed_words(seed: int) -> tuple[int, int]:
@@ -46,6 +46,37 @@ def _mix(a: Field, b: Field, c: Field, d: Field) -> tuple[Field, ...]:
     return a, b, c, d
 
 
+def real(whole: Field, dtype: Any) -> Field:
+    """A whole number, or a field of them, as a real of this floating dtype."""
+    if isinstance(whole, int | float | np.generic):
+        return float(whole)
+    return whole.astype(dtype) if isinstance(whole, np.ndarray) else whole.to(dtype)
+
+
+@dataclass(frozen=True)
+class Draws:
+    """What N running environments draw with."""
+
+    low: Field
+    """Low word of the seed (`seed_words`), one for all or each one's own."""
+    high: Field
+    """High word."""
+    first: Field
+    """Number of each environment's first episode, int32."""
+    stride: Any
+    """How far it is from one episode of an environment to its next."""
+    dtype: Any
+    """Floating dtype of what is drawn, of the fields' library."""
+
+    def random(self, dimension: Literal[2, 3], number: Field, block: Field = 0) -> Random:
+        """The random numbers of the episodes with these numbers, see `Random`."""
+        return Random(dimension, self.low, self.high, number, self.dtype, block)
+
+    def real(self, whole: Field) -> Field:
+        """A whole number, or a field of them, as a real."""
+        return real(whole, self.dtype)
+
+
 class Random:
     """Draws for one episode (of many spacecraft at once); each call takes the next numbers.
 
@@ -55,31 +86,62 @@ class Random:
         high: high word of the seed.
         episode: number of the episode, int32 field.
         dtype: floating dtype of the draws, of the episode's library.
+        block: which of the episode's numbers come first, counted in blocks of four; may be an int32 field.
     """
 
     def __init__(self, dimension: Literal[2, 3], low: Field, high: Field, episode: Field,
-                 dtype: Any) -> None:
+                 dtype: Any, block: Field = 0) -> None:
         self.dimension = dimension
         self._key = (low, high)
         self._episode = episode
         self._dtype = dtype
         self._words: tuple[Field, ...] = ()
-        self._blocks = 0
+        self._block = block
+        self._spare: Field = None
 
     def unit(self) -> Field:
         """Uniform in [0, 1), a multiple of 2^-24 and so the same in float32 and float64."""
         if not self._words:
             low, high = (self._episode * 0 + word for word in self._key)
-            self._words = hash4(self._episode, self._episode * 0 + self._blocks, low, high)
-            self._blocks += 1
+            self._words = hash4(self._episode, self._episode * 0 + self._block, low, high)
+            self._block = self._block + 1
         word, self._words = self._words[0], self._words[1:]
         bits = (word >> 8) & 0xFFFFFF
-        real = bits.astype(self._dtype) if isinstance(bits, np.ndarray) else bits.to(self._dtype)
-        return real * 2.0**-24
+        return real(bits, self._dtype) * 2.0**-24
 
     def uniform(self, low: float, high: float) -> Field:
         """Uniform between two bounds."""
         return low + (high - low) * self.unit()
+
+    def within(self, values: float | tuple[float, float]) -> Field:
+        """Uniform between the bounds of a range; a number for itself, for which one is drawn in vain."""
+        u = self.unit()
+        return values[0] + (values[1] - values[0]) * u if isinstance(values, tuple) else values
+
+    def whole(self, values: float | tuple[float, float]) -> Field:
+        """A whole number, each within a range as likely as the next, as a real."""
+        u = self.unit()
+        return values[0] + floor((values[1] - values[0] + 1.0) * u) if isinstance(values, tuple) else values
+
+    def normal(self) -> Field:
+        """From the standard normal distribution (Box and Muller, 1958)."""
+        if self._spare is not None:
+            result, self._spare = self._spare, None
+            return result
+        radius, angle = sqrt(-2.0 * log(1.0 - self.unit())), self.uniform(-math.pi, math.pi)
+        self._spare = radius * sin(angle)
+        return radius * cos(angle)
+
+    def vector(self, length: float | tuple[float, float]) -> Vec2 | Vec3:
+        """A vector in any direction whose length is within a range."""
+        return self.direction().scale(self.within(length))
+
+    def turn(self, size: float | tuple[float, float]) -> Field:
+        """A turn about z either way, or a vector about any axis, whose size is within a range."""
+        if self.dimension == 3:
+            return self.vector(size)
+        side = self.unit()
+        return where(side < 0.5, side * 0.0 - 1.0, side * 0.0 + 1.0) * self.within(size)
 
     def direction(self) -> Vec2 | Vec3:
         """A unit vector, uniform on the circle or the sphere (Archimedes' cylinder)."""

@@ -74,6 +74,11 @@ class Spacecraft:
     def __post_init__(self) -> None:
         check(self)
 
+    @property
+    def droop(self) -> float:
+        """How much of each thruster's force every further open one takes, see `thrust_sharing`."""
+        return 1.0 if self.thrust_sharing == "split" else 0.0
+
     @cached_property
     def wrench_map(self) -> tuple[tuple[float, ...], ...]:
         """Per thruster, its full-on wrench on B about the centre of mass.

@@ -12,7 +12,7 @@ _ORDER = 8
 """Of the series of a body whose moments of inertia differ."""
 
 
-def spin_series(w: Vec3, torque: Any, inertia: Sequence[Field], h: Field, steady: Vec3 | None) -> Series:
+def spin_series(w: Vec3, torque: Sequence[Any], inertia: Sequence[Field], h: Field, steady: Vec3 | None) -> Series:
     """Taylor series of the angular velocity over the share of h that is gone.
 
     Euler's equation, I w' = tau - w x (I - I_zz 1) w: a multiple of the unit tensor has no part in
@@ -21,18 +21,18 @@ def spin_series(w: Vec3, torque: Any, inertia: Sequence[Field], h: Field, steady
 
     Args:
         w: angular velocity in B, rad/s.
-        torque: constant in B, N m.
+        torque: in B, by powers of that share: one entry if it is constant, N m.
         inertia: the six entries (I_xx, I_xy, I_xz, I_yy, I_yz, I_zz), kg m^2.
         h: length of the step, s.
         steady: a second torque, constant in W, as B sees it at the start, N m.
     """
     xx, xy, xz, yy, yz, zz = inertia
-    excess, inverse = (xx - zz, xy, xz, yy - zz, yz, 0.0), _inverse(inertia)
+    excess, inverse = (_less(xx, zz), xy, xz, _less(yy, zz), yz, 0.0), _inverse(inertia)
     even = all(isinstance(x, float) and x == 0.0 for x in excess)
     turning = [] if steady is None else [steady]
     rate, momentum = [w], []
-    for k in range(1 if even and not turning else _ORDER):
-        torques: list[Any] = [torque] if k == 0 else []
+    for k in range(len(torque) if even and not turning else _ORDER):
+        torques: list[Any] = list(torque[k:k + 1])
         if turning:
             torques.append(turning[k])
             turning.append(last_product(turning, rate).scale(h / (k + 1)))
@@ -41,6 +41,11 @@ def spin_series(w: Vec3, torque: Any, inertia: Sequence[Field], h: Field, steady
             torques.append(last_product(momentum, rate))
         rate.append(_symmetric_times(inverse, total(torques)).scale(h / (k + 1)))
     return rate
+
+
+def _less(a: Field, b: Field) -> Field:
+    """Their difference, known to be nothing where they are one and the same."""
+    return 0.0 if a is b else a - b
 
 
 def _symmetric_times(entries: Sequence[Field], v: Vec3) -> Vec3:

@@ -27,7 +27,7 @@ _FOLDED: dict[str, Callable[..., Any]] = {
     "==": operator.eq, "!=": operator.ne, "neg": operator.neg, "abs": abs,
     "real": float, "floor": math.floor, "minimum": min, "maximum": max,
     "where": lambda condition, a, b: a if condition else b,
-    **{name: getattr(math, name) for name in ("sin", "cos", "exp", "sqrt", "atan2")},
+    **{name: getattr(math, name) for name in ("sin", "cos", "exp", "log", "sqrt", "atan2")},
 }
 _COMPARISONS = ("<", "<=", ">", ">=", "==", "!=")
 _COMMUTING = ("+", "*", "&", "|", "^", "==", "!=")
@@ -162,7 +162,7 @@ def _kind(operation: str, args: tuple[Symbol, ...]) -> Kind:
     if operation in _COMPARISONS:
         return "bool"
     kinds = {arg.kind for arg in (args[1:] if operation == "where" else args)}
-    if operation in ("real", "/", "sin", "cos", "exp", "sqrt", "atan2") or "real" in kinds:
+    if operation in ("real", "/", "sin", "cos", "exp", "log", "sqrt", "atan2") or "real" in kinds:
         return "real"
     return "int" if "int" in kinds else "bool"
 

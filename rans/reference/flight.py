@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from rans.episode import Command, Episode, Mover
+from rans.episode import Influences, Mover
 from rans.flight import Controller, Flight, fly
 from rans.model.body import Body
 from rans.model.drift import FREE, Drift
@@ -28,10 +28,10 @@ def fly_in_drake(craft: Spacecraft, task: Task, controller: Controller, starts: 
 
 def mover(plant: Plant, timing: Timing) -> Mover:
     """Drake as what moves the spacecraft of an episode."""
-    def move(episode: Episode, command: Command) -> Any:
-        rows, commands = rows_from_states(episode.state), np.stack(command, axis=-1)
+    def move(state: Any, influences: Influences) -> Any:
+        rows, commands = rows_from_states(state), np.stack(influences.commands[0], axis=-1)
         moved = plant.advance(np.atleast_2d(rows), np.atleast_2d(commands), timing.control_period)
-        return states_from_rows(moved.reshape(rows.shape), episode.state).normalised()
+        return states_from_rows(moved.reshape(rows.shape), state).normalised()
 
     return move
 

@@ -58,3 +58,5 @@ __device__ inline double sine(double angle) { return sin(angle); }
 __device__ inline double cosine(double angle) { return cos(angle); }
 __device__ inline float exponential(float x) { return __expf(x); }
 __device__ inline double exponential(double x) { return exp(x); }
+__device__ inline float logarithm(float x) { return __logf(x); }
+__device__ inline double logarithm(double x) { return log(x); }

@@ -10,6 +10,7 @@ from typing import Any, Literal
 from rans.episode import Episode, World
 from rans.fast.step import step_and_restart
 from rans.model.fields import map_leaves
+from rans.model.random import Draws
 from rans.model.trace import Symbol, ordered, substituted
 from rans.tasks.settings import map_settings
 
@@ -124,9 +125,8 @@ def trace(world: World, episode: Episode, dtype: Any) -> Program:
     world = dataclasses.replace(world, task=_with_symbols(world.task, settings))
     memory, inputs = _remembered(episode)
     command = tuple(Symbol.input(f"command_{i}") for i in range(len(world.craft.thrusters)))
-    words = (Symbol.input("low", "int"), Symbol.input("high", "int"))
-    numbers = (Symbol.input("first", "int"), Symbol.input("stride", "int"))
-    seen = step_and_restart(world, inputs, command, words, numbers, dtype)
+    draws = Draws(*(Symbol.input(name, "int") for name in ("low", "high", "first", "stride")), dtype)
+    seen = step_and_restart(world, inputs, command, draws)
     after, outcome, ended = seen.after, seen.outcome, seen.outcome.ended
     shape = Shape(len(seen.observation), len(outcome.terms))
     first = (*seen.observation, *outcome.terms.values(), outcome.reward)
@@ -162,9 +162,7 @@ def _remembered(episode: Episode) -> tuple[tuple[Input, ...], Episode]:
         Input(Symbol.input(f"memory_{row}", "real" if kind in ("float", "double") else "int"), kind, array)
         for row, (array, kind) in enumerate(zip(episode.memory(), types, strict=True)))
     symbols = iter(given.symbol for given in memory)
-    new = lambda x: x if isinstance(x, int | float) else next(symbols)  # noqa: E731
-    state, goal, body = (map_leaves(new, tree) for tree in (episode.state, episode.goal, episode.body))
-    return memory, Episode(state, goal, next(symbols), tuple(symbols), body)
+    return memory, map_leaves(lambda x: x if isinstance(x, int | float) else next(symbols), episode)
 
 
 def _with_symbols(settings: Any, found: list[Input]) -> Any:

@@ -1,0 +1,200 @@
+"""Conditions: what an episode does not promise, as distributions that every engine draws from alike.
+
+A `Range` is a number, or the two bounds of a uniform distribution. Everything is drawn anew for each episode;
+the defaults are a perfect world, of which nothing is drawn, remembered or computed.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, fields, is_dataclass
+from typing import Any, Literal, get_args
+
+from rans.errors import ConfigError
+
+Range = float | tuple[float, float]
+"""A number, or the bounds of a uniform distribution."""
+FaultKind = Literal["dead", "stuck-open", "stuck", "weak"]
+"""Never open; always open; always open by a share; open by a share of what it is told."""
+
+
+def bounds(values: Range) -> tuple[float, float]:
+    """The least and the largest of a range."""
+    return values if isinstance(values, tuple) else (values, values)
+
+
+def largest(values: Range) -> float:
+    """The largest of a range."""
+    return bounds(values)[1]
+
+
+@dataclass(frozen=True)
+class BodyConditions:
+    """What flies, beside what was designed."""
+
+    mass: Range = 1.0
+    """Factor on the mass."""
+    inertia: Range = 1.0
+    """Factor on all moments of inertia."""
+    centre: Range = 0.0
+    """How far the true centre of mass lies from the designed one, in any direction, m."""
+
+
+@dataclass(frozen=True)
+class ThrusterConditions:
+    """What nozzles and valves do with a command."""
+
+    thrust: Range = 1.0
+    """Factor on the force of each thruster, drawn for each."""
+    pressure: Range = 1.0
+    """Factor on the force of all, by the pressure of their shared supply."""
+    droop: Range | None = None
+    """How much the supply gives way: with n valves open, each has 1 / (1 + droop (n - 1)) of its force. None:
+    as the spacecraft says (0: an ample supply, 1: it feeds one thruster's worth)."""
+    latency: Range = 0.0
+    """From a command until valves begin to move, s."""
+    command_delay: Range = 0.0
+    """From a decision until the command arrives, s; adds to the latency."""
+    rise: Range = 0.0
+    """From then until full force, in which the force grows steadily, s."""
+    fall: Range | None = None
+    """The same when a valve shuts, s; None: as the rise, in the same episode."""
+    least_on: Range = 0.0
+    """Shortest time for which an on/off valve stays open, s."""
+    least_off: Range = 0.0
+    """Shortest time for which it stays shut, s."""
+
+
+@dataclass(frozen=True)
+class FaultConditions:
+    """Thrusters that fail, each at most once."""
+
+    count: Range = 0.0
+    """How many fail, drawn as a whole number; up to two."""
+    kinds: tuple[FaultKind, ...] = ("dead", "stuck-open")
+    """How, each as likely as the next."""
+    share: Range = (0.3, 1.0)
+    """Of "stuck" and "weak" thrusters."""
+    time: Range = 0.0
+    """When, s from the start of the episode."""
+
+
+@dataclass(frozen=True)
+class DisturbanceConditions:
+    """What else pushes and turns, in the world frame."""
+
+    force: Range = 0.0
+    """Steady force in any direction, N."""
+    torque: Range = 0.0
+    """Steady torque either way, or about any axis, N m."""
+    slow_force: Range = 0.0
+    """Amplitude of a force that swings to and fro, N."""
+    slow_torque: Range = 0.0
+    """The same of a torque, N m."""
+    slow_period: Range = 25.0
+    """Of both, s."""
+    kicks: int = 0
+    """How many sudden pushes come at random moments."""
+    kick: Range = 0.0
+    """Impulse of each, in any direction, N s."""
+    kick_spin: Range = 0.0
+    """Angular impulse of each, N m s."""
+
+
+@dataclass(frozen=True)
+class SensorConditions:
+    """Of one measured quantity, in its unit: m, rad, m/s or rad/s."""
+
+    noise: Range = 0.0
+    """Standard deviation of each component, new in every control period."""
+    bias: Range = 0.0
+    """Size of a steady error in any direction."""
+    dropout: Range = 0.0
+    """Probability that a control period brings no new reading and the last one stands."""
+
+
+@dataclass(frozen=True)
+class SensorsConditions:
+    """What the policy is told of the true state."""
+
+    position: SensorConditions = field(default_factory=SensorConditions)
+    attitude: SensorConditions = field(default_factory=SensorConditions)
+    velocity: SensorConditions = field(default_factory=SensorConditions)
+    spin: SensorConditions = field(default_factory=SensorConditions)
+    delay: Range = 0.0
+    """How old readings are, drawn as a whole number of control periods."""
+
+    def each(self) -> tuple[SensorConditions, ...]:
+        """In the order of a state's fields."""
+        return self.position, self.attitude, self.velocity, self.spin
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """Distributions of everything that an episode does not promise.
+
+    Raises:
+        ConfigError: a range is not of finite numbers in order, or outside of what is possible.
+    """
+
+    body: BodyConditions = field(default_factory=BodyConditions)
+    thrusters: ThrusterConditions = field(default_factory=ThrusterConditions)
+    faults: FaultConditions = field(default_factory=FaultConditions)
+    disturbances: DisturbanceConditions = field(default_factory=DisturbanceConditions)
+    sensors: SensorsConditions = field(default_factory=SensorsConditions)
+    description: str = ""
+    """One line for lists."""
+
+    def __post_init__(self) -> None:
+        _check(self, "")
+        thrusters = self.thrusters
+        for name, low in (("mass", self.body.mass), ("inertia", self.body.inertia)):
+            _require(bounds(low)[0] > 0, f"body.{name}", low, "> 0")
+        _require(largest(self.faults.count) <= 2, "faults.count", self.faults.count, "at most 2")
+        _require(all(kind in get_args(FaultKind) for kind in self.faults.kinds) and self.faults.kinds,
+                 "faults.kinds", self.faults.kinds, f"among {', '.join(get_args(FaultKind))}")
+        _require(bounds(self.disturbances.slow_period)[0] > 0, "disturbances.slow_period",
+                 self.disturbances.slow_period, "> 0 s")
+        _require(0 <= self.disturbances.kicks <= 8, "disturbances.kicks", self.disturbances.kicks,
+                 "a whole number from 0 to 8")
+        _require(self.delay <= 30.0, "thrusters.latency and command_delay", self.delay,
+                 "together at most 30 s")
+        _require(largest(thrusters.least_on) <= 30 and largest(thrusters.least_off) <= 30,
+                 "thrusters.least_on and least_off", (thrusters.least_on, thrusters.least_off),
+                 "at most 30 s")
+        for name, sensor in zip(("position", "attitude", "velocity", "spin"), self.sensors.each(),
+                                strict=True):
+            _require(largest(sensor.dropout) < 1, f"sensors.{name}.dropout", sensor.dropout, "below 1")
+
+    @property
+    def delay(self) -> float:
+        """The longest time from a decision until a valve begins to move, s."""
+        return largest(self.thrusters.latency) + largest(self.thrusters.command_delay)
+
+    @property
+    def lasting(self) -> float:
+        """The longest time for which a command is still felt after the next one, s."""
+        thrusters = self.thrusters
+        return self.delay + max(largest(thrusters.rise), largest(thrusters.fall or 0.0))
+
+
+def _check(conditions: Any, place: str) -> None:
+    """Every range is of finite numbers >= 0, the least first."""
+    for one in fields(conditions):
+        value, name = getattr(conditions, one.name), place + one.name
+        if is_dataclass(value):
+            _check(value, name + ".")
+        elif "Range" in str(one.type) and value is not None:
+            pair = value if isinstance(value, tuple) else (value, value)
+            numbers = len(pair) == 2 and all(_is_number(x) for x in pair)
+            _require(numbers and 0 <= pair[0] <= pair[1], name, value,
+                     "a number >= 0, or the least and the largest of two")
+
+
+def _is_number(x: Any) -> bool:
+    return isinstance(x, int | float) and not isinstance(x, bool) and math.isfinite(x)
+
+
+def _require(holds: Any, name: str, value: object, bound: str) -> None:
+    if not holds:
+        raise ConfigError(f"conditions: {name} must be {bound}, got {value!r}.")
