@@ -28,12 +28,11 @@ Command = tuple[Field, ...]
 
 @dataclass(frozen=True)
 class Episode:
-    """What is known of N running episodes, or of one."""
+    """What is known of N running episodes, or of one: states and goals are a `State` of fields each."""
 
     state: Any
-    """`State` of fields."""
     goal: Any
-    """`State` of fields, or of floats where the task's goal never varies."""
+    """Of floats where the task's goal never varies."""
     clock: Field
     """int32: control periods since the episode's start in the low bits, and above them how many episodes of
     this environment came before. Their count wraps around."""
@@ -105,8 +104,7 @@ class World:
 
     def number(self, clock: Field, numbers: tuple[Field, Any]) -> Field:
         """Number of the episode, for an environment whose numbers these are (`restart`)."""
-        first, stride = numbers
-        return first + (clock >> self.step_mask.bit_length()) * stride
+        return numbers[0] + (clock >> self.step_mask.bit_length()) * numbers[1]
 
     def begin(self, seed: tuple[Field, Field], number: Field, dtype: Any) -> tuple[Any, Any]:
         """Start and goal of the episodes with these numbers, as fields of this floating dtype."""
@@ -131,50 +129,37 @@ Mover = Callable[[Episode, Command], Any]
 
 
 def step(world: World, episode: Episode, command: Command, move: Mover | None = None) -> Outcome:
-    """Hold the command for one control period.
-
-    Args:
-        world: what does not change.
-        episode: as it runs.
-        command: one field per thruster, 0 (shut) to 1 (open).
-        move: who computes the motion; None: our equations.
-    """
+    """Hold the command, 0 (shut) to 1 (open) each, for one control period; by default our equations move."""
     task = world.task
     state = (move or world.move)(episode, command)
     goal = task.next_goal(episode.goal, state, world.timing.control_period)
     clock = episode.clock + 1
     terminated = task.failed(state, goal) | ~finite(*leaves(state))
+    previous = command if episode.previous else ()
     return Outcome(
-        episode=replace(episode, state=state, goal=goal, clock=clock,
-                        previous=command if episode.previous else ()),
+        episode=replace(episode, state=state, goal=goal, clock=clock, previous=previous),
         terms=task.reward(Transition(state, goal, command, episode.previous or command)),
         terminated=terminated,
         truncated=((clock & world.step_mask) >= world.timing.episode_steps) & ~terminated,
-        reached=task.reached(state, goal),
-    )
+        reached=task.reached(state, goal))
 
 
 def restart(world: World, outcome: Outcome, seed: tuple[Field, Field], numbers: tuple[Field, Any],
             dtype: Any) -> Episode:
     """The next episode where one ended, elsewhere the same.
 
-    Args:
-        world: what does not change.
-        outcome: of the last step.
-        seed: its two words (`rans.model.random.seed_words`).
-        numbers: the number of each environment's first episode, and how far from one of its episodes to
-            the next. With the seed an episode's number decides start and goal.
-        dtype: floating dtype of the fields, of their library.
+    Seed (`rans.model.random.seed_words`) and number of an episode decide its start and goal, fields of this
+    floating dtype. ``numbers`` are that of each environment's first episode, and how far it is from one of
+    its episodes to the next.
     """
     ended, arrived = outcome.ended, outcome.episode
     clock = world.next_episode(arrived.clock)
-    start, goal = world.begin(seed, world.number(clock, numbers), dtype)
-    choose = lambda new, old: old if new is old else where(ended, new, old)  # noqa: E731
-    return replace(
-        arrived,
-        state=map_leaves(choose, start, arrived.state),
-        goal=map_leaves(lambda new, old: old if isinstance(old, float) else choose(new, old),
-                        goal, arrived.goal),
-        clock=where(ended, clock, arrived.clock),
-        previous=tuple(where(ended, valve * 0, valve) for valve in arrived.previous),
-    )
+
+    def chosen(new: Field, old: Field) -> Field:
+        never_varies = new is old or isinstance(old, float)
+        return old if never_varies else where(ended, new, old)
+
+    begun = world.begin(seed, world.number(clock, numbers), dtype)
+    state, goal = map_leaves(chosen, begun, (arrived.state, arrived.goal))
+    return replace(arrived, state=state, goal=goal, clock=where(ended, clock, arrived.clock),
+                   previous=tuple(where(ended, valve * 0, valve) for valve in arrived.previous))

@@ -56,24 +56,21 @@ class State:
 
 @dataclass(frozen=True)
 class PlanarState(State):
-    """Motion in the plane (3DoF)."""
+    """Motion in the plane (3DoF), where w is w_WB about z."""
 
     p: Vec2
     attitude: Heading
     v: Vec2
-    w: Field
-    """w_WB about z."""
 
 
 @dataclass(frozen=True)
 class SpatialState(State):
-    """Motion in space (6DoF)."""
+    """Motion in space (6DoF), where w is w_WB_B: expressed in B."""
 
     p: Vec3
     attitude: Quat
     v: Vec3
     w: Vec3
-    """w_WB_B: expressed in B."""
 
 
 AnyState = TypeVar("AnyState", PlanarState, SpatialState)
@@ -95,18 +92,14 @@ def thrust(craft: Spacecraft, command: Sequence[Field], body: Body | None = None
     Commands are 0 (shut) to 1 (open); without a body every thruster does as it is told. The supply is shared
     by what is really open, if the craft's ``thrust_sharing`` says so.
     """
-    if body is not None:
-        gains, leaks = body.gain or (1.0,) * len(command), body.leak or (0.0,) * len(command)
-        command = [_opened(*x) for x in zip(command, gains, leaks, strict=True)]
+    if body is not None and body.gain:
+        command = [c if _is(gain, 1.0) else c * gain for c, gain in zip(command, body.gain, strict=True)]
+    if body is not None and body.leak:
+        command = [c if _is(leak, 0.0) else c + leak for c, leak in zip(command, body.leak, strict=True)]
     if craft.thrust_sharing == "none":
         return tuple(command)
     share = 1.0 / at_least(sum(command[1:], start=command[0]), 1.0)
     return tuple(c * share for c in command)
-
-
-def _opened(command: Field, gain: Field, leak: Field) -> Field:
-    command = command if _is(gain, 1.0) else command * gain
-    return command if _is(leak, 0.0) else command + leak
 
 
 def _is(field: Field, number: float) -> bool:
@@ -115,10 +108,7 @@ def _is(field: Field, number: float) -> bool:
 
 
 def wrench(craft: Spacecraft, command: Sequence[Field], body: Body | None = None) -> Wrench:
-    """Sum of the thrusters' forces and torques on B, about the true centre of mass.
-
-    Commands are 0 (shut) to 1 (open); without a body the craft is as it was designed.
-    """
+    """Sum of the thrusters' forces and torques on B, about the true centre of mass; arguments as `thrust`."""
     shares = thrust(craft, command, body)
     total = [_dot(shares, column) for column in zip(*craft.wrench_map, strict=True)]
     planar = craft.dimension == 2
@@ -166,15 +156,14 @@ def step_goal(goal: AnyState, drift: Drift, duration: Field) -> AnyState:
 
 def advance(state: AnyState, applied: Wrench, body: Body, duration: Field, substeps: int = 1,
             nodes: int = NODES, disturbance: Wrench | None = None, drift: Drift = FREE) -> AnyState:
-    """The state after the wrench acted for the duration, constant in B.
+    """The state after the wrench acted on the body for the duration (s), constant in B.
 
     Args:
         state: at the start.
-        applied: the wrench on B.
+        applied: the wrench.
         body: mass and inertia.
-        duration: of the whole motion, s.
-        substeps: equal parts the motion is computed in. Each part is exact up to quadrature
-            rounding in the plane and of order six in space.
+        duration: of all substeps.
+        substeps: each is exact up to quadrature rounding in the plane and of order six in space.
         nodes: of the quadrature in the plane; float32 needs only four.
         disturbance: a second wrench, constant in W: an uneven floor, a draught, a tether.
         drift: how a free point moves.
@@ -213,17 +202,13 @@ def _advance_planar(state: PlanarState, load: _Load, h: Field, nodes: int) -> Pl
         angle = state.attitude.angle + t * (state.w + (0.5 * t) * spin_up)
         return Vec2(cos(angle), sin(angle))
 
-    def in_world(*scaled: tuple[Vec2, Field]) -> list[Vec2]:
-        return [Vec2(u.x * x - u.y * y, u.y * x + u.x * y).scale(s) for u, s in scaled]
+    def in_world(u: Vec2, share: Field) -> Vec2:
+        return Vec2(u.x * x - u.y * y, u.y * x + u.x * y).scale(share)
 
     turns = (turn(node * h) for node, _ in RULES[nodes])
     p, v = moved(state.p, state.v, h, load.drift, RULES[nodes], turns, in_world, load.steady())
-    return PlanarState(
-        p=p,
-        attitude=Heading(state.attitude.angle + h * (state.w + (0.5 * h) * spin_up)),
-        v=v,
-        w=state.w + h * spin_up,
-    )
+    heading = Heading(state.attitude.angle + h * (state.w + (0.5 * h) * spin_up))
+    return PlanarState(p, heading, v, state.w + h * spin_up)
 
 
 def _advance_spatial(state: SpatialState, load: _Load, h: Field) -> SpatialState:
@@ -231,22 +216,17 @@ def _advance_spatial(state: SpatialState, load: _Load, h: Field) -> SpatialState
 
     The thrust's acceleration is expressed in B at the start of the step.
     """
-    steady = None
-    if load.disturbance is not None:
-        steady = state.attitude.conjugate().rotate(load.disturbance.torque)
-    rate = spin_series(state.w, load.thrust.torque, load.body.inertia, h, steady)
+    body, pull = load.body, load.disturbance
+    steady = None if pull is None else state.attitude.conjugate().rotate(pull.torque)
+    rate = spin_series(state.w, load.thrust.torque, body.inertia, h, steady)
     rotation = Rotation(rate, h)
-    acceleration: Any = load.thrust.force.scale(1.0 / load.body.mass)
+    acceleration: Any = load.thrust.force.scale(1.0 / body.mass)
     rule = RULES[_SPATIAL_NODES]
     pushes = (turned(rotation.vector(node), acceleration) for node, _ in rule)
 
-    def in_world(*scaled: tuple[Vec3, Field]) -> list[Vec3]:
-        return [state.attitude.rotate(u) for u in [u.scale(s) for u, s in scaled]]
+    def in_world(u: Vec3, share: Field) -> Vec3:
+        return state.attitude.rotate(u.scale(share))
 
     p, v = moved(state.p, state.v, h, load.drift, rule, pushes, in_world, load.steady())
-    return SpatialState(
-        p=p,
-        attitude=state.attitude.times(exponential(rotation.vector(1.0))),
-        v=v,
-        w=at(rate, 1.0),
-    )
+    attitude = state.attitude.times(exponential(rotation.vector(1.0)))
+    return SpatialState(p, attitude, v, at(rate, 1.0))
