@@ -15,7 +15,7 @@ from typing import Any
 
 from rans.errors import ConfigError
 from rans.model.body import Body
-from rans.model.case import Case, Sensors, draw, reading
+from rans.model.case import Case, draw, reading
 from rans.model.conditions import Conditions, largest
 from rans.model.dynamics import NODES, Wrench, held
 from rans.model.fields import Field, finite, leaves, map_leaves, where
@@ -41,7 +41,7 @@ class Episode:
     body: Body | None = None
     """What flies: numbers, or fields where spacecraft differ; None: as designed. Conditions change it."""
     case: Case | None = None
-    """What it drew from its conditions; None: nothing, or it is drawn again in every step (`World.recalled`)."""
+    """What it drew from its conditions; None: nothing, or what is drawn again in every step."""
     past: tuple[Any, ...] = ()
     """The states before, the last one first: as many as readings may be old."""
     reading: Any = None
@@ -154,7 +154,7 @@ class World:
         sensors = None if new.case is None else new.case.sensors
         if sensors is None or sensors.dropout is None:
             return new
-        return replace(new, reading=self._read(new, sensors, draws))
+        return replace(new, reading=self._read(new, draws))
 
     @cached_property
     def remembered(self) -> int:
@@ -234,20 +234,19 @@ class World:
 
     def sensed(self, episode: Episode, draws: Draws | None) -> Any:
         """The state as sensors tell it."""
-        if episode.reading is not None:
-            return episode.reading
-        if episode.case is None or episode.case.sensors is None:
-            return episode.state
-        return self._read(episode, episode.case.sensors, draws)
+        return episode.reading if episode.reading is not None else self._read(episode, draws)
 
-    def _read(self, episode: Episode, sensors: Sensors, draws: Draws | None, last: Any = None) -> Any:
-        assert episode.case is not None and draws is not None
-        state = episode.state
+    def _read(self, episode: Episode, draws: Draws | None, last: Any = None) -> Any:
+        """What sensors tell now, with the reading before."""
+        case, state = episode.case, episode.state
+        if case is None or case.sensors is None or draws is None:
+            return state
         for age, old in enumerate(episode.past, 1):
-            state = map_leaves(lambda new, old, late=sensors.delay >= age: where(late, old, new), state, old)
-        number, step = episode.case.number, episode.clock & self.step_mask
-        return reading(state, sensors, lambda quantity: draws.random(
-            self.craft.dimension, number, step * 16 + (_READINGS + quantity * 4)), last)
+            late = case.sensors.delay >= age
+            state = map_leaves(lambda new, old, late=late: where(late, old, new), state, old)
+        step = episode.clock & self.step_mask
+        return reading(state, case.sensors, lambda quantity: draws.random(
+            self.craft.dimension, case.number, step * 16 + (_READINGS + quantity * 4)), last)
 
 
 _READINGS = 2**25
@@ -283,7 +282,7 @@ def step(world: World, episode: Episode, command: Command, draws: Draws | None =
                       past=(episode.state, *episode.past)[:len(episode.past)],
                       commands=(command, *episode.commands)[:len(episode.commands)])
     if episode.reading is not None:
-        arrived = replace(arrived, reading=world._read(arrived, arrived.case.sensors, draws, episode.reading))
+        arrived = replace(arrived, reading=world._read(arrived, draws, episode.reading))
     previous = episode.commands[0] if episode.commands else command
     return Outcome(
         episode=arrived,
@@ -291,8 +290,7 @@ def step(world: World, episode: Episode, command: Command, draws: Draws | None =
         terms=task.reward(Transition(state, goal, command, previous)),
         terminated=terminated,
         truncated=((clock & world.step_mask) >= world.timing.episode_steps) & ~terminated,
-        reached=task.reached(state, goal),
-    )
+        reached=task.reached(state, goal))
 
 
 def restart(world: World, outcome: Outcome, draws: Draws) -> Episode:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, Protocol
 
 import numpy as np
@@ -31,15 +32,10 @@ class Controller(Protocol):
         ...
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        """Commands for every episode.
+        """Commands (N, thrusters) for every episode: what the craft's actuators take, usually 0 or 1 (open).
 
-        Args:
-            state: `PlanarState` or `SpatialState` of float64 arrays (N,).
-            goal: the same for the goals.
-            observation: (N, width) float32, as `rans.tasks.observation` orders it.
-
-        Returns:
-            (N, thrusters), each entry what the craft's actuators take: usually 0 (shut) or 1 (open).
+        State and goal are a `State` of float64 arrays (N,) each; the observation is (N, width) float32, as
+        `rans.tasks.observation` orders it.
         """
         ...
 
@@ -54,7 +50,7 @@ class Flight:
     states: Any
     """`State` whose fields are float64 arrays (T + 1, N)."""
     goals: Any
-    """`State` whose fields are float64 arrays (N,), or where goals move (T + 1, N)."""
+    """The same where goals move, elsewhere of arrays (N,)."""
     commands: np.ndarray
     """(T, N, thrusters), 0 to 1."""
     controller: str
@@ -93,23 +89,17 @@ def fly(craft: Spacecraft, task: Task, controller: Controller, starts: Scenario,
     Episodes run for the full time, failed or not, so that nothing is dropped from a statistic. One whose
     state is no longer finite stops there: its states are NaN from then on, and the controller sees its start.
 
-    Args:
-        craft: what flies.
-        task: gives the observations.
-        controller: sees all N episodes at once.
-        starts: fields of float64 arrays (N,), as `rans.scenario.scenarios` gives them.
-        timing: control period, accuracy and length.
-        engine: who moves, for `Flight.engine`.
-        move: how; None: our equations.
-        body: what flies, numbers or (N,); None: as designed.
-        conditions: what the scenarios do not promise; controllers then see what sensors tell.
+    The controller sees all N episodes at once; their starts are of float64 arrays (N,), as
+    `rans.scenario.scenarios` gives them. ``engine`` says who moves, for `Flight.engine`, and ``move`` how:
+    by default our equations. The body is of numbers or of arrays (N,); None: as designed. Under conditions
+    the controller sees what sensors tell.
 
     Raises:
-        ConfigError: there are conditions, but the scenarios have no numbers to draw by.
+        ConfigError: there are conditions, but the scenarios have nothing to draw with.
     """
     world, draws = World(craft, task, timing, conditions=conditions), starts.draws
     now = world.begin(starts.start, starts.goal, 0, draws, body or Body.of(craft))
-    count = len(leaves(starts.start)[0])
+    count, nowhere = len(leaves(starts.start)[0]), map_leaves(lambda _: np.nan, starts.start)
     controller.reset(count)
     states, goals, commands, alive = [starts.start], [starts.goal], [], np.ones(count, dtype=bool)
     for _ in range(timing.episode_steps):
@@ -117,21 +107,15 @@ def fly(craft: Spacecraft, task: Task, controller: Controller, starts: Scenario,
         told = np.asarray(controller.act(world.sensed(now, draws), now.goal, seen), dtype=np.float64)
         outcome = step(world, now, tuple(told.T), draws, move)
         now, command = outcome.episode, np.stack(outcome.command, axis=1)
-        alive &= np.asarray(finite(*leaves(now.state)))
-        if alive.all():
-            states.append(now.state)
-        else:
-            states.append(_only(alive, now.state, map_leaves(lambda _: np.nan, now.state)))
-            now = replace(now, state=_only(alive, now.state, starts.start))
+        alive = alive & finite(*leaves(now.state))
+        where_alive = partial(np.where, alive)
+        states.append(map_leaves(where_alive, now.state, nowhere))
+        now = replace(now, state=map_leaves(where_alive, now.state, starts.start))
         goals.append(now.goal)
         commands.append(command)
     stand_still = all(goal is starts.goal for goal in goals)
     return Flight(craft, task, timing, _stacked(states), starts.goal if stand_still else _stacked(goals),
                   np.stack(commands), controller.name, engine)
-
-
-def _only(alive: np.ndarray, state: Any, otherwise: Any) -> Any:
-    return map_leaves(lambda x, y: np.where(alive, x, y), state, otherwise)
 
 
 def _stacked(trees: list[Any]) -> Any:

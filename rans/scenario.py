@@ -46,7 +46,8 @@ def scenario(task: Task, dimension: Literal[2, 3], seed: int, episode: int) -> S
         raise ConfigError(f"the episode must be a whole number from 0 to {2**31 - 1}, got {episode}.")
     draws = _draws(seed, np.array([episode], dtype=np.int32))
     start, goal = task.sample(draws.random(dimension, draws.first))
-    return Scenario(*(map_leaves(lambda x: float(np.squeeze(x)), s) for s in (start, goal)), draws)
+    start, goal = (map_leaves(lambda x: float(np.squeeze(x)), s) for s in (start, goal))
+    return Scenario(start, goal, draws)
 
 
 def batch(scenarios: Sequence[Scenario]) -> Scenario:

@@ -216,8 +216,7 @@ class Engine:
         if self.device.type != "cuda" or not self.compiled:
             return None
         try:
-            kernel = Kernel(self._world, self._episode, (self._draws.low, self._draws.high), self.processes,
-                            self.dtype, self.members)
+            kernel = Kernel(self._world, self._episode, self._draws, self.processes, self.dtype, self.members)
             kernel.function(self.dtype)
         # No compiler, or a task that does more than arithmetic on fields.
         except (OSError, CudaError, *UNTRACEABLE) as error:

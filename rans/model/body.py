@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,7 +12,9 @@ from rans.errors import ConfigError
 from rans.model.fields import Field
 from rans.model.spacecraft import Spacecraft
 
-_MOMENTS = {1: ("I_zz",), 6: ("I_xx", "I_xy", "I_xz", "I_yy", "I_yz", "I_zz")}
+_MOMENTS = {1: {"I_zz": "> 0"},
+            6: {"I_xx": "> 0", "I_xy": "", "I_xz": "", "I_yy": "> 0", "I_yz": "", "I_zz": "> 0"}}
+"""The bound of every moment of inertia, by how many there are."""
 
 
 @dataclass(frozen=True)
@@ -43,8 +45,8 @@ class Body:
         """A spacecraft as it was designed."""
         (xx, xy, xz), (_, yy, yz), (_, _, zz) = craft.inertia
         count = len(craft.thrusters)
-        return cls(craft.mass, (zz,) if craft.dimension == 2 else (xx, xy, xz, yy, yz, zz),
-                   (0.0,) * craft.dimension, (1.0,) * count, (0.0,) * count)
+        moments = (zz,) if craft.dimension == 2 else (xx, xy, xz, yy, yz, zz)
+        return cls(craft.mass, moments, (0.0,) * craft.dimension, (1.0,) * count, (0.0,) * count)
 
 
 def in_memory(body: Body, nominal: Body, count: int, field: Callable[[Any], Any]) -> Body:
@@ -62,27 +64,26 @@ def in_memory(body: Body, nominal: Body, count: int, field: Callable[[Any], Any]
         raise ConfigError(f"the body has {len(body.inertia)} moments of inertia; in "
                           f"{'the plane it has 1' if len(nominal.inertia) == 1 else 'space it has 6'}.")
 
-    def place(names: Sequence[str], given: tuple[Any, ...], usual: tuple[Any, ...], bound: str) -> Any:
+    def place(bounds: Mapping[str, str], given: tuple[Any, ...], usual: tuple[Any, ...]) -> tuple[Any, ...]:
         if len(given or usual) != len(usual):
-            raise ConfigError(f"the body's {names[0].split()[0]} has {len(given)} entries; this craft needs "
-                              f"{len(usual)}.")
-        return tuple(_placed(name, value, bound, count, field)
-                     for name, value in zip(names, given or usual, strict=True))
+            raise ConfigError(f"the body's {next(iter(bounds)).split()[0]} has {len(given)} entries; this "
+                              f"craft needs {len(usual)}.")
+        return tuple(_placed(*bound, value, count, field)
+                     for bound, value in zip(bounds.items(), given or usual, strict=True))
 
-    moments, thrusters = _MOMENTS[len(nominal.inertia)], range(len(nominal.gain))
+    thrusters = range(len(nominal.gain))
     result = Body(
-        _placed("mass", body.mass, "> 0", count, field),
-        tuple(_placed(name, value, "> 0" if name[2] == name[3] else "", count, field)
-              for name, value in zip(moments, body.inertia, strict=True)),
-        place([f"centre {axis}" for axis in "xyz"[:len(nominal.centre)]], body.centre, nominal.centre, ""),
-        place([f"gain of thruster {i}" for i in thrusters], body.gain, nominal.gain, ">= 0"),
-        place([f"leak of thruster {i}" for i in thrusters], body.leak, nominal.leak, ">= 0"))
-    if len(moments) == 6:
+        _placed("mass", "> 0", body.mass, count, field),
+        place(_MOMENTS[len(nominal.inertia)], body.inertia, nominal.inertia),
+        place({f"centre {axis}": "" for axis in "xyz"[:len(nominal.centre)]}, body.centre, nominal.centre),
+        place({f"gain of thruster {i}": ">= 0" for i in thrusters}, body.gain, nominal.gain),
+        place({f"leak of thruster {i}": ">= 0" for i in thrusters}, body.leak, nominal.leak))
+    if len(body.inertia) == 6:
         _check_rigid(body.inertia)
     return result
 
 
-def _placed(name: str, value: Any, bound: str, count: int, field: Callable[[Any], Any]) -> Any:
+def _placed(name: str, bound: str, value: Any, count: int, field: Callable[[Any], Any]) -> Any:
     """One number, or a field of as many as there are spacecraft."""
     values = _numbers(value)
     if values.shape not in ((), (count,)):
@@ -97,8 +98,8 @@ def _placed(name: str, value: Any, bound: str, count: int, field: Callable[[Any]
 
 def _check_rigid(inertia: tuple[Any, ...]) -> None:
     """As in `rans.model.spacecraft.check`, but for rounding to float32, in which bodies may be given."""
-    xx, xy, xz, yy, yz, zz = np.broadcast_arrays(*map(_numbers, inertia))
-    tensors = np.stack((xx, xy, xz, xy, yy, yz, xz, yz, zz), axis=-1).reshape(*xx.shape, 3, 3)
+    entries = np.stack(np.broadcast_arrays(*map(_numbers, inertia)), axis=-1)
+    tensors = entries[..., ((0, 1, 2), (1, 3, 4), (2, 4, 5))]
     low, middle, high = np.moveaxis(np.linalg.eigvalsh(tensors), -1, 0)
     wrong = (low <= 0) | (high > (low + middle) * (1 + 1e-6))
     if wrong.any():

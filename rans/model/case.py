@@ -67,7 +67,7 @@ class Kick:
 class Sensors:
     """What readings have wrong, in the order of a state's fields: p, attitude, v, w."""
 
-    delay: Field | None
+    delay: Field
     """Control periods, a whole number."""
     noise: tuple[Field, ...] | None
     """Standard deviation of each component."""
@@ -233,11 +233,11 @@ def _sensors(conditions: Conditions, random: Random) -> Sensors | None:
         return tuple(draw(k, getattr(sensor, name)) for k, sensor in enumerate(sensors))
 
     result = Sensors(
-        random.whole(given.delay) if largest(given.delay) >= 1 else None,
+        random.whole(given.delay),
         drawn("noise", lambda _, values: random.within(values)),
         drawn("bias", lambda k, values: (random.vector if k in (0, 2) else random.turn)(values)),
         drawn("dropout", lambda _, values: random.within(values)))
-    return result if leaves(result) else None
+    return result if largest(given.delay) >= 1 or len(leaves(result)) > 1 else None
 
 
 def reading(state: State, sensors: Sensors, random: Callable[[int], Random], last: State | None) -> State:

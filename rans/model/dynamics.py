@@ -11,14 +11,28 @@ that neglects 0.025 rad, or 1.4 degrees, in 25 s.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import operator
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, Self, TypeVar
 
 from rans.model.body import Body
 from rans.model.drift import FREE, Drift
-from rans.model.fields import Attitude, Field, Heading, Quat, Vec2, Vec3, Vector, at_least, cos, map_leaves, sin, sqrt
+from rans.model.fields import (
+    Attitude,
+    Field,
+    Heading,
+    Quat,
+    Vec2,
+    Vec3,
+    Vector,
+    at_least,
+    cos,
+    map_leaves,
+    sin,
+    sqrt,
+)
 from rans.model.magnus import Rotation, at, exponential, turned
 from rans.model.spacecraft import Spacecraft
 from rans.model.spin import spin_series
@@ -58,24 +72,21 @@ class State:
 
 @dataclass(frozen=True)
 class PlanarState(State):
-    """Motion in the plane (3DoF)."""
+    """Motion in the plane (3DoF), where w is w_WB about z."""
 
     p: Vec2
     attitude: Heading
     v: Vec2
-    w: Field
-    """w_WB about z."""
 
 
 @dataclass(frozen=True)
 class SpatialState(State):
-    """Motion in space (6DoF)."""
+    """Motion in space (6DoF), where w is w_WB_B: expressed in B."""
 
     p: Vec3
     attitude: Quat
     v: Vec3
     w: Vec3
-    """w_WB_B: expressed in B."""
 
 
 AnyState = TypeVar("AnyState", PlanarState, SpatialState)
@@ -97,20 +108,16 @@ def thrust(craft: Spacecraft, command: Sequence[Field], body: Body | None = None
     Commands are 0 (shut) to 1 (open); without a body every thruster does as it is told. The supply is shared
     by what is really open, if the craft's ``thrust_sharing`` says so.
     """
-    if body is not None:
-        gains, leaks = body.gain or (1.0,) * len(command), body.leak or (0.0,) * len(command)
-        command = [_opened(*x) for x in zip(command, gains, leaks, strict=True)]
+    if body is not None and body.gain:
+        command = [c if _is(gain, 1.0) else c * gain for c, gain in zip(command, body.gain, strict=True)]
+    if body is not None and body.leak:
+        command = [c if _is(leak, 0.0) else c + leak for c, leak in zip(command, body.leak, strict=True)]
     droop = craft.droop if body is None or body.droop is None else body.droop
     if _is(droop, 0.0):
         return tuple(command)
     opened = at_least(sum(command[1:], start=command[0]), 1.0)
     share = 1.0 / (opened if _is(droop, 1.0) else 1.0 + droop * (opened - 1.0))
     return tuple(c * share for c in command)
-
-
-def _opened(command: Field, gain: Field, leak: Field) -> Field:
-    command = command if _is(gain, 1.0) else command * gain
-    return command if _is(leak, 0.0) else command + leak
 
 
 def _is(field: Field, number: float) -> bool:
@@ -206,29 +213,30 @@ def step_goal(goal: AnyState, drift: Drift, duration: Field) -> AnyState:
 def advance(state: AnyState, applied: Wrench, body: Body, duration: Field, substeps: int = 1,
             nodes: int = NODES, disturbance: Wrench | None = None, drift: Drift = FREE,
             last: Wrench | None = None) -> AnyState:
-    """The state after the wrench acted for the duration, constant in B.
+    """The state after the wrench acted on the body for the duration (s), constant in B.
 
     Args:
         state: at the start.
-        applied: the wrench on B.
+        applied: the wrench.
         body: mass and inertia.
-        duration: of the whole motion, s.
-        substeps: equal parts the motion is computed in. Each part is exact up to quadrature
-            rounding in the plane and of order six in space.
+        duration: of all substeps.
+        substeps: each is exact up to quadrature rounding in the plane and of order six in space.
         nodes: of the quadrature in the plane; float32 needs only four.
         disturbance: a second wrench, constant in W: an uneven floor, a draught, a tether.
         drift: how a free point moves.
-        last: what the wrench has become in the end, in a straight line over time; None: it stays.
+        last: what the wrench has become in the end, along a straight line over time; None: it stays.
     """
-    h = duration / substeps
-    for k in range(substeps):
-        growth = None if last is None else map_leaves(lambda a, b: (b - a) * (1.0 / substeps), applied, last)
-        now = applied if growth is None else map_leaves(lambda a, d, k=k: a + d * k, applied, growth)
-        load = _Load(now, growth, disturbance, body, drift)
+    h, growth = duration / substeps, None
+    if last is not None:
+        growth = map_leaves(lambda a, b: (b - a) * (1.0 / substeps), applied, last)
+    for _ in range(substeps):
+        load = _Load(applied, growth, disturbance, body, drift)
         if isinstance(state, PlanarState):
             state = _advance_planar(state, load, h, nodes)
         else:
             state = _advance_spatial(state, load, h)
+        if growth is not None:
+            applied = map_leaves(operator.add, applied, growth)
     return state
 
 
@@ -238,10 +246,18 @@ class _Load:
 
     thrust: Wrench
     growth: Wrench | None
-    """What is added to the thrust until the end, in a straight line over time."""
+    """What is added to the thrust until the end, along a straight line over time."""
     disturbance: Wrench | None
     body: Body
     drift: Drift
+
+    def pushes(self) -> Callable[[float], Any]:
+        """Acceleration by the thrust, in B, when a share of the time is gone."""
+        first: Any = self.thrust.force.scale(1.0 / self.body.mass)
+        if self.growth is None:
+            return lambda _: first
+        more = self.growth.force.scale(1.0 / self.body.mass)
+        return lambda share: first + more.scale(share)
 
     def steady(self) -> Any:
         """Acceleration by the disturbance, in W; None without one."""
@@ -249,36 +265,29 @@ class _Load:
 
 
 def _advance_planar(state: PlanarState, load: _Load, h: Field, nodes: int) -> PlanarState:
-    """With constant torque the heading is an exact quadratic in time; translation follows by quadrature."""
-    acceleration: Any = load.thrust.force.scale(1.0 / load.body.mass)
+    """Where torque is constant or linear the heading is a polynomial in time; translation by quadrature."""
     torque = load.thrust.torque if load.disturbance is None else load.thrust.torque + load.disturbance.torque
-    spin_up = torque * (1.0 / load.body.inertia[0])
-    x, y = acceleration.columns()
-    jerk: Any = None if load.growth is None else load.growth.torque * (1.0 / load.body.inertia[0])
+    spin_up, push = torque * (1.0 / load.body.inertia[0]), load.pushes()
+    more = None if load.growth is None else load.growth.torque * (1.0 / load.body.inertia[0])
 
-    def angle(share: float) -> Field:
-        t = share * h
-        faster = spin_up if jerk is None else spin_up + (share / 3.0) * jerk
-        return state.attitude.angle + t * (state.w + (0.5 * t) * faster)
+    def angle(t: Field, share: float) -> Field:
+        mean = spin_up if more is None else spin_up + more * (share / 3.0)
+        return state.attitude.angle + t * (state.w + (0.5 * t) * mean)
 
-    def turn(share: float) -> Vec2:
-        return Vec2(cos(angle(share)), sin(angle(share)))
+    def turn(node: float) -> Vec2:
+        heading = angle(node * h, node)
+        return Vec2(cos(heading), sin(heading))
 
-    def in_world(*scaled: tuple[Vec2, Field]) -> list[Vec2]:
-        return [Vec2(u.x * x - u.y * y, u.y * x + u.x * y).scale(s) for u, s in scaled]
+    def times(u: Vec2, a: Any) -> Vec2:
+        return Vec2(u.x * a.x - u.y * a.y, u.y * a.x + u.x * a.y)
 
-    turns = (turn(node) for node, _ in RULES[nodes])
-    if load.growth is not None:  # what turns is no longer the same everywhere
-        grown: Any = load.growth.force.scale(1.0 / load.body.mass)
-        turns = (Heading(angle(node)).rotate(acceleration + grown.scale(node)) for node, _ in RULES[nodes])
-        in_world = lambda *scaled: [u.scale(s) for u, s in scaled]  # noqa: E731
-    p, v = moved(state.p, state.v, h, load.drift, RULES[nodes], turns, in_world, load.steady())
-    return PlanarState(
-        p=p,
-        attitude=Heading(angle(1.0)),
-        v=v,
-        w=state.w + h * (spin_up if jerk is None else spin_up + 0.5 * jerk),
-    )
+    # A thrust that is constant in B is turned once, after its directions are summed.
+    rule, grows = RULES[nodes], load.growth is not None
+    pushes = (times(turn(node), push(node)) if grows else turn(node) for node, _ in rule)
+    in_world = (lambda u, s: u.scale(s)) if grows else (lambda u, s: times(u, push(0.0)).scale(s))
+    p, v = moved(state.p, state.v, h, load.drift, rule, pushes, in_world, load.steady())
+    faster = spin_up if more is None else spin_up + 0.5 * more
+    return PlanarState(p, Heading(angle(h, 1.0)), v, state.w + h * faster)
 
 
 def _advance_spatial(state: SpatialState, load: _Load, h: Field) -> SpatialState:
@@ -286,25 +295,16 @@ def _advance_spatial(state: SpatialState, load: _Load, h: Field) -> SpatialState
 
     The thrust's acceleration is expressed in B at the start of the step.
     """
-    steady = None
-    if load.disturbance is not None:
-        steady = state.attitude.conjugate().rotate(load.disturbance.torque)
-    torque: list[Any] = [load.thrust.torque] if load.growth is None else [load.thrust.torque, load.growth.torque]
-    rate = spin_series(state.w, torque, load.body.inertia, h, steady)
-    rotation = Rotation(rate, h)
-    acceleration: Any = load.thrust.force.scale(1.0 / load.body.mass)
-    rule = RULES[_SPATIAL_NODES]
-    grown: Any = None if load.growth is None else load.growth.force.scale(1.0 / load.body.mass)
-    pushes = (turned(rotation.vector(node), acceleration if grown is None else acceleration + grown.scale(node))
-              for node, _ in rule)
+    pull, torque = load.disturbance, [load.thrust.torque]
+    steady = None if pull is None else state.attitude.conjugate().rotate(pull.torque)
+    rate = spin_series(state.w, torque if load.growth is None else [*torque, load.growth.torque],
+                       load.body.inertia, h, steady)
+    rotation, push, rule = Rotation(rate, h), load.pushes(), RULES[_SPATIAL_NODES]
+    pushes = (turned(rotation.vector(node), push(node)) for node, _ in rule)
 
-    def in_world(*scaled: tuple[Vec3, Field]) -> list[Vec3]:
-        return [state.attitude.rotate(u) for u in [u.scale(s) for u, s in scaled]]
+    def in_world(u: Vec3, share: Field) -> Vec3:
+        return state.attitude.rotate(u.scale(share))
 
     p, v = moved(state.p, state.v, h, load.drift, rule, pushes, in_world, load.steady())
-    return SpatialState(
-        p=p,
-        attitude=state.attitude.times(exponential(rotation.vector(1.0))),
-        v=v,
-        w=at(rate, 1.0),
-    )
+    attitude = state.attitude.times(exponential(rotation.vector(1.0)))
+    return SpatialState(p, attitude, v, at(rate, 1.0))

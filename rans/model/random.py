@@ -10,7 +10,21 @@ import numpy as np
 
 from rans.errors import ConfigError
 from rans.model.dynamics import PlanarState, SpatialState, State
-from rans.model.fields import Attitude, Field, Heading, Quat, Vec2, Vec3, Vector, cos, floor, log, sin, sqrt, where
+from rans.model.fields import (
+    Attitude,
+    Field,
+    Heading,
+    Quat,
+    Vec2,
+    Vec3,
+    Vector,
+    cos,
+    floor,
+    log,
+    sin,
+    sqrt,
+    where,
+)
 
 
 def seed_words(seed: int) -> tuple[int, int]:

@@ -12,7 +12,8 @@ _ORDER = 8
 """Of the series of a body whose moments of inertia differ."""
 
 
-def spin_series(w: Vec3, torque: Sequence[Any], inertia: Sequence[Field], h: Field, steady: Vec3 | None) -> Series:
+def spin_series(w: Vec3, torque: Sequence[Any], inertia: Sequence[Field], h: Field,
+                steady: Vec3 | None) -> Series:
     """Taylor series of the angular velocity over the share of h that is gone.
 
     Euler's equation, I w' = tau - w x (I - I_zz 1) w: a multiple of the unit tensor has no part in

@@ -11,21 +11,16 @@ from rans.model.drift import Drift
 from rans.model.fields import Field
 
 Rule = tuple[tuple[float, float], ...]
-InWorld = Callable[..., Any]
+
+RULES: dict[int, Rule] = {
+    count: tuple((float(node + 1) / 2, float(weight) / 2)
+                 for node, weight in zip(*np.polynomial.legendre.leggauss(count), strict=True))
+    for count in range(1, 9)}
+"""Gauss-Legendre nodes and weights on [0, 1], made beforehand: torch cannot trace NumPy's polynomials."""
 
 
-def _gauss_legendre(count: int) -> Rule:
-    """Nodes and weights on [0, 1]."""
-    nodes, weights = np.polynomial.legendre.leggauss(count)
-    return tuple((float(n + 1) / 2, float(w) / 2) for n, w in zip(nodes, weights, strict=True))
-
-
-RULES = {count: _gauss_legendre(count) for count in range(1, 9)}
-"""Made beforehand: torch cannot trace NumPy's polynomials."""
-
-
-def moved(p: Any, v: Any, h: Field, drift: Drift, rule: Rule, pushes: Iterator[Any], in_world: InWorld,
-          steady: Any = None) -> tuple[Any, Any]:
+def moved(p: Any, v: Any, h: Field, drift: Drift, rule: Rule, pushes: Iterator[Any],
+          in_world: Callable[[Any, Field], Any], steady: Any = None) -> tuple[Any, Any]:
     """Position and velocity after h.
 
     The thrust's acceleration a(t) is a kick w_i h a(s_i h) at every node s_i of weight w_i, which the
@@ -40,13 +35,13 @@ def moved(p: Any, v: Any, h: Field, drift: Drift, rule: Rule, pushes: Iterator[A
         drift: how a free point moves.
         rule: nodes and weights.
         pushes: the acceleration at each node, in any form of which sums can be made.
-        in_world: of pairs of that form and a scalar makes vectors in W, times the scalar.
+        in_world: makes a vector in W of that form and a scalar to multiply it with.
         steady: a second acceleration, constant in W, m/s^2.
     """
     if not drift.straight:
         p, v = drift.carry(p, v, h)
         for (node, weight), push in zip(rule, pushes, strict=True):
-            (kick,) = in_world((push, weight * h))
+            kick = in_world(push, weight * h)
             kick = kick if steady is None else kick + steady.scale(weight * h)
             q, u = drift.carry(kick.scale(0.0), kick, (1 - node) * h)
             p, v = p + q, v + u
@@ -55,8 +50,8 @@ def moved(p: Any, v: Any, h: Field, drift: Drift, rule: Rule, pushes: Iterator[A
     way = speed
     for (node, weight), push in zip(rule, pushes, strict=True):
         speed, way = speed + push.scale(weight), way + push.scale(weight * (1 - node))
-    gained, moved = in_world((speed, h), (way, h * h))
+    gained, gone = in_world(speed, h), in_world(way, h * h)
     if steady is not None:
-        gained, moved = gained + steady.scale(h), moved + steady.scale(0.5 * h * h)
+        gained, gone = gained + steady.scale(h), gone + steady.scale(0.5 * h * h)
     p, v = drift.carry(p, v, h)
-    return p + moved, v + gained
+    return p + gone, v + gained

@@ -1,18 +1,17 @@
 """Valves that answer late and gradually: the thrust of a control period as straight pieces.
 
-A command is felt ``latency`` after it was given; then the thrust goes steadily from what the last command gave
-to what this one gives, up within ``rise``, down within ``fall``. What nozzles give follows their commands linearly
-(`rans.model.dynamics.wrench`), so whole wrenches are added up, not nozzles.
+A command is felt ``latency`` after it was given; then the thrust goes steadily from what the last command
+gave to what this one gives, up within ``rise``, down within ``fall``. Wrenches are sums over nozzles, so
+whole wrenches are ramped, not nozzles.
 """
 
 from __future__ import annotations
 
-import operator
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from rans.model.fields import Field, Tree, at_least, map_leaves, where
+from rans.model.fields import Field, at_least, map_leaves, where
 
 
 @dataclass(frozen=True)
@@ -31,9 +30,9 @@ class Piece(NamedTuple):
 
     duration: Field
     """s."""
-    first: object
+    first: Any
     """`Wrench` at its beginning."""
-    last: object
+    last: Any
     """At its end; None: as at its beginning."""
 
 
@@ -42,13 +41,13 @@ class Jump(NamedTuple):
 
     time: Field
     """s from the start of the control period."""
-    up: object
+    up: Any
     """`Wrench` of what opens."""
-    down: object
+    down: Any
     """Of what shuts; None: it is in ``up`` too."""
 
 
-def pieces(before: Tree, jumps: Sequence[Jump], lag: Lag, period: float) -> Iterator[Piece]:
+def pieces(before: Any, jumps: Sequence[Jump], lag: Lag, period: float) -> Iterator[Piece]:
     """The wrench in one control period.
 
     Args:
@@ -72,7 +71,7 @@ def pieces(before: Tree, jumps: Sequence[Jump], lag: Lag, period: float) -> Iter
                     map_leaves(lambda x, y: 1.5 * y - 0.5 * x, a, b))
 
 
-def _at(time: Field, before: Tree, jumps: Sequence[Jump], lag: Lag) -> Tree:
+def _at(time: Field, before: Any, jumps: Sequence[Jump], lag: Lag) -> Any:
     """The wrench at a time."""
     for jump in jumps:
         gone = time - jump.time - lag.latency

@@ -21,7 +21,7 @@ from rans.tasks.base import Task
 
 def fly_in_drake(craft: Spacecraft, task: Task, controller: Controller, starts: Scenario,
                  timing: Timing, body: Body | None = None) -> Flight:
-    """Fly a batch of scenarios as `rans.flight.fly` does, moved by Drake; substeps do not concern it."""
+    """As `rans.flight.fly`, moved by Drake; substeps do not concern it."""
     plant = Plant(craft, len(leaves(starts.start)[0]), body=body, drift=task.drift)
     return fly(craft, task, controller, starts, timing, "drake", mover(plant, timing), body)
 
@@ -38,10 +38,9 @@ def mover(plant: Plant, timing: Timing) -> Mover:
 
 def replay(craft: Spacecraft, start: State, commands: np.ndarray, timing: Timing,
            drift: Drift = FREE) -> Any:
-    """Where commands (T, thrusters), 0 to 1, each held for one control period, take one spacecraft in Drake.
+    """Where commands (T, thrusters), each held for one control period, take one spacecraft in Drake.
 
-    The start is a state of floats; the result a `State` with fields (T + 1,), the start first. Headings are
-    not wrapped.
+    The start is of floats, the result of fields (T + 1,), the start first. Headings are not wrapped.
     """
     starts = np.array([leaves(start)], dtype=np.float64)
     rows = Plant(craft, drift=drift).rollout(starts, np.asarray(commands)[:, None], timing.control_period)

@@ -5,10 +5,9 @@ the imports). An error shared by the fast engine and the optimal controllers can
 
 States are rows of plain arrays, for the frame B at the centre of mass:
 
-- plane: ``[x, y, theta, v_x, v_y, w]``: p_WB (m), heading (rad, never wrapped), v_WB in W (m/s),
-  w_WB (rad/s);
-- space: ``[p_WB (3), q_WB as w x y z (4), v_WB in W (3), w_WB in B (3)]``. Drake does not
-  renormalise the quaternion: its length drifts at rounding level.
+- plane: ``[x, y, theta, v_x, v_y, w]``: p_WB (m), heading (rad, not wrapped), v_WB in W (m/s), w_WB (rad/s);
+- space: ``[p_WB (3), q_WB as w x y z (4), v_WB in W (3), w_WB in B (3)]``. Drake does not renormalise the
+  quaternion: its length drifts at rounding level.
 """
 
 # Drake's stubs write NumPy's array types with their two parameters exchanged and leave ports untyped.
@@ -16,17 +15,10 @@ States are rows of plain arrays, for the frame B at the centre of mass:
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant, Propeller, PropellerInfo
-from pydrake.multibody.tree import (
-    FixedOffsetFrame,
-    MultibodyForces,
-    PlanarJoint,
-    QuaternionFloatingJoint,
-)
+from pydrake.multibody.tree import FixedOffsetFrame, MultibodyForces, PlanarJoint, QuaternionFloatingJoint
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
 from pydrake.systems.framework import DiagramBuilder
 
@@ -39,18 +31,17 @@ from rans.reference.parts import Orbit, designed, gravity, pieces, pose, spatial
 class Plant:
     """Spacecraft of one kind, side by side in one Drake simulation; they never touch.
 
-    Each is a rigid body in the author's frame G; its mass sits off G's origin through its
-    `SpatialInertia`, so that the shift to the centre of mass is Drake's work, not ours. One
-    `Propeller` holds all thrusters. Valves that pulse are switched when they switch.
+    Each is a rigid body in the author's frame G; its mass sits off G's origin through its `SpatialInertia`,
+    so that the shift to the centre of mass is Drake's work, not ours. One `Propeller` holds all thrusters.
+    Valves that pulse are switched when they switch.
 
-    Motion is integrated with Runge-Kutta of order five at a *fixed* step: under error control Drake
-    1.51.1 continues from stale kinematics after a rejected step, and a discrete plant is a
-    first-order Euler scheme that may apply a new command one step late.
+    Motion is integrated with Runge-Kutta of order five at a *fixed* step: under error control Drake 1.51.1
+    continues from stale kinematics after a rejected step, and a discrete plant is a first-order Euler scheme
+    that may apply a new command one step late.
 
     Args:
         craft: what to build.
-        count: N, how many to simulate together; one alone costs two to three times as much as each
-            of many.
+        count: N, how many to simulate together; one alone costs two to three times as much as each of many.
         max_step: longest integration step, s. At 0.01 s, 25 s of on/off thrust are accurate to some
             1e-12 m in the plane and 1e-9 m in space (`validation.dynamics` measures it).
         body: each value one number or (N,), B at the true centre of mass; None: as the craft was designed.
@@ -99,8 +90,7 @@ class Plant:
         # At rest with B along W, so that Drake's vectors in W are vectors in B.
         self._set(np.tile(self._rest(), (self.count, 1)), commands)
         forces = MultibodyForces(self._plant)
-        applied = self._propeller.get_spatial_forces_output_port().Eval(self._propeller_context)
-        for force in applied:
+        for force in self._propeller.get_spatial_forces_output_port().Eval(self._propeller_context):
             self._plant.get_body(force.body_index).AddInForce(
                 self._plant_context, force.p_BoBq_B, force.F_Bq_W, self._plant.world_frame(), forces)
         return self._rows(self._plant.CalcGeneralizedForces(self._plant_context, forces))
@@ -127,8 +117,7 @@ class Plant:
         m/s^2, m/s^2, rad/s^2; space: (N, 6), m/s^2 (3) and rad/s^2 (3).
         """
         self._set(states, commands)
-        port = self._plant.get_generalized_acceleration_output_port()
-        rows = self._rows(port.Eval(self._plant_context))
+        rows = self._rows(self._plant.get_generalized_acceleration_output_port().Eval(self._plant_context))
         if self.craft.dimension == 3:
             # The derivative of w_WB is the same vector seen from W and from B: w x w = 0.
             rows[:, 3:] = np.einsum("nji,nj->ni", self._rotations(), rows[:, 3:])
@@ -159,21 +148,10 @@ class Plant:
 
         Each command is held for one control period, s.
         """
-        waiting = iter(commands)
-        return self.follow(starts, lambda _: next(waiting), len(commands), control_period)[0]
-
-    def follow(self, starts: np.ndarray, controller: Callable[[np.ndarray], np.ndarray], steps: int,
-               control_period: float) -> tuple[np.ndarray, np.ndarray]:
-        """States (T + 1, N, 6 or 13), the starts first, and the commands (T, N, thrusters) given meanwhile.
-
-        The controller is called with the states (N, 6 or 13) once a control period (s), for T steps, and
-        returns the commands (N, thrusters).
-        """
-        states, commands = [np.array(starts, dtype=np.float64)], []
-        for _ in range(steps):
-            commands.append(np.array(controller(states[-1]), dtype=np.float64))
-            states.append(self.advance(states[-1], commands[-1], control_period))
-        return np.array(states), np.array(commands)
+        states = [np.array(starts, dtype=np.float64)]
+        for command in commands:
+            states.append(self.advance(states[-1], command, control_period))
+        return np.array(states)
 
     def _add_thrusters(self, builder: DiagramBuilder) -> Propeller:
         """A Propeller pushes along its own z axis with thrust_ratio times the command."""

@@ -122,20 +122,6 @@ def test_a_plant_keeps_no_memory() -> None:
     assert np.array_equal(plant.rollout(start, commands, 0.2), first)
 
 
-def test_follow_shows_the_controller_every_state() -> None:
-    seen = []
-
-    def controller(states: np.ndarray) -> np.ndarray:
-        seen.append(states)
-        return np.ones((2, 6)) * (len(seen) % 2)
-
-    plant = Plant(lopsided(2), 2)
-    states, commands = plant.follow(np.zeros((2, 6)), controller, 4, 0.1)
-    assert np.array_equal(np.array(seen), states[:-1])
-    assert np.array_equal(commands[:, 0, 0], [1, 0, 1, 0])
-    assert np.array_equal(plant.rollout(np.zeros((2, 6)), commands, 0.1), states)
-
-
 def test_an_inertia_only_drake_refuses_is_a_sentence() -> None:
     """A flat plate off the triangle inequality by less than our check's 1e-9."""
     platform = load_spacecraft("floating-platform")

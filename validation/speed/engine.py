@@ -69,7 +69,7 @@ def memory_per_environment(craft: Spacecraft, task: Task, num_envs: int, clock: 
     if clock.on_gpu:
         held, how = torch.cuda.memory_allocated() - before, "allocated by torch"
     else:
-        arrays = (*engine.save_state()["buffers"], engine._numbers[0], action, *results)
+        arrays = (*engine.save_state()["buffers"], engine._draws.first, action, *results)
         held, how = sum(array.nbytes for array in arrays), "sum of all arrays"
     target = MEMORY_TARGET if craft.dimension == 2 else None
     return Measurement("memory", f"{craft.name}, one environment", held / num_envs, "bytes",

@@ -13,6 +13,7 @@ from rans.fast.kernels.cuda import Function
 from rans.fast.kernels.program import Shape, trace
 from rans.fast.kernels.source import THREADS, source
 from rans.fast.step import Step
+from rans.model.random import Draws
 
 _C_TYPES: dict[torch.dtype, Any] = {
     torch.uint8: "unsigned char", torch.float32: "float", torch.float64: "double"}
@@ -28,7 +29,7 @@ class Kernel:
     Args:
         world: what to run.
         episode: in memory that never moves.
-        seed: its two words, likewise.
+        draws: what they draw with, likewise.
         processes: whose part of the spacecraft these are.
         dtype: of reals.
         members: each of whom has the seeds and counts the episodes of an equal part of the spacecraft.
@@ -38,11 +39,11 @@ class Kernel:
             another dtype or device.
     """
 
-    def __init__(self, world: World, episode: Episode, seed: tuple[Tensor, Tensor], processes: Processes,
+    def __init__(self, world: World, episode: Episode, draws: Draws, processes: Processes,
                  dtype: torch.dtype, members: int = 1) -> None:
         self._program = trace(world, episode, dtype)
         self._inputs = [given.source for given in (*self._program.memory, *self._program.settings)]
-        self._seed, self._processes, self._members = seed, processes, members
+        self._seed, self._processes, self._members = (draws.low, draws.high), processes, members
         self._real, self._device = dtype, self._inputs[0].device
         self._count, self._thrusters = len(self._inputs[0]), len(world.craft.thrusters)
         self._together = 2 if self._count >= MANY and self._count % 2 == 0 else 1

@@ -125,14 +125,15 @@ def trace(world: World, episode: Episode, dtype: Any) -> Program:
     world = dataclasses.replace(world, task=_with_symbols(world.task, settings))
     memory, inputs = _remembered(episode)
     command = tuple(Symbol.input(f"command_{i}") for i in range(len(world.craft.thrusters)))
-    draws = Draws(*(Symbol.input(name, "int") for name in ("low", "high", "first", "stride")), dtype)
+    low, high, first, stride = (Symbol.input(name, "int") for name in ("low", "high", "first", "stride"))
+    draws = Draws(low, high, first, stride, dtype)
     seen = step_and_restart(world, inputs, command, draws)
     after, outcome, ended = seen.after, seen.outcome, seen.outcome.ended
     shape = Shape(len(seen.observation), len(outcome.terms))
-    first = (*seen.observation, *outcome.terms.values(), outcome.reward)
+    results = (*seen.observation, *outcome.terms.values(), outcome.reward)
     stores = [
         *_rows("memory", after.memory()),
-        *_rows("reals", first),
+        *_rows("reals", results),
         *_rows("flags", (getattr(outcome, name) for name in Shape.FLAGS)),
     ]
     going, begun = (_given(stores, ended, value) for value in (False, True))

@@ -21,8 +21,9 @@ Action = Literal["unsigned char", "float", "double"]
 THREADS = 64
 """Of a block."""
 
-_FUNCTIONS = {"sin": "sine", "cos": "cosine", "exp": "exponential", "log": "logarithm", "minimum": "min", "maximum": "max",
-              "abs": "abs", "floor": "floor", "sqrt": "sqrt", "atan2": "atan2", "real": "real"}
+_FUNCTIONS = {"sin": "sine", "cos": "cosine", "exp": "exponential", "log": "logarithm",
+              "minimum": "min", "maximum": "max", "abs": "abs", "floor": "floor", "sqrt": "sqrt",
+              "atan2": "atan2", "real": "real"}
 _BYTES = {"unsigned char": 1, "unsigned": 4, "float": 4, "double": 8}
 
 

@@ -19,4 +19,5 @@ static Index threadIdx{0}, blockDim{1}, gridDim{1};
 template <class T> T max(T a, T b) { return a > b ? a : b; }
 template <class T> T min(T a, T b) { return a < b ? a : b; }
 #define __expf std::exp
+#define __logf std::log
 static int __float_as_int(float x) { int bits; std::memcpy(&bits, &x, 4); return bits; }

@@ -27,6 +27,7 @@ from rans.model.timing import Timing
 from rans.tasks import TASKS, GoToPose
 from tests.fast.engines import FLYER, NEAR, PLATFORM, SHORT, actions, both_crafts
 from tests.fast.kernels.host import HostKernel, needs_compiler
+from tests.worlds import EFFECTS
 
 pytestmark = needs_compiler
 TOLERANCE = {torch.float64: 1e-12, torch.float32: 2e-5}
@@ -193,7 +194,7 @@ def test_shares_of_thrust(on_host: Any, kind: Any, dtype: torch.dtype) -> None:
     """Commands anywhere from 0 to 1; the last is remembered in 32 bits, whatever the engine computes in."""
     made: Any = (with_actuators(kind), replace(NEAR, switching_weight=0.1), 16, SHORT)
     ours, theirs = Engine(*made, seed=SEED, dtype=dtype), on_host(*made, seed=SEED, dtype=dtype)
-    assert {array.dtype for array in theirs._episode.previous} == {torch.float32}
+    assert {array.dtype for array in theirs._episode.commands[0]} == {torch.float32}
     generator = torch.Generator().manual_seed(7)
 
     def shares(steps: int) -> torch.Tensor:
@@ -273,3 +274,14 @@ def test_members_with_seeds_of_their_own(on_host: Any) -> None:
         alone.step(action[8:16])
     # A dozen steps over restarts, as above.
     torch.testing.assert_close(engine.observe()[8:16], alone.observe(), rtol=0, atol=1e-12)
+
+
+@both_crafts
+@pytest.mark.parametrize(("effect", "remember"), [*((effect, False) for effect in EFFECTS), ("all", True)])
+def test_every_condition_is_drawn_and_flown_as_on_numpy(on_host: Any, effect: str, remember: bool,
+                                                        craft: Spacecraft) -> None:
+    made: Any = (craft, GoToPose(), 8, Timing(episode_steps=12))
+    how: Any = {"seed": SEED, "dtype": torch.float64, "conditions": EFFECTS[effect]}
+    ours, theirs = Engine(*made, **how), on_host(*made, **how, remember=remember)
+    torch.testing.assert_close(theirs.observe(), ours.observe(), rtol=0, atol=1e-12)
+    assert compare(ours, theirs) > 8
