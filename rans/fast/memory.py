@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from operator import truediv
 from typing import Any
 
 import numpy as np
@@ -14,8 +15,9 @@ from rans.episode import Episode, World
 from rans.errors import ConfigError
 from rans.fast.distributed import Processes
 from rans.model.body import Body
-from rans.model.fields import map_leaves
+from rans.model.fields import leaves, map_leaves
 from rans.model.random import seed_words
+from rans.model.spacecraft import Spacecraft
 
 _NUMPY_DTYPES = {torch.float32: np.float32, torch.float64: np.float64}
 
@@ -60,28 +62,20 @@ def allocated(world: World, body: Body, place: Place, count: int, seed: tuple[An
               number: Any) -> Episode:
     """Episodes of N spacecraft in buffers of the right shape, which a reset fills.
 
-    Args:
-        world: of the episodes.
-        body: in memory already.
-        place: of the buffers.
-        count: N.
-        seed: its words.
-        number: of the first episodes, (N,).
+    The body is in memory already; from the seed's words and the numbers (N,) of the first episodes it is
+    seen what varies.
     """
     start, goal = world.begin(seed, number, place.fields)
     moved = world.task.next_goal(goal, start, world.timing.control_period)
-    zeros = torch.zeros(count, dtype=torch.float64)
+    zeros, kept = torch.zeros(count, dtype=torch.float64), getattr(torch, world.craft.actuators.dtype)
     real = torch.float64 if place.fields in (np.float64, torch.float64) else torch.float32
-    kept = getattr(torch, world.craft.actuators.dtype)
-    buffer = lambda _: place.put(zeros, real)  # noqa: E731
-    return Episode(
-        state=map_leaves(buffer, start),
-        goal=map_leaves(lambda x, later: x if isinstance(x, float) and later is x else buffer(x),
-                        goal, moved),
-        body=body,
-        clock=place.put(zeros, torch.int32),
-        previous=tuple(place.put(zeros, kept) for _ in world.craft.thrusters if world.watches_switching),
-    )
+
+    def buffer(x: Any, later: Any = None) -> Any:
+        return x if isinstance(x, float) and later is x else place.put(zeros, real)
+
+    previous = tuple(place.put(zeros, kept) for _ in world.craft.thrusters if world.watches_switching)
+    return Episode(map_leaves(buffer, start), map_leaves(buffer, goal, moved), place.put(zeros, torch.int32),
+                   previous, body)
 
 
 def write(buffers: Sequence[Any], values: Sequence[Any]) -> None:
@@ -93,16 +87,18 @@ def write(buffers: Sequence[Any], values: Sequence[Any]) -> None:
             buffer[...] = value
 
 
-def saved(world: World, episode: Episode, seed: Sequence[Any], processes: Processes) -> dict[str, Any]:
-    """The episodes of all processes, as tensors and plain numbers; all processes must ask."""
-    buffers = [processes.whole(torch.as_tensor(b)).clone() for b in episode.memory()]
-    return {"buffers": buffers, "seed": [torch.as_tensor(word).tolist() for word in seed],
-            "episode_steps": world.timing.episode_steps}
+def relative(body: Body, craft: Spacecraft) -> Iterator[Any]:
+    """A body's numbers over the craft's own, or over the largest of their kind where those may be zero."""
+    nominal = Body.of(craft)
+    scales = replace(nominal, inertia=(max(nominal.inertia),) * len(nominal.inertia),
+                     centre=(craft.radius,) * len(nominal.centre), leak=(1.0,) * len(nominal.leak))
+    for x in map(truediv, leaves(body), leaves(scales)):
+        yield x if isinstance(x, int | float) else torch.as_tensor(x)
 
 
 def restore(table: dict[str, Any], world: World, episode: Episode, seed: Sequence[Any],
             processes: Processes) -> None:
-    """Write what `saved` gave into an engine's memory.
+    """Write what `Engine.save_state` gave into an engine's memory.
 
     Raises:
         ConfigError: it was saved with another number of environments, dimension or length of episodes.

@@ -18,12 +18,7 @@ class CudaError(RuntimeError):
 
 
 class Function:
-    """A compiled kernel on the current device.
-
-    Args:
-        text: CUDA C++ that defines the kernel as ``extern "C"``.
-        name: of the kernel.
-        capability: of the device: (major, minor).
+    """A kernel on the current device, from CUDA C++ that defines it by this name as ``extern "C"``.
 
     Raises:
         OSError: there is no runtime compiler or no driver.
@@ -55,7 +50,7 @@ class Function:
 
 @cache
 def compiled(text: str, capability: tuple[int, int]) -> bytes:
-    """Machine code of CUDA C++ for a device; needs none.
+    """Machine code of CUDA C++ for a device of this capability (major, minor); needs none.
 
     Raises:
         OSError: there is no runtime compiler.
@@ -66,19 +61,14 @@ def compiled(text: str, capability: tuple[int, int]) -> bytes:
     array = (c_char_p * len(options))(*(option.encode() for option in options))
     compiler.nvrtcCreateProgram(byref(program), text.encode(), b"step.cu", 0, None, None)
     failed = compiler.nvrtcCompileProgram(program, len(options), array)
-    result = _text(program, "ProgramLog" if failed else "CUBIN")
+    kind, size = "ProgramLog" if failed else "CUBIN", c_size_t()
+    getattr(compiler, f"nvrtcGet{kind}Size")(program, byref(size))
+    result = ctypes.create_string_buffer(size.value)
+    getattr(compiler, f"nvrtcGet{kind}")(program, result)
     compiler.nvrtcDestroyProgram(byref(program))
     if failed:
-        raise CudaError(f"a generated kernel does not compile: {result.decode().rstrip(chr(0))}")
-    return result
-
-
-def _text(program: c_void_p, kind: str) -> bytes:
-    size = c_size_t()
-    getattr(_compiler(), f"nvrtcGet{kind}Size")(program, byref(size))
-    buffer = ctypes.create_string_buffer(size.value)
-    getattr(_compiler(), f"nvrtcGet{kind}")(program, buffer)
-    return buffer.raw
+        raise CudaError(f"a generated kernel does not compile: {result.value.decode()}")
+    return result.raw
 
 
 @cache

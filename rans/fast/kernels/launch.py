@@ -23,15 +23,8 @@ MANY = 2**18
 class Kernel:
     """One kernel that steps N spacecraft, compiled for each type of action when it first meets it.
 
-    It may be recorded in a CUDA graph once it is compiled.
-
-    Args:
-        world: what to run.
-        episode: in memory that never moves.
-        seed: its two words, likewise.
-        processes: whose part of the spacecraft these are.
-        dtype: of reals.
-        members: each of whom has the seeds and counts the episodes of an equal part of the spacecraft.
+    It may be recorded in a CUDA graph once it is compiled: episodes and the two words of the seed lie in
+    memory that never moves. Of several members, each counts the episodes of an equal part of the spacecraft.
 
     Raises:
         TypeError: the task's functions do more than arithmetic on fields, or a curriculum's numbers are of
@@ -42,15 +35,15 @@ class Kernel:
                  dtype: torch.dtype, members: int = 1) -> None:
         self._program = trace(world, episode, dtype)
         self._inputs = [given.source for given in (*self._program.memory, *self._program.settings)]
-        self._seed, self._processes, self._members = seed, processes, members
-        self._real, self._device = dtype, self._inputs[0].device
-        self._count, self._thrusters = len(self._inputs[0]), len(world.craft.thrusters)
+        self._seed, self._members, self._thrusters = seed, members, len(world.craft.thrusters)
+        self._real, self._device, self._count = dtype, self._inputs[0].device, len(self._inputs[0])
         self._together = 2 if self._count >= MANY and self._count % 2 == 0 else 1
         for given in self._program.settings:  # read as they lie in memory, so that nothing converts them
             if (given.source.dtype, given.source.device) != (self._real, self._device):
                 raise TypeError(f"settings that move must be {self._real} on {self._device}, got "
                                 f"{given.source.dtype} on {given.source.device}.")
-        self._ahead = self._blocks_ahead()
+        self._numbers = (self._count, self._count // members, processes.rank, processes.size,
+                         self._blocks_ahead())
         self._functions: dict[torch.dtype, Function] = {}
 
     def source(self, action: torch.dtype) -> str:
@@ -78,8 +71,12 @@ class Kernel:
         final = torch.empty((count, shape.final_width), dtype=self._real, device=self._device)
         flags = torch.empty((len(Shape.FLAGS), count), dtype=torch.bool, device=self._device)
         tensors = (action, *self._seed, reals, final, flags, *self._inputs)
-        self._launch(action.dtype, [tensor.data_ptr() for tensor in tensors], self._numbers())
-        return _step(shape, reals, final, flags)
+        self._launch(action.dtype, [tensor.data_ptr() for tensor in tensors], self._numbers)
+        terms = shape.width + shape.terms
+        terminated, truncated, reached = flags
+        return Step(observation=reals[:shape.width].T, reward=reals[terms], terminated=terminated,
+                    truncated=truncated, final_observation=final[:, :shape.width], reached=reached,
+                    terms=reals[shape.width:terms])
 
     def _blocks_ahead(self) -> int:
         """What so many blocks read, of actions in bytes, fills a twelfth of the second-level cache.
@@ -91,10 +88,6 @@ class Kernel:
         bytes_read = self._thrusters + sum(given.source.element_size() for given in self._program.memory)
         cache = torch.cuda.get_device_properties(self._device).L2_cache_size
         return cache // (12 * THREADS * self._together * bytes_read)
-
-    def _numbers(self) -> tuple[int, ...]:
-        return (self._count, self._count // self._members, self._processes.rank, self._processes.size,
-                self._ahead)
 
     def _launch(self, action: torch.dtype, pointers: list[int], numbers: tuple[int, ...]) -> None:
         with torch.cuda.device(self._device):
@@ -110,17 +103,3 @@ class Kernel:
             action = action.to(self._real if action.is_floating_point() else torch.uint8)
         action = action.to(self._device).contiguous()
         return action if action.data_ptr() % 16 == 0 else action.clone()
-
-
-def _step(shape: Shape, reals: Tensor, final: Tensor, flags: Tensor) -> Step:
-    terms = shape.width + shape.terms
-    terminated, truncated, reached = flags
-    return Step(
-        observation=reals[:shape.width].T,
-        reward=reals[terms],
-        terminated=terminated,
-        truncated=truncated,
-        final_observation=final[:, :shape.width],
-        reached=reached,
-        terms=reals[shape.width:terms],
-    )
