@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from functools import cached_property
 from typing import Any
@@ -14,7 +13,6 @@ from torch import Tensor
 from rans.episode import World
 from rans.errors import ConfigError
 from rans.fast.distributed import ALONE, Processes
-from rans.fast.kernels.cuda import CudaError
 from rans.fast.kernels.launch import Kernel
 from rans.fast.memory import Place, allocated, field_dtype, relative, restore, write
 from rans.fast.step import Step, step_arrays, step_tensors
@@ -24,7 +22,6 @@ from rans.model.fields import leaves
 from rans.model.random import seed_words
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
-from rans.model.trace import UNTRACEABLE
 from rans.tasks.base import Task, layout
 from rans.tasks.rewards import Transition
 
@@ -36,8 +33,8 @@ class Engine:
     """N copies of one spacecraft flying one task.
 
     Args:
-        craft: the spacecraft.
-        task: the task.
+        craft: all alike, but for their bodies.
+        task: all the same.
         num_envs: N.
         timing: control period, accuracy and length of an episode.
         seed: decides all starts and goals, with the episode's number. Several are those of as many members,
@@ -90,7 +87,9 @@ class Engine:
         """Current ones; fields are views that the next step overwrites, those that never vary floats."""
         self._step = (step_arrays if place.on_numpy else step_tensors if not self.compiled else
                       torch.compile(step_tensors, fullgraph=True, dynamic=False))
-        self._kernel = self._generated() if generated else None
+        given = self._world, self._episode, self._seed, processes, dtype, self.members
+        on_gpu = generated and self.compiled and self.device.type == "cuda"
+        self._kernel = Kernel.made(*given) if on_gpu else None
         self.reset(seeds)
 
     @cached_property
@@ -160,19 +159,6 @@ class Engine:
         if self._kernel is not None:
             return self._kernel(action)
         return self._step(self._world, self._episode, action, self._seed, self._numbers, self._place.fields)
-
-    def _generated(self) -> Kernel | None:
-        """The step as one generated kernel; without it torch's compiler makes several."""
-        if self.device.type != "cuda" or not self.compiled:
-            return None
-        try:
-            kernel = Kernel(self._world, self._episode, self._seed, self.processes, self.dtype, self.members)
-            kernel.function(self.dtype)
-        # No compiler, or a task that does more than arithmetic on fields.
-        except (OSError, CudaError, *UNTRACEABLE) as error:
-            warnings.warn(f"torch.compile makes this engine's step, which is slower: {error}", stacklevel=3)
-            return None
-        return kernel
 
     def save_state(self) -> dict[str, Any]:
         """Everything a later `load_state` needs to go on bit-identically; all processes must ask."""

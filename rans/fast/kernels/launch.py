@@ -1,7 +1,14 @@
-"""The kernel as the step of an engine."""
+"""The kernel as the step of an engine, by NVIDIA's runtime compiler and driver."""
 
 from __future__ import annotations
 
+import ctypes
+import sys
+import warnings
+from collections.abc import Sequence
+from ctypes import CDLL, byref, c_char_p, c_int, c_size_t, c_uint, c_void_p
+from functools import cache
+from pathlib import Path
 from typing import Any
 
 import torch
@@ -9,15 +16,87 @@ from torch import Tensor
 
 from rans.episode import Episode, World
 from rans.fast.distributed import Processes
-from rans.fast.kernels.cuda import Function
 from rans.fast.kernels.program import Shape, trace
 from rans.fast.kernels.source import THREADS, source
 from rans.fast.step import Step
+from rans.model.trace import UNTRACEABLE
 
 _C_TYPES: dict[torch.dtype, Any] = {
     torch.uint8: "unsigned char", torch.float32: "float", torch.float64: "double"}
 MANY = 2**18
 """From so many spacecraft on, an even number, a thread steps two: with fewer, threads would be missed."""
+_OPTIONS = ("--std=c++17", "--ftz=true", "--prec-div=false", "--prec-sqrt=false")
+"""float32 divisions and roots may be two units in the last place off; float64 is not affected."""
+
+
+class CudaError(RuntimeError):
+    """The compiler or the driver refused."""
+
+
+class Function:
+    """A kernel on the current device, from CUDA C++ that defines it by this name as ``extern "C"``.
+
+    Raises:
+        OSError: there is no runtime compiler or no driver.
+        CudaError: the text does not compile; the message is the compiler's.
+    """
+
+    def __init__(self, text: str, name: str, capability: tuple[int, int]) -> None:
+        self._driver = CDLL("nvcuda.dll" if sys.platform == "win32" else "libcuda.so.1")
+        self._module, self._function = c_void_p(), c_void_p()
+        self._check(self._driver.cuModuleLoadData(byref(self._module), compiled(text, capability)))
+        self._check(self._driver.cuModuleGetFunction(byref(self._function), self._module, name.encode()))
+
+    def launch(self, blocks: int, threads: int, stream: int, pointers: Sequence[int],
+               numbers: Sequence[int]) -> None:
+        """Queue the kernel; all its pointers come before its 32-bit numbers."""
+        values = (*map(c_void_p, pointers), *map(c_int, numbers))
+        places = (c_void_p * len(values))(*map(ctypes.addressof, values))
+        one, shared_bytes = c_uint(1), c_uint(0)
+        self._check(self._driver.cuLaunchKernel(
+            self._function, c_uint(blocks), one, one, c_uint(threads), one, one, shared_bytes,
+            c_void_p(stream), places, None))
+
+    def _check(self, error: int) -> None:
+        if error:
+            text = c_char_p()
+            self._driver.cuGetErrorString(error, byref(text))
+            raise CudaError(f"the CUDA driver says: {(text.value or b'unknown error').decode()} ({error}).")
+
+
+@cache
+def compiled(text: str, capability: tuple[int, int]) -> bytes:
+    """Machine code of CUDA C++ for a device of this capability (major, minor); needs none.
+
+    Raises:
+        OSError: there is no runtime compiler.
+        CudaError: the text does not compile.
+    """
+    compiler, program = _compiler(), c_void_p()
+    options = [f"--gpu-architecture=sm_{capability[0]}{capability[1]}", *_OPTIONS]
+    array = (c_char_p * len(options))(*(option.encode() for option in options))
+    compiler.nvrtcCreateProgram(byref(program), text.encode(), b"step.cu", 0, None, None)
+    failed = compiler.nvrtcCompileProgram(program, len(options), array)
+    kind, size = "ProgramLog" if failed else "CUBIN", c_size_t()
+    getattr(compiler, f"nvrtcGet{kind}Size")(program, byref(size))
+    result = ctypes.create_string_buffer(size.value)
+    getattr(compiler, f"nvrtcGet{kind}")(program, result)
+    compiler.nvrtcDestroyProgram(byref(program))
+    if failed:
+        raise CudaError(f"a generated kernel does not compile: {result.value.decode()}")
+    return result.raw
+
+
+@cache
+def _compiler() -> CDLL:
+    """NVRTC: as torch's packages install it, or as the system has it."""
+    major = (torch.version.cuda or "12").partition(".")[0]
+    name = f"libnvrtc.so.{major}" if sys.platform != "win32" else f"nvrtc64_{major}0_0.dll"
+    for path in (path for folder in sys.path for path in Path(folder).glob(f"nvidia/*/lib/{name}")):
+        for needed in path.parent.glob("libnvrtc-builtins.so*"):
+            CDLL(str(needed))  # it would be looked for among the system's libraries
+        return CDLL(str(path))
+    return CDLL(name)
 
 
 class Kernel:
@@ -45,6 +124,18 @@ class Kernel:
         self._numbers = (self._count, self._count // members, processes.rank, processes.size,
                          self._blocks_ahead())
         self._functions: dict[torch.dtype, Function] = {}
+
+    @classmethod
+    def made(cls, *given: Any) -> Kernel | None:
+        """A kernel that is compiled for reals already; None with a warning where there can be none."""
+        try:
+            kernel = cls(*given)
+            kernel.function(kernel._real)
+        # No compiler, or a task that does more than arithmetic on fields.
+        except (OSError, CudaError, *UNTRACEABLE) as error:
+            warnings.warn(f"torch.compile makes this engine's step, which is slower: {error}", stacklevel=3)
+            return None
+        return kernel
 
     def source(self, action: torch.dtype) -> str:
         """The kernel's text for actions that are bytes or reals."""
