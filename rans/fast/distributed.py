@@ -16,6 +16,7 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import torch
@@ -61,11 +62,11 @@ class Processes:
 
     def uniform_like(self, mine: Tensor, generator: torch.Generator | None = None) -> Tensor:
         """Random numbers in [0, 1) for (T, rows, ...) of this process's rows; all must draw as often."""
-        draw = lambda *shape: torch.rand(shape, dtype=mine.dtype, device=mine.device, generator=generator)  # noqa: E731
+        draw = partial(torch.rand, dtype=mine.dtype, device=mine.device, generator=generator)
         if self.size == 1:
-            return draw(*mine.shape)
+            return draw(mine.shape)
         shape = (self.size * mine.shape[1], *mine.shape[2:])
-        return torch.stack([self.mine(draw(*shape)) for _ in range(len(mine))])
+        return torch.stack([self.mine(draw(shape)) for _ in range(len(mine))])
 
     def average(self, tensor: Tensor) -> Tensor:
         """Mean over the processes, which all must ask for."""

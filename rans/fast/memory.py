@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from operator import truediv
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -14,8 +15,9 @@ from rans.episode import Episode, World
 from rans.errors import ConfigError
 from rans.fast.distributed import Processes
 from rans.model.body import Body
-from rans.model.fields import map_leaves
+from rans.model.fields import leaves, map_leaves
 from rans.model.random import Draws, seed_words
+from rans.model.spacecraft import Spacecraft
 
 _NUMPY_DTYPES = {torch.float32: np.float32, torch.float64: np.float64}
 
@@ -59,28 +61,24 @@ class Place:
 def allocated(world: World, body: Body, place: Place, count: int, draws: Draws, remember: bool) -> Episode:
     """Episodes of N spacecraft in buffers of the right shape, which a reset fills.
 
-    Args:
-        world: of the episodes.
-        body: in memory already.
-        place: of the buffers.
-        count: N.
-        draws: of their random numbers.
-        remember: whether they remember what they draw from their conditions, or draw it in every step.
+    The body is in memory already; from what the first episodes draw it is seen what varies. They remember
+    what they draw from their conditions, or draw it in every step.
     """
-    zeros = torch.zeros(count, dtype=torch.float64)
+    zeros, kept = torch.zeros(count, dtype=torch.float64), getattr(torch, world.craft.actuators.dtype)
+    clock = place.put(zeros, torch.int32)
     real = torch.float64 if place.fields in (np.float64, torch.float64) else torch.float32
-    clock, kept = place.put(zeros, torch.int32), getattr(torch, world.craft.actuators.dtype)
     start, goal = world.scenario(clock, draws)
-    moved = world.task.next_goal(goal, start, world.timing.control_period)
     new = world.begin(start, goal, clock, draws, body)
-    buffer = lambda _=None: place.put(zeros, real)  # noqa: E731
-    varying = lambda x: x if isinstance(x, int | float) else buffer()  # noqa: E731
-    case = new.case and replace(map_leaves(varying, new.case), number=place.put(zeros, torch.int32))
-    return replace(
-        new, state=map_leaves(buffer, start), case=case if remember else None,
-        goal=map_leaves(lambda x, later: x if isinstance(x, float) and later is x else buffer(), goal, moved),
-        past=map_leaves(buffer, new.past), reading=map_leaves(buffer, new.reading),
-        commands=map_leaves(lambda _: place.put(zeros, kept), new.commands))
+
+    def buffer(x: Any, later: Any = None) -> Any:
+        return x if isinstance(x, int | float) and later is x else place.put(zeros, real)
+
+    moved = world.task.next_goal(goal, start, world.timing.control_period)
+    case = new.case and replace(map_leaves(buffer, new.case, new.case), number=place.put(zeros, torch.int32))
+    return replace(new, state=map_leaves(buffer, start), goal=map_leaves(buffer, goal, moved),
+                   case=case if remember else None, past=map_leaves(buffer, new.past),
+                   reading=map_leaves(buffer, new.reading),
+                   commands=map_leaves(lambda _: place.put(zeros, kept), new.commands))
 
 
 def write(buffers: Sequence[Any], values: Sequence[Any]) -> None:
@@ -92,16 +90,37 @@ def write(buffers: Sequence[Any], values: Sequence[Any]) -> None:
             buffer[...] = value
 
 
-def saved(world: World, episode: Episode, seed: Sequence[Any], processes: Processes) -> dict[str, Any]:
-    """The episodes of all processes, as tensors and plain numbers; all processes must ask."""
-    buffers = [processes.whole(torch.as_tensor(b)).clone() for b in episode.memory()]
-    return {"buffers": buffers, "seed": [torch.as_tensor(word).tolist() for word in seed],
-            "episode_steps": world.timing.episode_steps}
+class Known(NamedTuple):
+    """One of the numbers that episodes draw from their conditions, for a critic that may know it."""
+
+    place: int
+    """Among the leaves of `rans.model.case.Case`."""
+    mean: float
+    """Over many episodes."""
+    spread: float
+    """Standard deviation."""
+
+
+def known(world: World) -> list[Known]:
+    """Everything that differs from episode to episode, but for its number."""
+    draws = Draws(0, 0, np.arange(1024, dtype=np.int32), 0, np.float64)
+    drawn = leaves(world.recalled(Episode(None, None), draws).case)
+    return [Known(place, float(x.mean()), float(x.std()))
+            for place, x in enumerate(drawn) if isinstance(x, np.ndarray) and place and x.std() > 0.0]
+
+
+def relative(body: Body, craft: Spacecraft) -> Iterator[Any]:
+    """A body's numbers over the craft's own, or over the largest of their kind where those may be zero."""
+    nominal = Body.of(craft)
+    scales = replace(nominal, inertia=(max(nominal.inertia),) * len(nominal.inertia),
+                     centre=(craft.radius,) * len(nominal.centre), leak=(1.0,) * len(nominal.leak))
+    for x in map(truediv, leaves(body), leaves(scales)):
+        yield x if isinstance(x, int | float) else torch.as_tensor(x)
 
 
 def restore(table: dict[str, Any], world: World, episode: Episode, seed: Sequence[Any],
             processes: Processes) -> None:
-    """Write what `saved` gave into an engine's memory.
+    """Write what `Engine.save_state` gave into an engine's memory.
 
     Raises:
         ConfigError: it was saved with another number of environments, dimension or length of episodes.

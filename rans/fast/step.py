@@ -5,10 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any, NamedTuple
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from rans.episode import Command, Episode, Outcome, World, restart, step
+from rans.fast.memory import write
 from rans.model.fields import Field
 from rans.model.random import Draws
 
@@ -60,18 +62,21 @@ def step_tensors(world: World, episode: Episode, action: Tensor, draws: Draws) -
     seen = step_and_restart(world, episode, command, draws)
     for buffer, value in zip(episode.memory(), seen.after.memory(), strict=True):
         buffer.copy_(value)
-    return results(seen, torch.stack, lambda x: x)
+    return _results(seen, torch.stack, lambda x: x)
 
 
-def results(seen: Seen, stack: Any, wrap: Any) -> Step:
+def step_arrays(world: World, episode: Episode, action: Tensor, draws: Draws) -> Step:
+    """The same on NumPy's arrays."""
+    command = tuple(np.ascontiguousarray(action.numpy().T).astype(draws.dtype))
+    seen = step_and_restart(world, episode, command, draws)
+    write(episode.memory(), seen.after.memory())
+    return _results(seen, lambda fields: torch.from_numpy(np.stack(fields)), torch.from_numpy)
+
+
+def _results(seen: Seen, stack: Any, wrap: Any) -> Step:
     """A step as tensors: ``stack`` makes one of several fields, ``wrap`` of one."""
     outcome = seen.outcome
-    return Step(
-        observation=stack(seen.observation).T,
-        reward=wrap(outcome.reward),
-        terminated=wrap(outcome.terminated),
-        truncated=wrap(outcome.truncated),
-        final_observation=stack(seen.final_observation).T,
-        reached=wrap(outcome.reached),
-        terms=stack(tuple(outcome.terms.values())),
-    )
+    return Step(observation=stack(seen.observation).T, reward=wrap(outcome.reward),
+                terminated=wrap(outcome.terminated), truncated=wrap(outcome.truncated),
+                final_observation=stack(seen.final_observation).T, reached=wrap(outcome.reached),
+                terms=stack(tuple(outcome.terms.values())))

@@ -16,13 +16,10 @@ from rans.spaces import action_space, observation_space
 
 
 class SB3VecEnv(VecEnv):
-    """An `Engine` seen through SB3's interface.
+    """An `Engine` seen through SB3's interface, without a copy.
 
     SB3 wants NumPy arrays and one dict per environment and step, which costs more than the
     simulation; `rans.PPO` takes the same object and goes around both.
-
-    Args:
-        engine: the batched episodes; the adapter does not copy them.
     """
 
     def __init__(self, engine: Engine) -> None:
@@ -51,12 +48,10 @@ class SB3VecEnv(VecEnv):
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         ended = np.flatnonzero(done)
         if len(ended):
-            final = _float32(step.final_observation)
-            truncated = step.truncated.cpu().numpy()
+            final, truncated = _float32(step.final_observation), step.truncated.cpu().numpy()
             success = (step.truncated & step.reached).cpu().numpy()
             for i in ended:
-                infos[i] = {"terminal_observation": final[i],
-                            "TimeLimit.truncated": bool(truncated[i]),
+                infos[i] = {"terminal_observation": final[i], "TimeLimit.truncated": bool(truncated[i]),
                             "is_success": bool(success[i])}
         return _float32(step.observation), _float32(step.reward), done, infos
 

@@ -14,12 +14,17 @@ from torch import Tensor
 
 from rans.errors import ConfigError
 from rans.fast.engine import Engine
-from rans.fast.envs.film import Film
+from rans.model.fields import leaves, unflatten
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.spaces import action_space, checked_render_mode, choose, observation_space
 from rans.tasks import Task
 from rans.tasks.sight import Dimension
+
+_WIDTH, _HEIGHT = 320, 240
+"""Of a frame, pixels."""
+_SHOWN = 16
+"""Most environments in the window."""
 
 
 class SpacecraftVectorEnv(VectorEnv[Tensor, Tensor, Tensor]):
@@ -63,8 +68,7 @@ class SpacecraftVectorEnv(VectorEnv[Tensor, Tensor, Tensor]):
                  render_mode: str | None = None) -> None:
         self.render_mode = checked_render_mode(render_mode)
         craft, task = choose(task_name, dimension, spacecraft, task)
-        self.engine = Engine(craft, task, num_envs, timing, device=device, dtype=dtype,
-                             compiled=compiled)
+        self.engine = Engine(craft, task, num_envs, timing, device=device, dtype=dtype, compiled=compiled)
         self.num_envs, self.device = num_envs, self.engine.device
         width = np.float32 if dtype == torch.float32 else np.float64
         self.single_observation_space = observation_space(task, dimension, width)
@@ -80,8 +84,7 @@ class SpacecraftVectorEnv(VectorEnv[Tensor, Tensor, Tensor]):
         """Start a new episode everywhere; the observation is (N, width).
 
         Args:
-            seed: count episodes from 0 under this seed; by default go on counting, or at first under
-                a random seed.
+            seed: count episodes from 0 under it; by default go on counting, or at first under a random one.
             options: there are none.
 
         Raises:
@@ -107,8 +110,7 @@ class SpacecraftVectorEnv(VectorEnv[Tensor, Tensor, Tensor]):
             actions: (N, thrusters), 0 (shut) or 1 (open); a tensor of any dtype or an array.
 
         Returns:
-            Observation (N, width), reward (N,), terminated (N,) bool, truncated (N,) bool, and the
-            info described in the class.
+            Observation (N, width), reward (N,), terminated and truncated (N,) bool, and the class's info.
 
         Raises:
             ConfigError: the actions have another shape.
@@ -120,13 +122,9 @@ class SpacecraftVectorEnv(VectorEnv[Tensor, Tensor, Tensor]):
         ended = step.terminated | step.truncated
         if self._film is not None:
             self._film.advance(actions, ended)
-        info = {
-            "reward_terms": dict(zip(self.engine.term_names, step.terms, strict=True)),
-            "final_obs": step.final_observation,
-            "_final_obs": ended,
-            "final_info": {"is_success": step.reached & step.truncated},
-            "_final_info": ended,
-        }
+        info = {"reward_terms": dict(zip(self.engine.term_names, step.terms, strict=True)),
+                "final_obs": step.final_observation, "_final_obs": ended,
+                "final_info": {"is_success": step.reached & step.truncated}, "_final_info": ended}
         return step.observation, step.reward, step.terminated, step.truncated, info
 
     def render(self) -> Any:
@@ -146,3 +144,59 @@ class SpacecraftVectorEnv(VectorEnv[Tensor, Tensor, Tensor]):
         """Close the window, if there is one."""
         if self._film is not None:
             self._film.close()
+
+
+class Film:
+    """Follows the spacecraft of an engine and draws them, see `SpacecraftVectorEnv`."""
+
+    def __init__(self, engine: Engine, render_mode: str) -> None:
+        from rans.drawing import Scene
+
+        self._engine = engine
+        self._count = engine.num_envs if render_mode == "rgb_array" else min(engine.num_envs, _SHOWN)
+        self._scene, self._window = Scene(engine.craft, engine.task, _WIDTH, _HEIGHT), None
+        if render_mode == "human":
+            from rans.window import Window
+
+            self._window = Window(1.0 / engine.timing.control_period)
+
+    def restart(self) -> None:
+        """New episodes began everywhere."""
+        self._commands = np.zeros((self._count, len(self._engine.craft.thrusters)))
+        self._trails: list[list[np.ndarray]] = [[] for _ in range(self._count)]
+        self._remember()
+
+    def advance(self, actions: Tensor, ended: Tensor) -> None:
+        """The engine took these actions (N, thrusters); where ``ended``, (N,) bool, a new episode began."""
+        fresh = ended[:self._count].cpu().numpy()
+        self._commands = np.where(fresh[:, None], 0.0, actions[:self._count].cpu().numpy())
+        for index in np.flatnonzero(fresh):
+            self._trails[index] = []
+        self._remember()
+
+    def frames(self) -> tuple[np.ndarray, ...]:
+        """A frame (240, 320, 3) uint8 of every environment that is filmed."""
+        given, filmed = self._engine, zip(self._states, self._rows(self._engine.goal), self._commands,
+                                          self._trails, strict=True)
+        return tuple(self._scene.render(unflatten(given.state, state), unflatten(given.goal, goal), command,
+                                        np.array(trail[:-1])) for state, goal, command, trail in filmed)
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self._window is not None:
+            self._window.close()
+            self._window = None
+
+    def _remember(self) -> None:
+        self._states = self._rows(self._engine.state)
+        for trail, state in zip(self._trails, self._states, strict=True):
+            trail.append(state[:self._engine.craft.dimension])
+        if self._window is not None:
+            from rans.window import tiled
+
+            self._window.show(tiled(list(self.frames())))
+
+    def _rows(self, states: Any) -> np.ndarray:
+        """Fields as rows, (filmed, fields) float64; the position comes first."""
+        columns = [np.atleast_1d(torch.as_tensor(x).cpu().numpy())[:self._count] for x in leaves(states)]
+        return np.stack(np.broadcast_arrays(*columns), axis=1, dtype=np.float64)

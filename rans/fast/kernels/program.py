@@ -30,7 +30,7 @@ class Input:
 
     @property
     def each(self) -> bool:
-        """Whether every spacecraft has one of its own."""
+        """Whether every spacecraft has its own."""
         return len(self.source.shape) == 1
 
 
@@ -46,12 +46,13 @@ class Store:
 
 @dataclass(frozen=True)
 class Shape:
-    """Of a step's results: rows of reals and rows of flags, each with a number for each spacecraft."""
+    """Of a step's results: rows of reals and rows of flags, each with a number for each spacecraft.
+
+    Reals are the columns of an observation, then the terms of the reward, then their sum.
+    """
 
     width: int
-    """Of an observation."""
     terms: int
-    """Of the reward."""
 
     FLAGS = ("terminated", "truncated", "reached")
     PIECE = 8
@@ -59,7 +60,7 @@ class Shape:
 
     @property
     def reals(self) -> int:
-        """Number of rows: observation, terms, reward."""
+        """Number of rows."""
         return self.width + self.terms + 1
 
     @property
@@ -78,9 +79,9 @@ class Program:
     """
 
     memory: tuple[Input, ...]
-    """What the engine remembers."""
+    """Of the episodes."""
     settings: tuple[Input, ...]
-    """Of task and mass properties, those that lie in memory: they may change, or differ."""
+    """Of the task's, those that lie in memory: they may change, or differ."""
     ended: Symbol
     """Where an episode ends."""
     always: tuple[Store, ...]
@@ -88,7 +89,6 @@ class Program:
     at_end: tuple[Store, ...]
     """What else to store where an episode ended."""
     shape: Shape
-    """Of the results."""
 
     def going(self) -> list[Store]:
         """What is stored where no episode ends, with no more than that needs."""
@@ -111,12 +111,7 @@ class Program:
 
 
 def trace(world: World, episode: Episode, dtype: Any) -> Program:
-    """Run one step on symbols.
-
-    Args:
-        world: what to run.
-        episode: those that the program will step.
-        dtype: of its reals.
+    """Run one step of these episodes on symbols; the program's reals are of this dtype.
 
     Raises:
         TypeError: the task's functions do more than arithmetic on fields.
@@ -126,30 +121,21 @@ def trace(world: World, episode: Episode, dtype: Any) -> Program:
     memory, inputs = _remembered(episode)
     command = tuple(Symbol.input(f"command_{i}") for i in range(len(world.craft.thrusters)))
     low, high, first, stride = (Symbol.input(name, "int") for name in ("low", "high", "first", "stride"))
-    draws = Draws(low, high, first, stride, dtype)
-    seen = step_and_restart(world, inputs, command, draws)
-    after, outcome, ended = seen.after, seen.outcome, seen.outcome.ended
-    shape = Shape(len(seen.observation), len(outcome.terms))
-    results = (*seen.observation, *outcome.terms.values(), outcome.reward)
-    stores = [
-        *_rows("memory", after.memory()),
-        *_rows("reals", results),
-        *_rows("flags", (getattr(outcome, name) for name in Shape.FLAGS)),
-    ]
-    going, begun = (_given(stores, ended, value) for value in (False, True))
-    stays = [s.array == "memory" and s.value is memory[s.row].symbol for s in going]
-    return Program(
-        memory=memory,
-        settings=tuple(settings),
-        ended=ended,
-        always=tuple(store for store, same in zip(stores, stays, strict=True) if not same),
-        at_end=(
-            *_rows("final", seen.final_observation),
-            *(new for new, same in zip(begun, stays, strict=True)
-              if same and new.value is not memory[new.row].symbol),
-        ),
-        shape=shape,
-    )
+    seen = step_and_restart(world, inputs, command, Draws(low, high, first, stride, dtype))
+    outcome, ended = seen.outcome, seen.outcome.ended
+    stores = [*_rows("memory", seen.after.memory()),
+              *_rows("reals", (*seen.observation, *outcome.terms.values(), outcome.reward)),
+              *_rows("flags", (getattr(outcome, name) for name in Shape.FLAGS))]
+    # A store of what is in memory already is left out, where an episode goes on or everywhere.
+    always, at_end = list[Store](), [*_rows("final", seen.final_observation)]
+    for store, going, begun in zip(stores, *(_given(stores, ended, x) for x in (False, True)), strict=True):
+        known = memory[store.row].symbol if store.array == "memory" else None
+        if going.value is not known:
+            always.append(store)
+        elif begun.value is not known:
+            at_end.append(begun)
+    return Program(memory, tuple(settings), ended, tuple(always), tuple(at_end),
+                   Shape(len(seen.observation), len(outcome.terms)))
 
 
 def _rows(array: Any, values: Any) -> Iterator[Store]:
@@ -167,7 +153,7 @@ def _remembered(episode: Episode) -> tuple[tuple[Input, ...], Episode]:
 
 
 def _with_symbols(settings: Any, found: list[Input]) -> Any:
-    """A task or a body with symbols for the numbers in memory, which are added to those found."""
+    """A task with symbols for its numbers in memory, which are added to those found."""
     def symbol(_: str, value: Any) -> Any:
         if isinstance(value, int | float):
             return value
@@ -179,5 +165,5 @@ def _with_symbols(settings: Any, found: list[Input]) -> Any:
 
 def _given(stores: Sequence[Store], condition: Symbol, value: bool) -> list[Store]:
     """The stores where a condition is known."""
-    values = substituted([s.value for s in stores], {condition: Symbol.constant(value)})
-    return [Store(s.array, s.row, new) for s, new in zip(stores, values, strict=True)]
+    values = substituted([store.value for store in stores], {condition: Symbol.constant(value)})
+    return [dataclasses.replace(s, value=new) for s, new in zip(stores, values, strict=True)]

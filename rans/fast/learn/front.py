@@ -13,11 +13,11 @@ from rans.errors import ConfigError
 from rans.fast.engine import Engine
 from rans.fast.envs.sb3 import SB3VecEnv
 from rans.fast.learn.config import PPOSettings
-from rans.fast.learn.member import statistics
+from rans.fast.learn.member import begin, statistics
 from rans.fast.learn.network import Network
-from rans.fast.learn.policy_file import read_policy, write_policy
-from rans.fast.learn.start import begin
-from rans.fast.policy import predict
+from rans.fast.policy import predict, read_policy, write_policy
+
+_KNOWN = PPOSettings.__dataclass_fields__.keys() - {"n_envs"}
 
 
 class PPO:
@@ -42,8 +42,7 @@ class PPO:
         self.engine = _engine_of(env)
         if threads is not None:
             torch.set_num_threads(threads)
-        unknown = settings.keys() - (PPOSettings.__dataclass_fields__.keys() - {"n_envs"})
-        if unknown:
+        if unknown := settings.keys() - _KNOWN:
             raise ConfigError(f"rans.PPO has no setting {', '.join(sorted(unknown))}; those of "
                               "rans.fast.learn.config.PPOSettings are known, except n_envs, which the "
                               "engine decides.")
@@ -60,13 +59,10 @@ class PPO:
         """Actor and critic."""
         return self.learner.network
 
-    def learn(self, total_timesteps: int,
-              report: Callable[[PPO], object] = lambda _: None) -> PPO:
+    def learn(self, total_timesteps: int, report: Callable[[PPO], object] = lambda _: None) -> PPO:
         """Learn from so many more environment steps, rounded up to whole rollouts.
 
-        Args:
-            total_timesteps: environment steps.
-            report: called after every iteration; `log` and `num_timesteps` say how it went.
+        After every iteration ``report`` is called; `log` and `num_timesteps` say how it went.
 
         Raises:
             NonFiniteState: a value became NaN or infinite.
@@ -110,8 +106,7 @@ class PPO:
             ConfigError: the file is damaged, or not for this engine.
         """
         saved, count = read_policy(Path(file)), _engine_of(env).num_envs
-        kept = {name: value for name, value in saved.settings.items()
-                if name in PPOSettings.__dataclass_fields__ and name != "n_envs"}
+        kept = {name: value for name, value in saved.settings.items() if name in _KNOWN}
         if saved.settings.get("n_envs") != count:
             kept.pop("batch_size", None)
         model = cls(env, **kept | _of_network(saved.network) | settings)

@@ -24,10 +24,7 @@ def fused(function: Callable[P, R], device: torch.device) -> Callable[P, R]:
 def graphed(function: Callable[[], Tensor], device: torch.device) -> Callable[[], Tensor]:
     """The same function, replayed from a CUDA graph after two ordinary calls; on a CPU, itself.
 
-    Args:
-        function: without arguments, working on memory that never moves and without waiting for the
-            device.
-        device: where it works.
+    It works on memory of the device that never moves, and without waiting for the device.
     """
     return function if device.type != "cuda" else _Graphed(function)
 

@@ -8,17 +8,9 @@ from typing import Any
 
 import torch
 
+from rans import files
 from rans.errors import ConfigError
 from rans.fast.learn.config import TrainConfig, from_table, to_table
-from rans.files import (
-    environment,
-    first_line,
-    read_json,
-    read_json_lines,
-    replace_file,
-    write_json,
-    write_text,
-)
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft, spacecraft_text
 
@@ -49,9 +41,9 @@ class RunFolder:
             raise ConfigError(
                 f"{self.path} holds a training already; continue it with --resume {self.path}, or "
                 "choose another folder with --run.")
-        write_text(self.spacecraft_file, spacecraft_text(config.spacecraft))
-        about = {"command": command, "environment": environment()}
-        write_json(self.config_file, to_table(config) | {"about": about})
+        files.write_text(self.spacecraft_file, spacecraft_text(config.spacecraft))
+        about = {"command": command, "environment": files.environment()}
+        files.write_json(self.config_file, to_table(config) | {"about": about})
 
     def config(self) -> TrainConfig:
         """The training's config.
@@ -81,16 +73,16 @@ class RunFolder:
 
     def metrics(self) -> list[dict[str, Any]]:
         """Rows so far; a row cut off in the middle of writing is left out."""
-        return read_json_lines(self.metrics_file) if self.metrics_file.exists() else []
+        return files.read_json_lines(self.metrics_file) if self.metrics_file.exists() else []
 
     def forget_after(self, steps: int) -> None:
         """Drop the metrics of steps that a resumed training will take again."""
         rows = [row for row in self.metrics() if row["steps"] <= steps]
-        write_text(self.metrics_file, "".join(json.dumps(row) + "\n" for row in rows))
+        files.write_text(self.metrics_file, "".join(json.dumps(row) + "\n" for row in rows))
 
     def save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         """Write everything needed to go on, or leave the old checkpoint in place."""
-        replace_file(self.checkpoint_file, lambda draft: torch.save(checkpoint, draft))
+        files.replace_file(self.checkpoint_file, lambda draft: torch.save(checkpoint, draft))
 
     def load_checkpoint(self, device: str) -> dict[str, Any]:
         """The latest checkpoint.
@@ -101,7 +93,7 @@ class RunFolder:
         try:
             return torch.load(self.checkpoint_file, map_location=device, weights_only=True)
         except Exception as error:  # a damaged pickle raises anything
-            raise ConfigError(f"{self.checkpoint_file} is damaged: {first_line(error)}.") from error
+            raise ConfigError(f"{self.checkpoint_file} is damaged: {files.first_line(error)}.") from error
 
 
 def read_config(file: Path) -> TrainConfig:
@@ -110,7 +102,7 @@ def read_config(file: Path) -> TrainConfig:
     Raises:
         ConfigError: the file or its content is not what it should be.
     """
-    table = read_json(file)
+    table = files.read_json(file)
     if isinstance(table, dict):
         table.pop("about", None)
         if isinstance(timing := table.get("timing"), dict) and timing.get("substeps", 1) is None:

@@ -26,7 +26,7 @@ class Selection:
 
     Args:
         network: the agents; their weights may change between flights.
-        craft: the spacecraft.
+        craft: what they fly.
         tasks: one a member, as in training without its curriculum; their evaluation starts are used.
         timing: as in training.
         device: torch device of the network.
@@ -37,10 +37,10 @@ class Selection:
         members, judged = len(tasks), [task.parts() for task in tasks]
 
         def engine(name: str) -> Engine:
-            fixed = Curriculum([each[name].for_evaluation() for each in judged], (), field_dtype(device),
-                               device, EPISODES)
-            return Engine(craft, fixed.task, members * EPISODES, timing, seed=[SELECTION_SEED] * members,
-                          device=device)
+            fixed = [each[name].for_evaluation() for each in judged]
+            task = Curriculum(fixed, (), field_dtype(device), device, EPISODES).task
+            seeds = [SELECTION_SEED] * members
+            return Engine(craft, task, members * EPISODES, timing, seed=seeds, device=device)
 
         self._network, self._engines = network, {name: engine(name) for name in judged[0]}
         self._act, self._flight = fused(likeliest, device), graphed(self._fly, device)
