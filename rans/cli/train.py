@@ -10,7 +10,7 @@ import signal
 import socket
 import sys
 import time
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -45,6 +45,9 @@ class Train:
     """cpu or cuda; by default a GPU if there is one."""
     total_timesteps: int | None = None
     """End after so many environment steps, solved or not."""
+    conditions: str | None = None
+    """What episodes do not promise: a name (see `rans list CONDITIONS`) or your own TOML file; by default a
+    perfect world."""
     set: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="KEY=VALUE")] = ()
     """Change any entry of the config, e.g. --set ppo.n_steps=32 --set settings.thrust_weight=0.05."""
     output: Annotated[Path | None, arg(name="run")] = None
@@ -83,6 +86,7 @@ class Train:
         """A preset or another run's config, with whatever else was given."""
         from rans.fast.learn.config import from_table, to_table
         from rans.fast.learn.run_folder import read_config
+        from rans.model.conditions_file import load_conditions
 
         if self.task is not None and self.config is not None:
             raise ConfigError(f"--config {self.config} says what to train; leave out {self.task!r}.")
@@ -92,6 +96,8 @@ class Train:
         for name in ("spacecraft", "seed", "device", "total_timesteps"):
             if (given := getattr(self, name)) is not None:
                 table[name] = given
+        if self.conditions is not None:
+            table["conditions"] = json.loads(json.dumps(asdict(load_conditions(self.conditions))))
         for change in self.set:
             _change(table, change)
         return from_table(table)

@@ -7,13 +7,12 @@ the defaults are a perfect world, of which nothing is drawn, remembered or compu
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, fields, is_dataclass
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import Any, Literal, get_args
 
 from rans.errors import ConfigError
+from rans.structure import Range
 
-Range = float | tuple[float, float]
-"""A number, or the bounds of a uniform distribution."""
 FaultKind = Literal["dead", "stuck-open", "stuck", "weak"]
 """Never open; always open; always open by a share; open by a share of what it is told."""
 
@@ -165,6 +164,11 @@ class Conditions:
         for name, sensor in zip(("position", "attitude", "velocity", "spin"), self.sensors.each(),
                                 strict=True):
             _require(largest(sensor.dropout) < 1, f"sensors.{name}.dropout", sensor.dropout, "below 1")
+
+    @property
+    def or_none(self) -> Conditions | None:
+        """None for a perfect world, in which nothing is drawn."""
+        return None if replace(self, description="") == Conditions() else self
 
     @property
     def delay(self) -> float:

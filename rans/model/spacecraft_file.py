@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-import tomllib
 from collections.abc import Callable, Collection
 from importlib import resources
 from pathlib import Path
@@ -16,6 +15,7 @@ from rans.files import first_line
 from rans.model.actuators import KINDS, Actuators
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.registry import Registry
+from rans.structure import read_toml
 
 _REQUIRED = ("name", "dimension", "mass", "inertia", "thruster")
 _OPTIONAL = {f.name for f in dataclasses.fields(Spacecraft)} - {"thrusters", *_REQUIRED}
@@ -39,7 +39,7 @@ def _described(found: Any) -> Described:
             raise ConfigError("it must be a rans.Spacecraft, a function that makes one, or a TOML file of "
                               f"the package, got {type(found).__name__}.")
         found = to_toml(found)
-    return Described(found, _build(_read_toml(found)))
+    return Described(found, _build(read_toml(found)))
 
 
 SPACECRAFT = Registry("spacecraft", "rans.spacecraft", {
@@ -92,7 +92,7 @@ def parse_spacecraft(text: str, source: str) -> Spacecraft:
         ConfigError: names the source, the key, the value and the bound.
     """
     try:
-        return _build(_read_toml(text))
+        return _build(read_toml(text))
     except ConfigError as error:
         raise ConfigError(f"{source}: {error}") from error
 
@@ -108,15 +108,6 @@ def to_toml(craft: Spacecraft) -> str:
 def _lines(table: dict[str, Any]) -> str:
     """Texts, numbers and lists of them are written in TOML as they are in JSON."""
     return "".join(f"{key} = {json.dumps(value, ensure_ascii=False)}\n" for key, value in table.items())
-
-
-def _read_toml(text: str) -> dict[str, Any]:
-    try:
-        table = tomllib.loads(text)
-        repr(table)  # fails on an integer with too many digits to print: refuse it here
-        return table
-    except (ValueError, RecursionError) as error:
-        raise ConfigError(f"this is not valid TOML: {error}.") from error
 
 
 def _build(table: dict[str, Any]) -> Spacecraft:

@@ -6,13 +6,13 @@ import dataclasses
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args, get_origin
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
-import cattrs
-
-from rans.errors import ConfigError, RansError
-from rans.fast.learn.curriculum import Numbers, Ramp, check_ramps
+from rans.errors import ConfigError
+from rans.fast.learn.curriculum import Ramp, check_ramps
+from rans.model.conditions import Conditions
 from rans.model.timing import Timing
+from rans.structure import structure
 from rans.tasks import TASKS, Task
 
 if TYPE_CHECKING:
@@ -148,6 +148,8 @@ class TrainConfig:
     """Name of a spacecraft, or a TOML file."""
     ppo: PPOSettings = field(default_factory=PPOSettings)
     timing: Timing = field(default_factory=Timing)
+    conditions: Conditions = field(default_factory=Conditions)
+    """What episodes do not promise."""
     curriculum: tuple[Ramp, ...] = ()
     """Settings of the task that move during training, from an easier value to their own."""
     seed: int = 0
@@ -186,47 +188,5 @@ def from_table(table: dict[str, Any]) -> TrainConfig:
     """
     if not isinstance(table, dict) or not isinstance(table.get("task"), str):
         raise ConfigError("a training config must name its task: {\"task\": \"go-to-pose\", ...}.")
-    settings = _structure(table.get("settings", {}), TASKS[table["task"]], "settings")
-    return _structure(table | {"settings": settings}, TrainConfig, "config")
-
-
-def _structure(table: Any, cls: type, where: str) -> Any:
-    converter = cattrs.Converter(forbid_extra_keys=True)
-    converter.register_structure_hook_func(lambda kind: kind is Task, lambda value, _: value)
-    for kind in (bool, int, float, str):
-        converter.register_structure_hook(kind, _strict)
-    converter.register_structure_hook_func(lambda kind: kind == Numbers, lambda value, _: converter.structure(
-        value, tuple[float, float] if isinstance(value, list | tuple) else float))
-    try:
-        return converter.structure(table, cls)
-    except Exception as error:  # cattrs gathers whatever the values raised in groups of its own
-        reasons = cattrs.transform_error(error, path=where, format_exception=_say)
-        # cattrs ends each with its place; a reader wants that first.
-        places = (": ".join(reason.rsplit(" @ ", 1)[::-1]) for reason in reasons)
-        raise ConfigError(f"{'; '.join(places)}.") from error
-
-
-def _strict(value: Any, kind: type) -> Any:
-    """No silent conversions: "64" is not 64, and True is not 1; but 1 is 1.0."""
-    if kind is float and type(value) is int:
-        return float(value)
-    if type(value) is not kind:
-        raise ConfigError(f"expected {kind.__name__}, got {value!r}")
-    return value
-
-
-def _say(error: BaseException, kind: Any) -> str:
-    if isinstance(error, RansError):
-        return str(error).rstrip(".")
-    if isinstance(error, cattrs.ForbiddenExtraKeysError):
-        return f"unknown key {', '.join(sorted(map(repr, error.extra_fields)))}"
-    if isinstance(error, KeyError):
-        return f"the key {error} is missing"
-    if isinstance(error, AttributeError):  # cattrs asks whatever it is given for its keys
-        return 'expected a table, such as {"key": value}'
-    if isinstance(error, TypeError):
-        return "expected a table or a list of values, such as [0.5, 4.5]"
-    if get_origin(kind) is Literal:
-        given, _, _ = str(error).partition(" not in ")  # "gelu not in literal ..."
-        return f"expected {' or '.join(map(repr, get_args(kind)))}, got {given!r}"
-    return str(error)
+    settings = structure(table.get("settings", {}), TASKS[table["task"]], "settings")
+    return structure(table | {"settings": settings}, TrainConfig, "config")

@@ -10,11 +10,9 @@ from typing import Any, Literal
 import numpy as np
 
 from rans.errors import ConfigError
+from rans.structure import Range
 from rans.tasks import Task
 from rans.tasks.settings import map_settings
-
-Numbers = float | tuple[float, float]
-"""What a setting is made of: one number, or two for a range."""
 
 _STEEPNESS = 4.5
 """Of the sigmoid: it rises most within the middle half of its duration (original system, 2024)."""
@@ -31,7 +29,7 @@ class Ramp:
     setting: str
     """Name of a number or range among the task's settings; of a task within a multi-task:
     go_to_pose.spawn_distance."""
-    start: Numbers
+    start: Range
     """Its value until the ramp begins."""
     duration: int
     """Environment steps that the ramp takes."""
@@ -61,7 +59,7 @@ class Ramp:
             return x
         return 0.5 + 0.5 * math.tanh(_STEEPNESS * (x - 0.5)) / math.tanh(0.5 * _STEEPNESS)
 
-    def values(self, end: Numbers, steps: int) -> Iterator[float]:
+    def values(self, end: Range, steps: int) -> Iterator[float]:
         """The setting's one or two numbers after so many environment steps."""
         share = self.share(steps)
         for low, high in zip(_numbers(self.start), _numbers(end), strict=True):
@@ -116,7 +114,7 @@ class Curriculum:
 
     def __init__(self, tasks: Sequence[Task], ramps: Sequence[Ramp], dtype: Any, device: Any = None,
                  each: int = 1) -> None:
-        self._moving: list[tuple[Ramp, list[Numbers], list[Any]]] = []
+        self._moving: list[tuple[Ramp, list[Range], list[Any]]] = []
         memory, ends = dict[str, Any](), [_numbers_of(task) for task in tasks]
         for ramp in ramps:
             own = [end[ramp.setting] for end in ends]
@@ -146,7 +144,7 @@ def _same(values: Sequence[Any]) -> bool:
     return all(value == values[0] for value in values)
 
 
-def _columns(ramp: Ramp, ends: Sequence[Numbers], steps: int) -> list[tuple[float, ...]]:
+def _columns(ramp: Ramp, ends: Sequence[Range], steps: int) -> list[tuple[float, ...]]:
     """The setting's one or two numbers, each for every member."""
     return list(zip(*(ramp.values(end, steps) for end in ends), strict=True))
 
@@ -161,11 +159,11 @@ def _memory(values: Sequence[float], each: int, dtype: Any, device: Any) -> Any:
     return torch.tensor(column, dtype=dtype, device=device)
 
 
-def _numbers(value: Numbers) -> tuple[float, ...]:
+def _numbers(value: Range) -> tuple[float, ...]:
     return value if isinstance(value, tuple) else (value,)
 
 
-def _numbers_of(task: Task) -> dict[str, Numbers]:
+def _numbers_of(task: Task) -> dict[str, Range]:
     """Every number and range among the settings, by name; those of tasks within after a dot."""
     found: dict[str, Any] = {}
 
@@ -181,6 +179,6 @@ def _numbers_of(task: Task) -> dict[str, Numbers]:
     return found
 
 
-def _places(setting: str, known: dict[str, Numbers]) -> list[str]:
+def _places(setting: str, known: dict[str, Range]) -> list[str]:
     """Names of the setting's one or two numbers, as `map_settings` gives them."""
     return [f"{setting}.{i}" for i in (0, 1)] if isinstance(known[setting], tuple) else [setting]

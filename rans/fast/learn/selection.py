@@ -13,6 +13,7 @@ from rans.fast.learn.curriculum import Curriculum
 from rans.fast.learn.graph import fused, graphed
 from rans.fast.learn.network import Network
 from rans.fast.memory import field_dtype
+from rans.model.conditions import Conditions
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.scenario import SELECTION_SEED
@@ -30,17 +31,19 @@ class Selection:
         tasks: one a member, as in training without its curriculum; their evaluation starts are used.
         timing: as in training.
         device: torch device of the network.
+        conditions: as in training; what counts as success is the true state.
     """
 
     def __init__(self, network: Network, craft: Spacecraft, tasks: Sequence[Task], timing: Timing,
-                 device: torch.device) -> None:
+                 device: torch.device, conditions: Conditions | None = None) -> None:
         members, judged = len(tasks), [task.parts() for task in tasks]
 
         def engine(name: str) -> Engine:
             fixed = [each[name].for_evaluation() for each in judged]
             task = Curriculum(fixed, (), field_dtype(device), device, EPISODES).task
             seeds = [SELECTION_SEED] * members
-            return Engine(craft, task, members * EPISODES, timing, seed=seeds, device=device)
+            return Engine(craft, task, members * EPISODES, timing, seed=seeds, device=device,
+                          conditions=conditions)
 
         self._network, self._engines = network, {name: engine(name) for name in judged[0]}
         self._act, self._flight = fused(likeliest, device), graphed(self._fly, device)

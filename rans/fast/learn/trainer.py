@@ -56,9 +56,11 @@ class Trainer:
         tasks, seeds = [config.settings for config in configs], [config.seed for config in configs]
         self.curriculum = Curriculum(tasks, first.curriculum, field_dtype(device), device, each)
         self.engine = Engine(craft, self.curriculum.task, each * len(configs), first.timing, seed=seeds,
-                             device=device, processes=processes)
+                             device=device, processes=processes, conditions=first.conditions.or_none,
+                             remember=first.ppo.privileged_critic)
         self.learner = begin(self.engine, [config.ppo for config in configs], seeds)
-        self.selection = Selection(self.learner.network, craft, tasks, first.timing, device)
+        self.selection = Selection(self.learner.network, craft, tasks, first.timing, device,
+                                   first.conditions.or_none)
         self._said: list[dict[str, float]] = []
         self._rollout = first.ppo.n_envs * first.ppo.n_steps
         self._begun = self._reported = (0, 0.0)

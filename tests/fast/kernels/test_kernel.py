@@ -178,7 +178,7 @@ def test_without_a_kernel_torch_makes_the_step(error: Exception, monkeypatch: py
     monkeypatch.setattr(Kernel, "function", fail)
     engine = Engine(PLATFORM, NEAR, 2, compiled=True)
     with pytest.warns(UserWarning, match=f"torch.compile makes this engine's step, .*: {error}"):
-        assert Kernel.made(engine._world, engine._episode, engine._seed, ALONE, engine.dtype) is None
+        assert Kernel.made(engine._world, engine._episode, engine._draws, ALONE, engine.dtype) is None
 
 
 def with_actuators(kind: Any) -> Spacecraft:

@@ -1,0 +1,80 @@
+"""Values that people write, as the dataclasses they are meant to be, strictly."""
+
+from __future__ import annotations
+
+import inspect
+import tomllib
+from functools import partial
+from typing import Any, Literal, TypeVar, get_args, get_origin
+
+import cattrs
+
+from rans.errors import ConfigError, RansError
+
+T = TypeVar("T")
+Range = float | tuple[float, float]
+"""A number, or the least and the largest of a uniform distribution."""
+
+
+def read_toml(text: str) -> dict[str, Any]:
+    """The table that a TOML text is; `ConfigError` if it is none."""
+    try:
+        table = tomllib.loads(text)
+        repr(table)  # fails on an integer with too many digits to print: refuse it here
+        return table
+    except (ValueError, RecursionError) as error:
+        raise ConfigError(f"this is not valid TOML: {error}.") from error
+
+
+def structure(table: Any, cls: type[T], where: str) -> T:
+    """A dataclass from plain values, nothing converted, as `dataclasses.asdict` gives them.
+
+    Raises:
+        ConfigError: an unknown key, a value of the wrong type or out of its range; it names the place.
+    """
+    converter = cattrs.Converter(forbid_extra_keys=True)
+    converter.register_structure_hook_func(lambda kind: isinstance(kind, type) and inspect.isabstract(kind),
+                                           lambda value, _: value)  # structured by who knows which one it is
+    for kind in (bool, int, float, str):
+        converter.register_structure_hook(kind, _strict)
+    ranges = lambda kind: kind in (Range, Range | None)  # noqa: E731
+    converter.register_structure_hook_func(ranges, partial(_range, converter))
+    try:
+        return converter.structure(table, cls)
+    except Exception as error:  # cattrs gathers whatever the values raised in groups of its own
+        reasons = cattrs.transform_error(error, path=where, format_exception=_say)
+        # cattrs ends each with its place; a reader wants that first.
+        places = (": ".join(reason.rsplit(" @ ", 1)[::-1]) for reason in reasons)
+        raise ConfigError(f"{'; '.join(places)}.") from error
+
+
+def _range(converter: cattrs.Converter, value: Any, kind: Any) -> Any:
+    if value is None and kind != Range:
+        return None
+    return converter.structure(value, tuple[float, float] if isinstance(value, list | tuple) else float)
+
+
+def _strict(value: Any, kind: type) -> Any:
+    """No silent conversions: "64" is not 64, and True is not 1; but 1 is 1.0."""
+    if kind is float and type(value) is int:
+        return float(value)
+    if type(value) is not kind:
+        raise ConfigError(f"expected {kind.__name__}, got {value!r}")
+    return value
+
+
+def _say(error: BaseException, kind: Any) -> str:
+    if isinstance(error, RansError):
+        return str(error).rstrip(".")
+    if isinstance(error, cattrs.ForbiddenExtraKeysError):
+        return f"unknown key {', '.join(sorted(map(repr, error.extra_fields)))}"
+    if isinstance(error, KeyError):
+        return f"the key {error} is missing"
+    if isinstance(error, AttributeError):  # cattrs asks whatever it is given for its keys
+        return 'expected a table, such as {"key": value}'
+    if isinstance(error, TypeError):
+        return "expected a table or a list of values, such as [0.5, 4.5]"
+    if get_origin(kind) is Literal:
+        given, _, _ = str(error).partition(" not in ")  # "gelu not in literal ..."
+        return f"expected {' or '.join(map(repr, get_args(kind)))}, got {given!r}"
+    return str(error)
