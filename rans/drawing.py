@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from PIL import Image, ImageDraw, ImageFont
 
+from rans.errors import ConfigError
 from rans.model.fields import Vec2, Vec3
 from rans.model.spacecraft import Spacecraft
 from rans.tasks import Task
@@ -206,6 +208,20 @@ def rotations(state: Any) -> np.ndarray:
 def columns(vector: Vec2 | Vec3) -> np.ndarray:
     """Vectors of fields (...) as an array (..., 3), z = 0 in the plane."""
     return np.stack(np.broadcast_arrays(*vector.columns(), 0.0)[:3], axis=-1)
+
+
+def save_picture(figure: Figure, file: Path) -> None:
+    """Save a figure as .png, .svg or .pdf.
+
+    Raises:
+        ConfigError: another ending, or the file cannot be written.
+    """
+    if file.suffix not in (".png", ".svg", ".pdf"):
+        raise ConfigError(f"a picture's name must end in .png, .svg or .pdf, got {str(file)!r}.")
+    try:
+        figure.savefig(file, dpi=150)
+    except OSError as error:
+        raise ConfigError(f"cannot write the picture {str(file)!r}: {error}.") from error
 
 
 def draw_layout(craft: Spacecraft) -> Figure:

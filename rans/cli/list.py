@@ -71,27 +71,13 @@ class List:
         craft = load_spacecraft(self.name)
         if self.picture is None:
             return _spacecraft_details(craft)
-        save_picture(craft, self.picture)
+        from rans.drawing import draw_layout, save_picture
+
+        save_picture(draw_layout(craft), self.picture)
         return (*_spacecraft_details(craft), f"Picture: {self.picture}")
 
 
 COMMAND = List
-
-
-def save_picture(craft: Spacecraft, file: Path) -> None:
-    """Save the layout of a spacecraft's thrusters as .png, .svg or .pdf.
-
-    Raises:
-        ConfigError: another ending, or the file cannot be written.
-    """
-    if file.suffix not in (".png", ".svg", ".pdf"):
-        raise ConfigError(f"a picture's name must end in .png, .svg or .pdf, got {str(file)!r}.")
-    from rans.drawing import draw_layout
-
-    try:
-        draw_layout(craft).savefig(file, dpi=150)
-    except OSError as error:
-        raise ConfigError(f"cannot write the picture {str(file)!r}: {error}.") from error
 
 
 def layout_text(craft: Spacecraft) -> str:

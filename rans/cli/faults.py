@@ -1,0 +1,59 @@
+"""``rans faults``: which failed thrusters a spacecraft can do without."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from tyro.conf import Positional, arg
+
+if TYPE_CHECKING:
+    from rans.model.faults import FaultSet
+
+
+@dataclass(frozen=True)
+class Faults:
+    """Show which thrusters may fail, alone or two at once, while every push and turn stays possible.
+
+    Dead thrusters never open, stuck ones always push. What cannot be recovered from, no controller can:
+    there it can only drift safely.
+    """
+
+    craft: Annotated[str, Positional, arg(metavar="SPACECRAFT")]
+    """Name of a spacecraft, or the .toml file of your own."""
+    picture: Annotated[Path | None, arg(metavar="FILE")] = None
+    """Save a figure here (.png, .svg or .pdf)."""
+
+    def run(self) -> int:
+        """Print the table; exit code 0 whatever it says."""
+        from rans.model.faults import FaultClass, fault_sets
+        from rans.model.spacecraft_file import load_spacecraft
+        from rans.terminal import Terminal, table
+
+        kinds: tuple[FaultClass, ...] = ("dead", "stuck-open")
+        craft = load_spacecraft(self.craft)
+        found: dict[tuple[FaultClass, int], list[FaultSet]] = {
+            (kind, count): list(fault_sets(craft, count, kind)) for kind in kinds for count in (1, 2)
+            if count < len(craft.thrusters)}
+        rows = [(f"{('one', 'two')[count - 1]} {kind}", *_row(sets)) for (kind, count), sets in found.items()]
+        columns = "fault", "recoverable", "least margin", "not recoverable"
+        Terminal().print(table(
+            f"{craft.name}: recoverable faults", columns, rows,
+            "Margin: how far the others stay from always shut and always open while they hold still."))
+        if self.picture is not None:
+            from rans.drawing import save_picture
+            from rans.show.faults_figure import faults_figure
+
+            save_picture(faults_figure(craft, found), self.picture)
+            print(f"Picture: {self.picture}")
+        return 0
+
+
+def _row(sets: list[FaultSet]) -> tuple[str, str, str]:
+    good = [one.margin for one in sets if one.recoverable]
+    lost = ["+".join(map(str, one.thrusters)) for one in sets if not one.recoverable]
+    return f"{len(good)} of {len(sets)}", f"{min(good):.1%}" if good else "", ", ".join(lost) or "none"
+
+
+COMMAND = Faults

@@ -1,0 +1,26 @@
+"""``rans faults``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from rans.cli import main
+
+
+def test_tells_what_can_be_recovered_and_what_not(capsys: pytest.CaptureFixture[str], tmp_path: Path,
+                                                  monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "150")
+    picture = tmp_path / "faults.svg"
+    assert main(["faults", "floating-platform", "--picture", str(picture)]) == 0
+    said = capsys.readouterr().out
+    assert [line.split("│")[1:4] for line in said.splitlines() if line.startswith("│ two dead")] == [
+        [" two dead       ", " 16 of 28    ", " 33.3%        "]]
+    assert "0+2, 0+5, 0+6, 1+3" in said
+    assert "16 of 28 pairs recoverable" in picture.read_text()
+
+
+def test_refuses_what_is_no_picture(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["faults", "atmos", "--picture", str(tmp_path / "faults.gif")]) == 2
+    assert "must end in .png, .svg or .pdf" in capsys.readouterr().err

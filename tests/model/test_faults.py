@@ -1,0 +1,72 @@
+"""Which faults are recoverable, against the faces of the set of wrenches and published counts."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+
+import rans
+from rans.model.faults import FaultClass, fault_sets, margin
+from rans.model.spacecraft import Spacecraft
+from tests.crafts import spacecraft
+
+PLATFORM = rans.load_spacecraft("floating-platform")
+
+
+@pytest.mark.parametrize(("name", "singles", "pairs"), [
+    ("floating-platform", 8, 16), ("atmos", 8, 16), ("free-flyer", 16, 96)])
+@pytest.mark.parametrize("kind", ["dead", "stuck-open"])
+def test_as_many_as_were_counted_elsewhere(name: str, singles: int, pairs: int, kind: FaultClass) -> None:
+    craft = rans.load_spacecraft(name)
+    for count, expected in ((1, singles), (2, pairs)):
+        assert sum(one.recoverable for one in fault_sets(craft, count, kind)) == expected
+
+
+def inside(craft: Spacecraft, failed: tuple[int, ...], kind: FaultClass) -> bool:
+    """Whether zero lies inside the zonotope: on the inner side of every face.
+
+    In the plane a face is spanned by two columns, so its normal is their vector product.
+    """
+    wrenches = np.array(craft.wrench_map)
+    sound = np.delete(wrenches, failed, axis=0)
+    stuck = wrenches[list(failed)].sum(axis=0) * (kind == "stuck-open")
+    normals = [sign * np.cross(a, b) for a, b in combinations(sound, 2) for sign in (1.0, -1.0)]
+    farthest = [stuck @ n + np.maximum(sound @ n, 0.0).sum() for n in normals if np.linalg.norm(n) > 1e-9]
+    return np.linalg.matrix_rank(sound) == 3 and min(farthest) > 1e-9
+
+
+@pytest.mark.parametrize("kind", ["dead", "stuck-open"])
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_zero_lies_inside_the_wrenches_that_are_left(count: int, kind: FaultClass) -> None:
+    uneven = replace(PLATFORM, centre_of_mass=(0.02, -0.03, 0.0), thrusters=tuple(
+        replace(t, force=1.0 + 0.15 * k) for k, t in enumerate(PLATFORM.thrusters)))
+    found = list(fault_sets(uneven, count, kind))
+    assert [one.recoverable for one in found] == [inside(uneven, one.thrusters, kind) for one in found]
+    assert {one.recoverable for one in found} == ({True, False} if count > 1 else {True})
+
+
+@given(spacecraft(2))
+@settings(max_examples=30)
+@pytest.mark.filterwarnings("ignore:spacecraft 'random'")  # most cannot be controlled at all
+def test_of_any_craft(craft: Spacecraft) -> None:
+    for one in (*fault_sets(craft, 1, "dead"), *fault_sets(craft, 1, "stuck-open")):
+        if one.margin > 1e-3 or one.margin <= 0.0:  # between, both sides are a matter of rounding
+            assert one.recoverable == inside(craft, one.thrusters, one.kind)
+
+
+def test_the_margin_of_one_axis_worked_by_hand() -> None:
+    """Opposite pairs of 1 N with no lever but one: with thruster 0 stuck open the one against it must always
+    push, which leaves no margin."""
+    pairs = [rans.Thruster(p, d, 1.0) for p, d in (
+        ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0)), ((0.0, 0.0, 0.0), (-1.0, 0.0, 0.0)),
+        ((0.0, 0.0, 0.0), (0.0, 1.0, 0.0)), ((0.0, 0.0, 0.0), (0.0, -1.0, 0.0)),
+        ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0)), ((0.0, 1.0, 0.0), (-1.0, 0.0, 0.0)))]
+    moments = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
+    craft = rans.Spacecraft("pairs", 2, 1.0, moments, tuple(pairs))
+    assert margin(craft, (), "dead") == pytest.approx(0.5)
+    assert margin(craft, (2,), "dead") == 0.0  # nothing else pushes along y
+    assert margin(craft, (2,), "stuck-open") == pytest.approx(0.0, abs=1e-9)
