@@ -44,10 +44,12 @@ class State:
     """v_WB, expressed in W, m/s."""
     w: Field
     """Angular velocity, rad/s."""
+    notes: tuple[Field, ...] = ()
+    """What else a task's goals hold, such as which task is drawn or how much of a path is gone."""
 
     def normalised(self) -> Self:
         """The same state with its heading in [-pi, pi), or with a unit quaternion."""
-        return type(self)(self.p, self.attitude.normalised(), self.v, self.w)
+        return replace(self, attitude=self.attitude.normalised())
 
     def spin(self) -> tuple[Field, ...]:
         """The components of the angular velocity, rad/s."""

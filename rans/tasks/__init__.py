@@ -13,9 +13,7 @@ from rans.tasks.go_to_pose import GoToPose
 from rans.tasks.go_to_position import GoToPosition
 from rans.tasks.multi_task import MultiTask
 from rans.tasks.rewards import Transition
-from rans.tasks.track_twist import TrackTwist
-from rans.tasks.track_velocity import TrackVelocity
-from rans.tasks.track_velocity_heading import TrackVelocityHeading
+from rans.tasks.tracking import TrackTwist, TrackVelocity, TrackVelocityHeading
 
 
 def _checked(found: Any) -> type[Any]:

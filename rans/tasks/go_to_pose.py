@@ -9,8 +9,9 @@ from functools import partial
 from rans.model.dynamics import State
 from rans.model.fields import Field
 from rans.model.random import Random
-from rans.tasks.base import SingleTask, check_spawn
+from rans.tasks.base import SingleTask
 from rans.tasks.rewards import Transition, is_used, nearness, speed
+from rans.tasks.settings import check_spawn
 from rans.tasks.sight import Entry, Turn, VectorInW
 
 
@@ -82,10 +83,8 @@ class GoToPose(SingleTask):
 
     def errors(self, state: State, goal: State) -> dict[str, Field]:
         """Distance and angle to the goal."""
-        return {
-            "position": (goal.p - state.p).norm(),
-            "attitude": state.attitude.to(goal.attitude).magnitude(),
-        }
+        angle = state.attitude.to(goal.attitude).magnitude()
+        return {"position": (goal.p - state.p).norm(), "attitude": angle}
 
     def tolerances(self) -> dict[str, float]:
         """See the settings."""
@@ -115,7 +114,5 @@ class GoToPose(SingleTask):
 
     def failed(self, state: State, goal: State) -> Field:
         """Too far away, or in space spinning too fast."""
-        lost = (goal.p - state.p).norm() > self.fail_distance
-        if len(state.spin()) == 1:
-            return lost
-        return lost | (speed(state.spin()) > self.fail_spin)
+        lost, spin = (goal.p - state.p).norm() > self.fail_distance, state.spin()
+        return lost if len(spin) == 1 else lost | (speed(spin) > self.fail_spin)

@@ -8,8 +8,9 @@ from functools import partial
 from rans.model.dynamics import State
 from rans.model.fields import Field
 from rans.model.random import Random
-from rans.tasks.base import SingleTask, check_spawn
+from rans.tasks.base import SingleTask
 from rans.tasks.rewards import Transition, is_used, nearness, speed
+from rans.tasks.settings import check_spawn
 from rans.tasks.sight import Entry, VectorInW
 
 

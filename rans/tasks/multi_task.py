@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from rans.errors import ConfigError
-from rans.model.dynamics import PlanarState, SpatialState, State
+from rans.model.dynamics import State
 from rans.model.fields import Field, leaves, unflatten, where
 from rans.model.random import Random
 from rans.tasks.base import SingleTask, Task
@@ -15,25 +15,7 @@ from rans.tasks.go_to_pose import GoToPose
 from rans.tasks.go_to_position import GoToPosition
 from rans.tasks.rewards import Transition
 from rans.tasks.sight import Block, Choice, Drawn, Entry, Scalar, VectorInW
-from rans.tasks.track_twist import TrackTwist
-from rans.tasks.track_velocity import TrackVelocity
-from rans.tasks.track_velocity_heading import TrackVelocityHeading
-
-
-@dataclass(frozen=True)
-class PlanarGoal(PlanarState):
-    """A goal in the plane that knows its task."""
-
-    flag: Field
-    """The drawn task's."""
-
-
-@dataclass(frozen=True)
-class SpatialGoal(SpatialState):
-    """A goal in space that knows its task."""
-
-    flag: Field
-    """The drawn task's."""
+from rans.tasks.tracking import TrackTwist, TrackVelocity, TrackVelocityHeading
 
 
 @dataclass(frozen=True)
@@ -68,18 +50,18 @@ class MultiTask(Task):
         """The tasks to draw from, by name."""
         return {name: getattr(self, name.replace("-", "_")) for name in self.tasks}
 
-    def drawn(self, goal: Any) -> SingleTask:
+    def drawn(self, goal: State) -> SingleTask:
         """The task that one goal, of numbers, belongs to."""
-        return next(part for part in self.parts().values() if part.flag == round(float(goal.flag)))
+        return next(part for part in self.parts().values() if part.flag == round(float(self.flag_of(goal))))
 
     def for_evaluation(self) -> MultiTask:
         """The task with the starts and goals that agents are judged on."""
         judged = {name.replace("-", "_"): part.for_evaluation() for name, part in self.parts().items()}
         return replace(self, **judged)
 
-    def flag_of(self, goal: Any) -> Field:
-        """The drawn task's."""
-        return goal.flag
+    def flag_of(self, goal: State) -> Field:
+        """The drawn task's, which its goal notes."""
+        return goal.notes[0]
 
     def sample(self, random: Random) -> tuple[State, State]:
         """Start and goal of the drawn task."""
@@ -90,8 +72,7 @@ class MultiTask(Task):
         starts, goals = zip(*(part.sample(random) for part in parts), strict=True)
         start, goal = (unflatten(each[0], self._drawn_row(flag, [leaves(x) for x in each]))
                        for each in (starts, goals))
-        kind: Any = PlanarGoal if isinstance(goal, PlanarState) else SpatialGoal
-        return start, kind(goal.p, goal.attitude, goal.v, goal.w, flag)
+        return start, replace(goal, notes=(flag,))
 
     def sight(self, state: State, goal: State) -> tuple[Entry, ...]:
         """Of the drawn task: a vector, as all have, and whatever else; entries it has none of are zero."""

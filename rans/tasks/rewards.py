@@ -13,11 +13,8 @@ from rans.model.fields import Field, absolute, exp, sqrt
 def nearness(error: Field, scale: float, rest: float = 0.0) -> Field:
     """exp(-error / scale): 1 at the goal, 1/e at the scale (original system, 2023).
 
-    Args:
-        error: at least 0.
-        scale: in the unit of the error.
-        rest: an error below which nothing is nearer, so that nothing is gained by chattering there; the
-            shape is moved out by so much.
+    Below an error of ``rest`` nothing is nearer, so that nothing is gained by chattering there; the shape is
+    moved out by so much.
     """
     if is_used(rest):
         beyond = error - rest

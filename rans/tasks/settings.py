@@ -1,13 +1,47 @@
-"""A task's settings, walked by one function: curricula, sweeps and kernels replace numbers in them."""
+"""A task's settings: what they may be, and one function that replaces numbers in them."""
 
 from __future__ import annotations
 
 import copy
 import dataclasses
+import math
 from collections.abc import Callable
 from typing import Any, TypeVar
 
+from rans.errors import ConfigError
+
 Settings = TypeVar("Settings")
+
+
+def check_settings(task: Any) -> None:
+    """Refuse settings no task can work with, by the kind their name tells.
+
+    Raises:
+        ConfigError: a scale, distance, tolerance or limit is not a finite number > 0, a weight is
+            negative, or a range's bounds are in the wrong order.
+    """
+    for field in dataclasses.fields(task):
+        name, value = field.name, getattr(task, field.name)
+        numbers = [x for x in (value if isinstance(value, tuple) else (value,))
+                   if isinstance(x, int | float) or getattr(x, "shape", None) != ()]  # curricula check theirs
+        if not all(isinstance(x, int | float) and math.isfinite(x) and x >= 0 for x in numbers):
+            raise ConfigError(f"{name} must be finite and not negative, got {value!r}.")
+        if isinstance(value, tuple) and value[0] > value[1]:
+            raise ConfigError(f"{name} must be a range (low, high), got {value!r}.")
+        may_be_zero = isinstance(value, tuple) or name.endswith("_weight") or name.startswith("rest_")
+        if numbers == [0] and not may_be_zero:
+            raise ConfigError(f"{name} must be > 0, got {value!r}; only weights and rests may be zero.")
+
+
+def check_spawn(spawn_distance: tuple[float, float], fail_distance: float) -> None:
+    """Refuse starts beyond the distance at which an episode fails.
+
+    Raises:
+        ConfigError: some starts are.
+    """
+    if fail_distance <= spawn_distance[1]:
+        raise ConfigError(f"fail_distance must exceed the farthest start, {spawn_distance[1]} m, got "
+                          f"{fail_distance}: episodes would fail as they begin.")
 
 
 def map_settings(function: Callable[..., Any], *tasks: Settings, checked: bool = False) -> Settings:
