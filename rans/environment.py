@@ -26,14 +26,13 @@ from rans.tasks.sight import Dimension
 class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
     """One spacecraft flying one task: NumPy in and out, float64 inside.
 
-    Everything but the motion: episodes by number, observation, reward, ends and pictures. Episodes end
-    by themselves: ``terminated`` when the task has failed, otherwise ``truncated`` after
-    ``timing.episode_steps``.
+    Everything but the motion: episodes by number, observation, reward, ends and pictures. Episodes end by
+    themselves: ``terminated`` when the task has failed, else ``truncated`` after ``timing.episode_steps``.
 
     Observation: (10,) in the plane or (22,) in space, float32, `rans.tasks.observation_columns`.
     Action: (thrusters,), what the craft's actuators take: usually 0 (shut) or 1 (open).
-    ``info``: "reward_terms" and "errors" by name; at the end of an episode also "is_success", whether
-    time ran out within the task's tolerances.
+    ``info``: "reward_terms" and "errors" by name; at the end of an episode also "is_success", whether time
+    ran out within the task's tolerances.
 
     Args:
         task_name: of `rans.tasks.TASKS`, or MODULE:NAME.
@@ -61,9 +60,8 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
         self.metadata = {**self.metadata, "render_fps": 1.0 / self.timing.control_period}
         self._seed: int | None = None
         self._episode = 0
-        self._world = World(self.craft, self.task, self.timing)
-        self._move = self._mover()
-        self._now = None
+        self._world, self._move = World(self.craft, self.task, self.timing), self._mover()
+        self._now: Episode | None = None
         self._scene: Any = None
         self._window: Any = None
 
@@ -80,11 +78,13 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
             ConfigError: the options hold anything else.
         """
         super().reset(seed=seed)
-        self._count(seed)
-        chosen = scenario(self.task, self.craft.dimension, self._seed or 0, self._episode)
+        if seed is None and self._seed is not None:
+            self._episode += 1
+        else:
+            self._seed, self._episode = int(self.np_random.integers(2**63)) if seed is None else seed, 0
+        chosen = scenario(self.task, self.craft.dimension, self._seed, self._episode)
         chosen = _given_scenario(options or {}, chosen) or chosen
-        shut = (0.0,) * len(self.craft.thrusters)
-        self._now: Episode | None = Episode(chosen.start, chosen.goal, 0, shut)
+        self._now = Episode(chosen.start, chosen.goal, 0, (0.0,) * len(self.craft.thrusters))
         self._trail: list[tuple[float, ...]] = []
         self._show()
         return self._observe(), {"errors": self._errors()}
@@ -96,13 +96,12 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
             ConfigError: the craft's actuators cannot follow the action.
             gymnasium.error.ResetNeeded: there was no `reset` yet.
         """
-        before = self._running()
-        command = self._checked(action)
+        before, values = self._running(), np.asarray(action)
+        self.craft.actuators.check(values, len(self.craft.thrusters))
         self._trail.append(before.state.p.columns())
-        outcome = step(self._world, before, command, self._move)
-        arrived = outcome.episode
-        self._now = replace(arrived, state=map_leaves(float, arrived.state),
-                            goal=map_leaves(float, arrived.goal))
+        outcome = step(self._world, before, tuple(values.astype(float).tolist()), self._move)
+        state, goal = map_leaves(float, (outcome.episode.state, outcome.episode.goal))
+        self._now = replace(outcome.episode, state=state, goal=goal)
         self._show()
         terms = {name: float(term) for name, term in outcome.terms.items()}
         terminated, truncated = bool(outcome.terminated), bool(outcome.truncated)
@@ -122,11 +121,7 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
 
     @property
     def state(self) -> State:
-        """The spacecraft's, of numbers.
-
-        Raises:
-            gymnasium.error.ResetNeeded: there was no `reset` yet.
-        """
+        """The spacecraft's, of numbers; raises `ResetNeeded` before the first `reset`."""
         return self._running().state
 
     @property
@@ -158,23 +153,10 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
             self._window = Window(self.metadata["render_fps"])
         self._window.show(self._draw())
 
-    def _count(self, seed: int | None) -> None:
-        """Choose seed and number of the episode that starts."""
-        if seed is None and self._seed is not None:
-            self._episode += 1
-            return
-        self._seed = int(self.np_random.integers(2**63)) if seed is None else seed
-        self._episode = 0
-
     def _running(self) -> Episode:
         if self._now is None:
             raise ResetNeeded("call reset() before step() and render().")
         return self._now
-
-    def _checked(self, action: Any) -> tuple[float, ...]:
-        values = np.asarray(action)
-        self.craft.actuators.check(values, len(self.craft.thrusters))
-        return tuple(values.astype(float).tolist())
 
     def _observe(self) -> np.ndarray:
         return np.array(self._world.observe(self._running()), dtype=np.float32)
@@ -192,11 +174,9 @@ def _given_scenario(options: dict[str, Any], like: Scenario) -> Scenario | None:
     given = options.get("scenario")
     if given is None:
         return None
-    widths = tuple(len(leaves(s)) for s in (like.start, like.goal))
-    states = (given.start, given.goal) if isinstance(given, Scenario) else ((), ())
-    if not all(len(leaves(s)) == width and np.isfinite(leaves(s)).all()
-               for s, width in zip(states, widths, strict=True)):
-        raise ConfigError(
-            "the scenario of reset must be a rans.scenario.Scenario whose start and goal are "
-            f"{widths[0]} and {widths[1]} finite numbers, got {given!r}.")
+    widths = [len(leaves(s)) for s in (like.start, like.goal)]
+    numbers = [leaves(s) for s in (given.start, given.goal)] if isinstance(given, Scenario) else []
+    if [len(x) for x in numbers] != widths or not all(np.isfinite(x).all() for x in numbers):
+        raise ConfigError("the scenario of reset must be a rans.scenario.Scenario whose start and goal are "
+                          f"{widths[0]} and {widths[1]} finite numbers, got {given!r}.")
     return given

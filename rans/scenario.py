@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from rans.model.fields import leaves, map_leaves, unflatten
 from rans.model.random import Random, seed_words
 from rans.model.spacecraft import Spacecraft
 from rans.tasks.base import Task
+from rans.tasks.sight import Dimension
 
 EVALUATION_SEED = 2023
 """Scenarios that agents are judged on; no training should use them."""
@@ -33,7 +33,7 @@ class Scenario:
     goal: State
 
 
-def scenario(task: Task, dimension: Literal[2, 3], seed: int, episode: int) -> Scenario:
+def scenario(task: Task, dimension: Dimension, seed: int, episode: int) -> Scenario:
     """Scenario number ``episode`` of a seed, as float64 numbers.
 
     Raises:
@@ -42,22 +42,17 @@ def scenario(task: Task, dimension: Literal[2, 3], seed: int, episode: int) -> S
     if not 0 <= episode < 2**31:
         raise ConfigError(f"the episode must be a whole number from 0 to {2**31 - 1}, got {episode}.")
     random = Random(dimension, *seed_words(seed), np.array([episode], dtype=np.int32), np.float64)
-    start, goal = task.sample(random)
-    return Scenario(*(map_leaves(lambda x: float(np.squeeze(x)), s) for s in (start, goal)))
+    return map_leaves(lambda x: float(np.squeeze(x)), Scenario(*task.sample(random)))
 
 
 def batch(scenarios: Sequence[Scenario]) -> Scenario:
     """Many scenarios as one whose fields are float64 arrays (N,)."""
-    def stack(states: list[State]) -> State:
-        columns = zip(*(leaves(s) for s in states), strict=True)
-        return unflatten(states[0], [np.array(c, dtype=np.float64) for c in columns])
-
-    return Scenario(stack([s.start for s in scenarios]), stack([s.goal for s in scenarios]))
+    columns = zip(*map(leaves, scenarios), strict=True)
+    return unflatten(scenarios[0], [np.array(column, dtype=np.float64) for column in columns])
 
 
 def scenarios(task: Task, craft: Spacecraft, seed: int, count: int, first: int = 0) -> Scenario:
     """Scenarios ``first`` to ``first + count - 1`` of a seed as one batch of float64 arrays (N,)."""
     episodes = np.arange(first, first + count, dtype=np.int32)
-    start, goal = task.sample(Random(craft.dimension, *seed_words(seed), episodes, np.float64))
-    full = lambda x: np.broadcast_to(np.asarray(x, dtype=np.float64), (count,)).copy()  # noqa: E731
-    return Scenario(map_leaves(full, start), map_leaves(full, goal))
+    random = Random(craft.dimension, *seed_words(seed), episodes, np.float64)
+    return map_leaves(lambda x: np.full(count, x, np.float64), Scenario(*task.sample(random)))

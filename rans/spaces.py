@@ -34,11 +34,7 @@ def action_space(craft: Spacecraft) -> spaces.Space[np.ndarray]:
 
 
 def checked_render_mode(render_mode: str | None) -> str | None:
-    """The render mode, if environments have it.
-
-    Raises:
-        ConfigError: they do not.
-    """
+    """The render mode; `ConfigError`, unless environments have it."""
     if render_mode not in (None, "human", "rgb_array"):
         raise ConfigError(f'render_mode must be None, "human" or "rgb_array", got {render_mode!r}.')
     return render_mode
@@ -46,13 +42,7 @@ def checked_render_mode(render_mode: str | None) -> str | None:
 
 def choose(task_name: str, dimension: Dimension, spacecraft: str | Path | Spacecraft | None,
            task: Task | None) -> tuple[Spacecraft, Task]:
-    """Spacecraft and task of an environment.
-
-    Args:
-        task_name: of `rans.tasks.TASKS`, or MODULE:NAME.
-        dimension: 2 (plane) or 3 (space).
-        spacecraft: name, TOML file or object; None: the usual one of this dimension.
-        task: settings; None: the defaults.
+    """Spacecraft and task of an environment, from what `rans.environment.Environment` takes.
 
     Raises:
         ConfigError: there is no such spacecraft or task, or it does not fit the environment.
@@ -60,19 +50,17 @@ def choose(task_name: str, dimension: Dimension, spacecraft: str | Path | Spacec
     craft = _DEFAULT_CRAFT[dimension] if spacecraft is None else spacecraft
     craft = craft if isinstance(craft, Spacecraft) else load_spacecraft(craft)
     if craft.dimension != dimension:
-        raise ConfigError(
-            f"this environment is for spacecraft of dimension {dimension}, got {craft.name!r} of "
-            f"dimension {craft.dimension}; environments named 2D fly in the plane, those named 3D in "
-            "space.")
+        raise ConfigError(f"this environment is for spacecraft of dimension {dimension}, got {craft.name!r} "
+                          f"of dimension {craft.dimension}; environments named 2D fly in the plane, those "
+                          "named 3D in space.")
     wanted = TASKS[task_name]
     if task is None:
         return craft, wanted()
     if isinstance(task, dict):
         given = ", ".join(f"{key}={value!r}" for key, value in task.items())
-        raise ConfigError(f"task takes an object, no dict: "
-                          f"{wanted.__name__}({given}) of {wanted.__module__}.")
+        raise ConfigError(f"task takes an object, no dict: {wanted.__name__}({given}) of "
+                          f"{wanted.__module__}.")
     if not isinstance(task, wanted):
-        raise ConfigError(
-            f"this environment is for {wanted.__name__} settings, got {task!r}; choose the environment "
-            "named after the task.")
+        raise ConfigError(f"this environment is for {wanted.__name__} settings, got {task!r}; choose the "
+                          "environment named after the task.")
     return craft, task

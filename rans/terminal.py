@@ -37,11 +37,9 @@ class Terminal(Console):
 def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[Any]], caption: str = "",
           justify: JustifyMethod = "left") -> Table:
     """A table whose first column never breaks, and in which no end of a long word is lost."""
-    made = Table(*columns, title=title or None, title_justify="left", caption=caption or None,
-                 caption_justify="left")
-    made.columns[0].no_wrap = True
-    for column in made.columns:
-        column.overflow, column.justify = "fold", justify
+    made = Table(title=title or None, title_justify="left", caption=caption or None, caption_justify="left")
+    for column in columns:
+        made.add_column(column, overflow="fold", justify=justify, no_wrap=not made.columns)
     for row in rows:
         made.add_row(*row)
     return made

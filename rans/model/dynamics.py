@@ -18,9 +18,8 @@ from typing import Any, Self, TypeVar
 from rans.model.body import Body
 from rans.model.drift import FREE, Drift
 from rans.model.fields import Attitude, Field, Heading, Quat, Vec2, Vec3, Vector, at_least, cos, sin, sqrt
-from rans.model.magnus import Rotation, at, exponential, turned
+from rans.model.rotation import Rotation, at, exponential, spin_series, turned
 from rans.model.spacecraft import Spacecraft
-from rans.model.spin import spin_series
 from rans.model.timing import Timing
 from rans.model.translation import RULES, moved
 

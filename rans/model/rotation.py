@@ -1,4 +1,4 @@
-"""Rotations from angular velocities that are power series in time.
+"""The rotation of a rigid body in space: spin and attitude as power series in time.
 
 A series is a list of vectors, the coefficients of the powers of the share of a step that is gone.
 """
@@ -6,10 +6,16 @@ A series is a list of vectors, the coefficients of the powers of the share of a 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import reduce
+from operator import add
+from typing import Any
 
 from rans.model.fields import Field, Quat, Vec3
 
 Series = Sequence[Vec3]
+
+_ORDER = 8
+"""Of the spin's series where moments of inertia differ."""
 
 
 def at(series: Series, share: float) -> Vec3:
@@ -20,14 +26,54 @@ def at(series: Series, share: float) -> Vec3:
     return result
 
 
+def spin_series(w: Vec3, torque: Any, inertia: Sequence[Field], h: Field, steady: Vec3 | None) -> Series:
+    """Taylor series of the angular velocity over the share of h that is gone.
+
+    Euler's equation, I w' = tau - w x (I - I_zz 1) w: a multiple of the unit tensor has no part in
+    w x I w, so the series of a body with three equal moments ends after its second term. A torque that is
+    constant in W turns in B: u' = u x w.
+
+    Args:
+        w: angular velocity in B, rad/s.
+        torque: constant in B, N m.
+        inertia: the six entries (I_xx, I_xy, I_xz, I_yy, I_yz, I_zz), kg m^2.
+        h: length of the step, s.
+        steady: a second torque, constant in W, as B sees it at the start, N m.
+    """
+    xx, xy, xz, yy, yz, zz = inertia
+    excess, inverse = (xx - zz, xy, xz, yy - zz, yz, 0.0), _inverse(inertia)
+    even = all(isinstance(x, float) and x == 0.0 for x in excess)
+    turning = [] if steady is None else [steady]
+    rate, momentum = [w], []
+    for k in range(1 if even and not turning else _ORDER):
+        torques: list[Any] = [torque] if k == 0 else []
+        if turning:
+            torques.append(turning[k])
+            turning.append(last_product(turning, rate).scale(h / (k + 1)))
+        if not even:
+            momentum.append(_symmetric_times(excess, rate[k]))
+            torques.append(last_product(momentum, rate))
+        rate.append(_symmetric_times(inverse, reduce(add, torques)).scale(h / (k + 1)))
+    return rate
+
+
 def last_product(a: Series, b: Series) -> Vec3:
     """The last known coefficient of the vector product of two series of the same length."""
-    return total([x.cross(y) for x, y in zip(a, reversed(b), strict=True)])
+    return reduce(add, [x.cross(y) for x, y in zip(a, reversed(b), strict=True)])
 
 
-def total(vectors: Sequence[Vec3]) -> Vec3:
-    """Sum of at least one vector."""
-    return sum(vectors[1:], start=vectors[0])
+def _symmetric_times(entries: Sequence[Field], v: Vec3) -> Vec3:
+    """Product of a symmetric 3x3 tensor, given by its six entries, with a vector."""
+    xx, xy, xz, yy, yz, zz = entries
+    return Vec3(*(x * v.x + y * v.y + z * v.z for x, y, z in ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))))
+
+
+def _inverse(entries: Sequence[Field]) -> tuple[Field, ...]:
+    """Inverse of a symmetric 3x3 tensor by cofactors, as its six entries."""
+    xx, xy, xz, yy, yz, zz = entries
+    a, b, c = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
+    s = 1.0 / (xx * a + xy * b + xz * c)
+    return (a * s, b * s, c * s, (xx * zz - xz * xz) * s, (xy * xz - xx * yz) * s, (xx * yy - xy * xy) * s)
 
 
 class Rotation:
@@ -72,14 +118,12 @@ def exponential(rotation: Vec3) -> Quat:
     """The quaternion of a rotation vector."""
     square = 0.25 * rotation.dot(rotation)
     sine, cosine = _sine_and_cosine(square)
-    vector = rotation.scale(0.5 * sine)
-    return Quat(1.0 - square * cosine, vector.x, vector.y, vector.z)
+    return Quat(1.0 - square * cosine, *rotation.scale(0.5 * sine).columns())
 
 
 def _sine_and_cosine(square: Field) -> tuple[Field, Field]:
     """sin(x) / x and (1 - cos(x)) / x^2 from the square of x, by Taylor series: 3e-8 off at 1 rad."""
-    sine, cosine = (_alternating(square, first) for first in (2, 3))
-    return sine, 0.5 * cosine
+    return _alternating(square, 2), 0.5 * _alternating(square, 3)
 
 
 def _alternating(square: Field, first: int) -> Field:
