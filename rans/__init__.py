@@ -53,7 +53,7 @@ def _register() -> None:
             kwargs = {"task_name": task_name, "dimension": dimension}
             gymnasium.register(gymnasium_id, "rans.fast.envs.single:SpacecraftEnv", kwargs=kwargs,
                                vector_entry_point="rans.fast.envs.vector:SpacecraftVectorEnv")
-            gymnasium.register(gymnasium_id.replace("-v", "-Drake-v"), "rans.reference.env:DrakeEnv",
+            gymnasium.register(gymnasium_id.replace("-v", "-Drake-v"), "rans.reference.flight:DrakeEnv",
                                kwargs=kwargs)
 
 

@@ -31,7 +31,6 @@ Tree = TypeVar("Tree")
 """A field, or a tuple or a frozen dataclass of trees."""
 
 _CASADI_NAMES = {"abs": "fabs", "minimum": "fmin", "maximum": "fmax", "where": "if_else"}
-_NUMPY_NAMES = {"atan2": "arctan2"}
 
 
 def _function(name: str, *fields: Field) -> Callable[..., Field]:
@@ -44,7 +43,7 @@ def _function(name: str, *fields: Field) -> Callable[..., Field]:
             return getattr(sys.modules["casadi"], _CASADI_NAMES.get(name, name))
         if library == "rans":
             return partial(type(field).apply, name)
-    return getattr(np, _NUMPY_NAMES.get(name, name))
+    return getattr(np, name)
 
 
 def _unary(name: str) -> Callable[[Field], Field]:

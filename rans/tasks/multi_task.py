@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, fields, replace
+from itertools import zip_longest
 from typing import ClassVar
 
 from rans.errors import ConfigError
@@ -69,21 +70,17 @@ class MultiTask(Task):
         flag = draw * 0.0 + float(parts[0].flag)
         for rank, part in enumerate(parts[1:], start=1):
             flag = where(draw >= rank, float(part.flag), flag)
-        starts, goals = zip(*(part.sample(random) for part in parts), strict=True)
-        start, goal = (unflatten(each[0], self._drawn_row(flag, [leaves(x) for x in each]))
-                       for each in (starts, goals))
+        pairs = [part.sample(random) for part in parts]
+        start, goal = unflatten(pairs[0], self._drawn_row(flag, [leaves(pair) for pair in pairs]))
         return start, replace(goal, notes=(flag,))
 
     def sight(self, state: State, goal: State) -> tuple[Entry, ...]:
         """Of the drawn task: a vector, as all have, and whatever else; entries it has none of are zero."""
-        shown = [part.sight(state, goal) for part in self.parts().values()]
-        vectors = self._drawn_row(self.flag_of(goal), [first.columns() for first, *_ in shown])
-        others = [[x for entry in data for x in entry.columns()] for _, *data in shown]
-        width = max(map(len, others))
-        padded = [(*data, *(0.0,) * (width - len(data))) for data in others]
-        rest = self._drawn_row(self.flag_of(goal), padded)
+        flag, shown = self.flag_of(goal), [part.sight(state, goal) for part in self.parts().values()]
+        vectors = self._drawn_row(flag, [first.columns() for first, *_ in shown])
+        rest = self._drawn_row(flag, [[x for entry in data for x in entry.columns()] for _, *data in shown])
         vector = VectorInW("task data ", "-", type(goal.p)(*vectors))
-        return (vector, Drawn("task data", "-", rest, self._choices(shown, width))) if width else (vector,)
+        return (vector, Drawn("task data", "-", rest, self._choices(shown, len(rest)))) if rest else (vector,)
 
     def _choices(self, shown: Sequence[tuple[Entry, ...]], width: int) -> tuple[Choice, ...]:
         """What `sight`'s second entry is, by the drawn task's flag."""
@@ -123,8 +120,9 @@ class MultiTask(Task):
                 result = where(flag == part.flag, value, result)
         return result
 
-    def _drawn_row(self, flag: Field, rows: Sequence[Sequence[Field]]) -> tuple[Field, ...]:
-        return tuple(self._drawn(flag, column) for column in zip(*rows, strict=True))
+    def _drawn_row(self, flag: Field, rows: Iterable[Iterable[Field]]) -> tuple[Field, ...]:
+        """The drawn task's row; a shorter one ends in zeros."""
+        return tuple(self._drawn(flag, column) for column in zip_longest(*rows, fillvalue=0.0))
 
     def _drawn_terms(self, goal: State, terms: Sequence[dict[str, Field]]) -> dict[str, Field]:
         names, flag = dict.fromkeys(name for some in terms for name in some), self.flag_of(goal)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import reduce
+from operator import add
 from typing import Any, NamedTuple
 
 from rans.model.dynamics import State
@@ -61,19 +62,18 @@ class Prices:
 
     def prices(self, transition: Transition) -> dict[str, Field]:
         """The terms whose weight is not zero."""
-        return dict(self._prices(transition))
-
-    def _prices(self, transition: Transition) -> Iterator[tuple[str, Field]]:
         state, _, command, previous = transition
+        terms: dict[str, Field] = {}
         if is_used(self.thrust_weight):
-            yield "thrust", sum(command[1:], start=command[0]) * -self.thrust_weight
+            terms["thrust"] = reduce(add, command) * -self.thrust_weight
         if is_used(self.switching_weight):
             moved = [absolute(new - old) for new, old in zip(command, previous, strict=True)]
-            yield "switching", sum(moved[1:], start=moved[0]) * -self.switching_weight
+            terms["switching"] = reduce(add, moved) * -self.switching_weight
         if is_used(self.speed_weight):
-            yield "speed", state.v.norm() * -self.speed_weight
+            terms["speed"] = state.v.norm() * -self.speed_weight
         if is_used(self.spin_weight):
-            yield "spin", speed(state.spin()) * -self.spin_weight
+            terms["spin"] = speed(state.spin()) * -self.spin_weight
+        return terms
 
 
 def is_used(setting: Any) -> bool:
