@@ -50,13 +50,10 @@ class Scene:
 
     def render(self, state: Any, goal: Any, command: Sequence[float] | np.ndarray,
                trail: Sequence[Sequence[float]] | np.ndarray = ()) -> np.ndarray:
-        """One frame, (height, width, 3) uint8: red, green, blue.
+        """One frame, (height, width, 3) uint8, of a state and a goal of numbers.
 
-        Args:
-            state: `PlanarState` or `SpatialState` of numbers.
-            goal: the same.
-            command: one value per thruster, 0 (shut) to 1 (open); flames are as long.
-            trail: earlier positions in W, (K, 2 or 3) m.
+        Flames are as long as the command says, 0 (shut) to 1 (open); the trail is of earlier positions in W,
+        (K, 2 or 3) m.
         """
         here, place, turn, wanted_turn = columns(state.p), columns(goal.p), rotations(state), rotations(goal)
         wanted = self.task.drawn(goal).tolerances()

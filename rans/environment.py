@@ -71,15 +71,10 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
 
     def reset(self, *, seed: int | None = None,
               options: dict[str, Any] | None = None) -> tuple[np.ndarray, dict[str, Any]]:
-        """Start the next episode.
-
-        Args:
-            seed: start with episode 0 of this seed; by default the next episode of the last one, or
-                at first of a random one.
-            options: {"scenario": `Scenario`} flies this scenario in place of the numbered one.
+        """Start the next episode: number 0 of a seed, by default the next of the last, or of a random one.
 
         Raises:
-            ConfigError: the options hold anything else.
+            ConfigError: the options hold anything but {"scenario": `Scenario`}, to be flown in its place.
         """
         super().reset(seed=seed)
         if seed is None and self._seed is not None:

@@ -86,11 +86,7 @@ def number(value: float | str | None) -> float:
 
 
 def read_json(file: Path) -> Any:
-    """The value in a JSON file.
-
-    Raises:
-        ConfigError: it cannot be read or is damaged.
-    """
+    """The value in a JSON file; `ConfigError` where it cannot be read or is damaged."""
     try:
         return json.loads(file.read_text("utf-8"))
     except OSError as error:

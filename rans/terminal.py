@@ -19,9 +19,8 @@ _LONGEST = 20_000
 class Terminal(Console):
     """Shows what users and other people named as it is spelt.
 
-    Args:
-        stderr: whether progress and warnings go there, instead of results to standard output.
-        room: columns that a file gets where a terminal has its own.
+    Results go to standard output, progress and warnings to ``stderr``; a file gets as many columns as
+    ``room`` says, where a terminal has its own.
     """
 
     def __init__(self, stderr: bool = False, room: int = 0) -> None:

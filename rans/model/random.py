@@ -48,12 +48,8 @@ def _mix(a: Field, b: Field, c: Field, d: Field) -> tuple[Field, ...]:
 class Random:
     """Draws for one episode (of many spacecraft at once); each call takes the next numbers.
 
-    Args:
-        dimension: 2 or 3; decides what `direction` and `attitude` return.
-        low: low word of the seed, an int or an int32 field.
-        high: high word of the seed.
-        episode: number of the episode, int32 field.
-        dtype: floating dtype of the draws, of the episode's library.
+    The dimension, 2 or 3, decides what `direction` and `attitude` return. The seed's low and high word are
+    ints or int32 fields, the episode's number is an int32 field; the draws have a dtype of its library.
     """
 
     def __init__(self, dimension: Literal[2, 3], low: Field, high: Field, episode: Field, dtype: Any) -> None:

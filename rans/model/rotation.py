@@ -79,13 +79,12 @@ def _inverse(entries: Sequence[Field]) -> tuple[Field, ...]:
 class Rotation:
     """The rotation of a body that turns at a given rate, by Magnus' series of order six.
 
-    Blanes, Casas and Ros, "Improved high order integrators based on the Magnus expansion", BIT 40, 2000:
-    with C = [a, b] and D = -[a, 2 c + C] / 60, the rotation vector is
-    a + c / 12 + [-20 a - c + C, b + D] / 240, where a, b and c stand for the rate's first moments: here
-    r0 + r4 / 80, r1 + 3 r3 / 20 and r2 of its Taylor coefficients in the middle of the step, times the
-    duration. They multiply from the other side, so that every bracket has its sign changed here. A rate
-    that never changes is exact. The rate is the angular velocity in the body's frame, rad/s; the step lasts
-    for the duration, s.
+    Blanes, Casas and Ros, "Improved high order integrators based on the Magnus expansion", BIT 40, 2000: with
+    C = [a, b] and D = -[a, 2 c + C] / 60, the rotation vector is a + c / 12 + [-20 a - c + C, b + D] / 240,
+    where a, b and c stand for the rate's first moments: here r0 + r4 / 80, r1 + 3 r3 / 20 and r2 of its
+    Taylor coefficients in the middle of the step, times the duration. They multiply from the other side, so
+    that every bracket has its sign changed here. A rate that never changes is exact. The rate is the angular
+    velocity in the body's frame, rad/s; the step lasts for the duration, s.
     """
 
     def __init__(self, rate: Series, duration: Field) -> None:

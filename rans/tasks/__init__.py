@@ -26,6 +26,8 @@ def _checked(found: Any) -> type[Any]:
             if field.default is field.default_factory is dataclasses.MISSING]
     if bare:
         raise ConfigError(f"the settings {', '.join(bare)} of {found.__name__} have no defaults.")
+    if issubclass(found, SingleTask) and not found().tolerances():
+        raise ConfigError(f"{found.__name__} has no tolerances, which every task must have.")
     return found
 
 

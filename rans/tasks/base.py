@@ -116,6 +116,11 @@ class SingleTask(Prices, Task):
         """The same for every goal."""
         return float(self.flag)
 
+    def tolerances(self) -> dict[str, float]:
+        """The settings named after a quantity, such as "position_tolerance"."""
+        return {name.removesuffix("_tolerance"): value for name, value in vars(self).items()
+                if name.endswith("_tolerance")}
+
 
 class Sight(NamedTuple):
     """All that a policy sees of one moment (paper, section 3.2)."""
@@ -144,7 +149,7 @@ def sight(task: Task, state: State, goal: State) -> Sight:
     """All that a policy sees of this state, with this goal."""
     flag = state.attitude.columns()[0] * 0.0 + task.flag_of(goal)
     data = task.sight(state, goal)
-    missing = _DATA_COLUMNS[state_dimension(state)] - sum(len(entry.columns()) for entry in data)
+    missing = _DATA_COLUMNS[len(state.p.columns())] - sum(len(entry.columns()) for entry in data)
     return Sight((
         OwnAttitude("", "-", state.attitude), VectorInW("v_", "m/s", state.v),
         Spin("w", "rad/s", state.spin()), Scalar("task flag", "-", flag),
@@ -197,8 +202,3 @@ def residual(task: Task, state: State, goal: State) -> tuple[Field, ...]:
     """How far the task's data are from where they are at the goal, column by column."""
     return tuple(x - target for entry in task.sight(state, goal)
                  for x, target in zip(entry.columns(), entry.target(), strict=True))
-
-
-def state_dimension(state: State) -> Dimension:
-    """2 for a planar state, 3 for a spatial one."""
-    return 2 if len(state.p.columns()) == 2 else 3

@@ -17,8 +17,8 @@ def check_settings(task: Any) -> None:
     """Refuse settings no task can work with, by the kind their name tells.
 
     Raises:
-        ConfigError: a scale, distance, tolerance or limit is not a finite number > 0, a weight is
-            negative, or a range's bounds are in the wrong order.
+        ConfigError: a scale, distance, tolerance or limit is not a finite number > 0, a weight is negative, a
+            range's bounds are in the wrong order, or episodes fail where they start.
     """
     for field in dataclasses.fields(task):
         name, value = field.name, getattr(task, field.name)
@@ -31,31 +31,21 @@ def check_settings(task: Any) -> None:
         may_be_zero = isinstance(value, tuple) or name.endswith("_weight") or name.startswith("rest_")
         if numbers == [0] and not may_be_zero:
             raise ConfigError(f"{name} must be > 0, got {value!r}; only weights and rests may be zero.")
-
-
-def check_spawn(spawn_distance: tuple[float, float], fail_distance: float) -> None:
-    """Refuse starts beyond the distance at which an episode fails.
-
-    Raises:
-        ConfigError: some starts are.
-    """
-    if fail_distance <= spawn_distance[1]:
-        raise ConfigError(f"fail_distance must exceed the farthest start, {spawn_distance[1]} m, got "
-                          f"{fail_distance}: episodes would fail as they begin.")
+    spawn, fails = getattr(task, "spawn_distance", None), getattr(task, "fail_distance", math.inf)
+    if isinstance(spawn, tuple) and fails <= spawn[1]:
+        raise ConfigError(f"fail_distance must exceed the farthest start, {spawn[1]} m, got {fails}: "
+                          "episodes would fail as they begin.")
 
 
 def map_settings(function: Callable[..., Any], *tasks: Settings, checked: bool = False) -> Settings:
-    """The first task with other numbers in its settings.
+    """The first of some tasks of one class with other numbers in its settings.
 
-    Args:
-        function: given the setting's name and the number that each task has there, returns what to put in
-            its place. The two numbers of a range are "spawn_distance.0" and "spawn_distance.1", those of a
-            task within a multi-task "go_to_pose.thrust_weight". A number may be an array.
-        tasks: of one class.
-        checked: whether the result must pass the checks of its classes, which want plain numbers.
+    The function is given a setting's name and the number that each task has there, and returns what to put
+    in its place. The two numbers of a range are "spawn_distance.0" and "spawn_distance.1", those of a task
+    within a multi-task "go_to_pose.thrust_weight". A number may be an array.
 
     Raises:
-        ConfigError: it does not.
+        ConfigError: the result must pass the checks of its classes, which want plain numbers, and does not.
     """
     return _mapped(function, "", tasks, checked)
 

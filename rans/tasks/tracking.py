@@ -61,19 +61,13 @@ class TrackVelocity(SingleTask):
         """Velocity error, and angular speed."""
         return {"velocity": (goal.v - state.v).norm(), "spin": speed(state.spin())}
 
-    def tolerances(self) -> dict[str, float]:
-        """See the settings."""
-        return {"velocity": self.velocity_tolerance}
-
     def reward(self, transition: Transition) -> dict[str, Field]:
         """exp(-error / scale), as the original system; a narrower copy; stillness; thrust."""
         velocity, spin = self.errors(transition.state, transition.goal).values()
-        return {
-            "velocity": nearness(velocity, self.velocity_scale),
-            "fine": nearness(velocity, self.fine_scale) * self.fine_weight,
-            "stillness": nearness(spin, self.stillness_scale) * self.stillness_weight,
-            **self.prices(transition),
-        }
+        return {"velocity": nearness(velocity, self.velocity_scale),
+                "fine": nearness(velocity, self.fine_scale) * self.fine_weight,
+                "stillness": nearness(spin, self.stillness_scale) * self.stillness_weight,
+                **self.prices(transition)}
 
     def failed(self, state: State, goal: State) -> Field:
         """Spinning too fast; there is no place to leave."""
@@ -141,21 +135,15 @@ class TrackTwist(SingleTask):
         """Lengths of both differences."""
         return {"velocity": (goal.v - state.v).norm(), "spin": speed(spin_difference(state, goal))}
 
-    def tolerances(self) -> dict[str, float]:
-        """See the settings."""
-        return {"velocity": self.velocity_tolerance, "spin": self.spin_tolerance}
-
     def reward(self, transition: Transition) -> dict[str, Field]:
         """exp(-error / scale) of both velocities; narrower copies."""
         velocity, spin = self.errors(transition.state, transition.goal).values()
-        return {
-            "velocity": nearness(velocity, self.velocity_scale),
-            "rotation": nearness(spin, self.spin_scale),
-            "fine": nearness(velocity, self.fine_scale) * self.fine_weight,
-            **({"fine rotation": nearness(spin, self.fine_spin_scale) * self.fine_spin_weight}
-               if is_used(self.fine_spin_weight) else {}),
-            **self.prices(transition),
-        }
+        return {"velocity": nearness(velocity, self.velocity_scale),
+                "rotation": nearness(spin, self.spin_scale),
+                "fine": nearness(velocity, self.fine_scale) * self.fine_weight,
+                **({"fine rotation": nearness(spin, self.fine_spin_scale) * self.fine_spin_weight}
+                   if is_used(self.fine_spin_weight) else {}),
+                **self.prices(transition)}
 
     def failed(self, state: State, goal: State) -> Field:
         """Spinning too fast; there is no place to leave."""
@@ -213,20 +201,14 @@ class TrackVelocityHeading(SingleTask):
         angle = state.attitude.to(goal.attitude).magnitude()
         return {"velocity": (goal.v - state.v).norm(), "attitude": angle}
 
-    def tolerances(self) -> dict[str, float]:
-        """See the settings."""
-        return {"velocity": self.velocity_tolerance, "attitude": self.attitude_tolerance}
-
     def reward(self, transition: Transition) -> dict[str, Field]:
         """exp(-error / scale) of both, as the original system; a narrower and a wider copy; thrust."""
         velocity, angle = self.errors(transition.state, transition.goal).values()
-        return {
-            "velocity": nearness(velocity, self.velocity_scale),
-            "attitude": nearness(angle, self.attitude_scale),
-            "fine": nearness(velocity, self.fine_scale) * self.fine_weight,
-            "turn": nearness(angle, self.turn_scale) * self.turn_weight,
-            **self.prices(transition),
-        }
+        return {"velocity": nearness(velocity, self.velocity_scale),
+                "attitude": nearness(angle, self.attitude_scale),
+                "fine": nearness(velocity, self.fine_scale) * self.fine_weight,
+                "turn": nearness(angle, self.turn_scale) * self.turn_weight,
+                **self.prices(transition)}
 
     def failed(self, state: State, goal: State) -> Field:
         """Spinning too fast; there is no place to leave."""
