@@ -48,8 +48,7 @@ def progress() -> Progress:
     """Bars on a terminal while something takes long, gone when it is done."""
     terminal = Terminal(stderr=True)
     return Progress(TextColumn("{task.description}", markup=False), BarColumn(), TaskProgressColumn(),
-                    TimeRemainingColumn(), console=terminal, transient=True,
-                    disable=not terminal.is_terminal)
+                    TimeRemainingColumn(), console=terminal, transient=True, disable=not terminal.is_terminal)
 
 
 def verdict(passed: bool) -> Text:
