@@ -51,17 +51,10 @@ def _register() -> None:
     for task_name in TASKS:
         for dimension, gymnasium_id in zip((2, 3), gymnasium_ids(task_name), strict=True):
             kwargs = {"task_name": task_name, "dimension": dimension}
-            gymnasium.register(
-                gymnasium_id,
-                entry_point="rans.fast.envs.single:SpacecraftEnv",
-                vector_entry_point="rans.fast.envs.vector:SpacecraftVectorEnv",
-                kwargs=kwargs,
-            )
-            gymnasium.register(
-                gymnasium_id.replace("-v", "-Drake-v"),
-                entry_point="rans.reference.env:DrakeEnv",
-                kwargs=kwargs,
-            )
+            gymnasium.register(gymnasium_id, "rans.fast.envs.single:SpacecraftEnv", kwargs=kwargs,
+                               vector_entry_point="rans.fast.envs.vector:SpacecraftVectorEnv")
+            gymnasium.register(gymnasium_id.replace("-v", "-Drake-v"), "rans.reference.flight:DrakeEnv",
+                               kwargs=kwargs)
 
 
 _register()

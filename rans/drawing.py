@@ -23,10 +23,8 @@ _BODY_AXES = ("#D55E00", "#009E73", "#0072B2")
 
 _SMOOTHING = 2
 """Frames are drawn this many times larger and averaged down, which smooths edges."""
-
 _SECONDS = 2.0
 """A velocity's arrow is as long as the way of so many seconds."""
-
 _AZIMUTH, _ELEVATION = math.radians(-60.0), math.radians(25.0)
 """Where space is looked at from."""
 
@@ -39,14 +37,9 @@ class Scene:
     go to. Grid lines are 1 m apart; in space they lie in the plane z = z of that place, or of the start,
     and a thin line drops from the craft onto it. The body's axes x, y, z are red, green, blue.
 
-    The goal is green, on top: a ring with axes for a pose, a dot for a position, longer axes on the craft
-    for an attitude alone, an arrow for a velocity, beside a blue one for the craft's own.
-
-    Args:
-        craft: the spacecraft.
-        task: decides what the goal is.
-        width: of a frame, pixels.
-        height: of a frame, pixels.
+    The goal, which the task decides, is green, on top: a ring with axes for a pose, a dot for a position,
+    longer axes on the craft for an attitude alone, an arrow for a velocity, beside a blue one for the craft's
+    own. Width and height of a frame are in pixels.
     """
 
     def __init__(self, craft: Spacecraft, task: Task, width: int = 640, height: int = 480) -> None:
@@ -59,16 +52,10 @@ class Scene:
 
     def render(self, state: Any, goal: Any, command: Sequence[float] | np.ndarray,
                trail: Sequence[Sequence[float]] | np.ndarray = ()) -> np.ndarray:
-        """One frame.
+        """One frame, (height, width, 3) uint8, of a state and a goal of numbers.
 
-        Args:
-            state: `PlanarState` or `SpatialState` of numbers.
-            goal: the same.
-            command: one value per thruster, 0 (shut) to 1 (open); flames are as long.
-            trail: earlier positions in W, (K, 2 or 3) m.
-
-        Returns:
-            (height, width, 3) uint8: red, green, blue.
+        Flames are as long as the command says, 0 (shut) to 1 (open); the trail is of earlier positions in W,
+        (K, 2 or 3) m.
         """
         here, place, turn, wanted_turn = columns(state.p), columns(goal.p), rotations(state), rotations(goal)
         wanted = self.task.drawn(goal).tolerances()
@@ -78,15 +65,15 @@ class Scene:
         tips = [(here + _SECONDS * columns(velocity), colour) for velocity, colour in arrows]
         self._look_at([*way, target, *(tip for tip, _ in tips)])
         image = Image.new("RGB", (self.width * _SMOOTHING, self.height * _SMOOTHING), "white")
-        draw = ImageDraw.Draw(image)
-        self._draw_grid(draw, target)
-        self._line(draw, way, _TRAIL, 2.0)
+        self._pen = ImageDraw.Draw(image)
+        self._draw_grid(target)
+        self._line(way, _TRAIL, 2.0)
         if self.craft.dimension == 3:
-            self._line(draw, [here, np.array([here[0], here[1], target[2]])], _SHADOW, 1.0)
-        self._draw_craft(draw, here, turn, np.asarray(command, dtype=float))
-        self._draw_goal(draw, target if "position" in wanted else here, wanted_turn, wanted)
+            self._line([here, np.array([here[0], here[1], target[2]])], _SHADOW, 1.0)
+        self._draw_craft(here, turn, np.asarray(command, dtype=float))
+        self._draw_goal(target if "position" in wanted else here, wanted_turn, wanted)
         for tip, colour in tips:
-            self._arrow(draw, here, tip, colour)
+            self._arrow(here, tip, colour)
         return np.asarray(image.reduce(_SMOOTHING))
 
     def _look_at(self, points: list[np.ndarray]) -> None:
@@ -103,27 +90,23 @@ class Scene:
         x, y = _SMOOTHING * self.width / 2.0 + flat[:, 0], _SMOOTHING * self.height / 2.0 - flat[:, 1]
         return list(zip(x.tolist(), y.tolist(), strict=True))
 
-    def _line(self, draw: ImageDraw.ImageDraw, points: Sequence[np.ndarray], colour: str,
-              width: float) -> None:
-        draw.line(self._pixels(points), fill=colour, width=round(width * _SMOOTHING), joint="curve")
+    def _line(self, points: Sequence[np.ndarray], colour: str, width: float) -> None:
+        self._pen.line(self._pixels(points), fill=colour, width=round(width * _SMOOTHING), joint="curve")
 
-    def _disc(self, draw: ImageDraw.ImageDraw, centre: np.ndarray, fill: str | None, edge: str,
-              size: float = 1.0) -> None:
+    def _disc(self, centre: np.ndarray, fill: str | None, edge: str, size: float = 1.0) -> None:
         radius = size * self.craft.radius * self._scale
-        place = self._pixels([centre])[0]
-        draw.circle(place, radius, fill=fill, outline=edge, width=round(1.5 * _SMOOTHING))
+        self._pen.circle(self._pixels([centre])[0], radius, fill, edge, round(1.5 * _SMOOTHING))
 
-    def _draw_goal(self, draw: ImageDraw.ImageDraw, place: np.ndarray, turn: np.ndarray,
-                   wanted: Collection[str]) -> None:
+    def _draw_goal(self, place: np.ndarray, turn: np.ndarray, wanted: Collection[str]) -> None:
         """A place, a pose or an attitude, whichever of them the task bounds the errors of."""
         if "attitude" in wanted:
-            self._draw_axes(draw, place, turn, (True, False), _GOAL, 1.5 if "position" in wanted else 2.3)
+            self._draw_axes(place, turn, (True, False), _GOAL, 1.5 if "position" in wanted else 2.3)
         if {"position", "attitude"} <= set(wanted):
-            self._disc(draw, place, None, _GOAL)
+            self._disc(place, None, _GOAL)
         elif "position" in wanted:
-            self._disc(draw, place, _GOAL, _GOAL, 0.25)
+            self._disc(place, _GOAL, _GOAL, 0.25)
 
-    def _arrow(self, draw: ImageDraw.ImageDraw, start: np.ndarray, tip: np.ndarray, colour: str) -> None:
+    def _arrow(self, start: np.ndarray, tip: np.ndarray, colour: str) -> None:
         """From one point of W to another; none where they are the same."""
         (x, y), (tip_x, tip_y) = self._pixels([start, tip])
         length = math.hypot(tip_x - x, tip_y - y)
@@ -131,63 +114,59 @@ class Scene:
             return
         along, head = np.array([tip_x - x, tip_y - y]) / length, min(8.0 * _SMOOTHING, length)
         neck, side = np.array([tip_x, tip_y]) - head * along, 0.45 * head * np.array([-along[1], along[0]])
-        draw.line([(x, y), (neck[0], neck[1])], fill=colour, width=round(2.5 * _SMOOTHING))
+        self._pen.line([(x, y), (neck[0], neck[1])], fill=colour, width=round(2.5 * _SMOOTHING))
         corners = [(float(a), float(b)) for a, b in (neck + side, neck - side)]
-        draw.polygon([(tip_x, tip_y), *corners], fill=colour)
+        self._pen.polygon([(tip_x, tip_y), *corners], fill=colour)
 
-    def _draw_grid(self, draw: ImageDraw.ImageDraw, target: np.ndarray) -> None:
+    def _draw_grid(self, target: np.ndarray) -> None:
         """Lines of whole metres; in the plane they run out of the picture."""
         visible = _SMOOTHING * max(self.width, self.height) / self._scale
         half = math.ceil(visible if self.craft.dimension == 2 else float(self._reach.max()))
-        x, y = np.round(target[:2])
+        middle = np.append(np.round(target[:2]), target[2])
         for k in range(-half, half + 1):
-            for a, b in (((k, -half), (k, half)), ((-half, k), (half, k))):
-                ends = [np.array([x + end[0], y + end[1], target[2]]) for end in (a, b)]
-                self._line(draw, ends, _GRID, 1.0)
+            for a, b in (((k, -half, 0), (k, half, 0)), ((-half, k, 0), (half, k, 0))):
+                self._line([middle + a, middle + b], _GRID, 1.0)
         corner = (8 * _SMOOTHING, (self.height - 22) * _SMOOTHING)
-        draw.text(corner, "grid 1 m", fill=_NOZZLE, font=self._font)
+        self._pen.text(corner, "grid 1 m", fill=_NOZZLE, font=self._font)
 
-    def _draw_axes(self, draw: ImageDraw.ImageDraw, centre: np.ndarray, turn: np.ndarray,
-                   sides: tuple[bool, ...], colour: str | None = None, length: float = 1.5) -> None:
+    def _draw_axes(self, centre: np.ndarray, turn: np.ndarray, sides: tuple[bool, ...],
+                   colour: str | None = None, length: float = 1.5) -> None:
         """The heading, or in space the body axes that point to the viewer (True) or away (False)."""
         count = 1 if self.craft.dimension == 2 else 3
         for axis, own in zip(turn.T[:count], _BODY_AXES, strict=False):
             if bool(axis @ self._view[2] >= 0.0) in sides:
-                self._line(draw, [centre, centre + length * self.craft.radius * axis], colour or own, 2.5)
+                self._line([centre, centre + length * self.craft.radius * axis], colour or own, 2.5)
 
-    def _draw_great_circles(self, draw: ImageDraw.ImageDraw, centre: np.ndarray,
-                            turn: np.ndarray) -> None:
+    def _draw_great_circles(self, centre: np.ndarray, turn: np.ndarray) -> None:
         """The visible halves of the sphere's sections by the body's coordinate planes."""
         angle = np.linspace(0.0, math.tau, 49)[:, None]
         for first, second in ((0, 1), (1, 2), (2, 0)):
             ring = self.craft.radius * (np.cos(angle) * turn[:, first] + np.sin(angle) * turn[:, second])
             in_front = ring @ self._view[2] > 0.0
             for start in np.flatnonzero(in_front[:-1] & in_front[1:]):
-                self._line(draw, list(centre + ring[start:start + 2]), _SHADOW, 1.0)
+                self._line(list(centre + ring[start:start + 2]), _SHADOW, 1.0)
 
-    def _draw_craft(self, draw: ImageDraw.ImageDraw, here: np.ndarray, turn: np.ndarray,
-                    command: np.ndarray) -> None:
+    def _draw_craft(self, here: np.ndarray, turn: np.ndarray, command: np.ndarray) -> None:
         """Back to front: what is behind the body, the body, what is before it."""
         nozzles, exhausts = self._nozzles @ turn.T, self._exhausts @ turn.T
         in_front = nozzles @ self._view[2] >= -1e-9
         for near in (False, True):
             if near:
-                self._disc(draw, here, _BODY, _EDGE)
+                self._disc(here, _BODY, _EDGE)
                 if self.craft.dimension == 3:
-                    self._draw_great_circles(draw, here, turn)
-            self._draw_axes(draw, here, turn, (near,))
+                    self._draw_great_circles(here, turn)
+            self._draw_axes(here, turn, (near,))
             for index in np.flatnonzero(in_front == near):
-                self._draw_thruster(draw, here + nozzles[index], exhausts[index], command[index])
+                self._draw_thruster(here + nozzles[index], exhausts[index], command[index])
 
-    def _draw_thruster(self, draw: ImageDraw.ImageDraw, place: np.ndarray, exhaust: np.ndarray,
-                       opening: float) -> None:
+    def _draw_thruster(self, place: np.ndarray, exhaust: np.ndarray, opening: float) -> None:
         radius = self.craft.radius
         mouth = place + 0.3 * radius * exhaust
         if opening > 0.0:
             side = np.cross(exhaust, self._view[2]) * 0.13 * radius
             tip = mouth + opening * 1.1 * radius * exhaust
-            draw.polygon(self._pixels([mouth - side, tip, mouth + side]), fill=_FLAME)
-        self._line(draw, [place, mouth], _NOZZLE, 0.16 * radius * self._scale / _SMOOTHING)
+            self._pen.polygon(self._pixels([mouth - side, tip, mouth + side]), fill=_FLAME)
+        self._line([place, mouth], _NOZZLE, 0.16 * radius * self._scale / _SMOOTHING)
 
 
 def _view(dimension: int) -> np.ndarray:

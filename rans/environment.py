@@ -1,4 +1,4 @@
-"""One spacecraft as an ordinary Gymnasium environment, whatever engine moves it."""
+"""One spacecraft as an ordinary Gymnasium environment, whatever moves it, and what all interfaces share."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+from gymnasium import spaces
 from gymnasium.error import ResetNeeded
 
 from rans.episode import Episode, Mover, World, step
@@ -16,24 +17,26 @@ from rans.model.conditions import Conditions
 from rans.model.dynamics import State
 from rans.model.fields import leaves, map_leaves
 from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.scenario import Scenario, scenario
-from rans.spaces import action_space, checked_render_mode, choose, observation_space
-from rans.tasks import Task
+from rans.tasks import TASKS, Task
+from rans.tasks.base import example
 from rans.tasks.sight import Dimension
+
+_DEFAULT_CRAFT = {2: "floating-platform", 3: "free-flyer"}
 
 
 class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
     """One spacecraft flying one task: NumPy in and out, float64 inside.
 
-    Everything but the motion: episodes by number, observation, reward, ends and pictures. Episodes end
-    by themselves: ``terminated`` when the task has failed, otherwise ``truncated`` after
-    ``timing.episode_steps``.
+    Everything but the motion: episodes by number, observation, reward, ends and pictures. Episodes end by
+    themselves: ``terminated`` when the task has failed, else ``truncated`` after ``timing.episode_steps``.
 
     Observation: (10,) in the plane or (22,) in space, float32, `rans.tasks.observation_columns`.
     Action: (thrusters,), what the craft's actuators take: usually 0 (shut) or 1 (open).
-    ``info``: "reward_terms" and "errors" by name; at the end of an episode also "is_success", whether
-    time ran out within the task's tolerances.
+    ``info``: "reward_terms" and "errors" by name; at the end of an episode also "is_success", whether time
+    ran out within the task's tolerances.
 
     Args:
         task_name: of `rans.tasks.TASKS`, or MODULE:NAME.
@@ -64,26 +67,23 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
         self._seed: int | None = None
         self._episode = 0
         self._world = World(self.craft, self.task, self.timing, conditions=conditions)
-        self._move = self._mover()
-        self._now = None
+        self._move, self._now = self._mover(), None
         self._scene: Any = None
         self._window: Any = None
 
     def reset(self, *, seed: int | None = None,
               options: dict[str, Any] | None = None) -> tuple[np.ndarray, dict[str, Any]]:
-        """Start the next episode.
-
-        Args:
-            seed: start with episode 0 of this seed; by default the next episode of the last one, or
-                at first of a random one.
-            options: {"scenario": `Scenario`} flies this scenario in place of the numbered one.
+        """Start the next episode: number 0 of a seed, by default the next of the last, or of a random one.
 
         Raises:
-            ConfigError: the options hold anything else.
+            ConfigError: the options hold anything but {"scenario": `Scenario`}, to be flown in its place.
         """
         super().reset(seed=seed)
-        self._count(seed)
-        chosen = scenario(self.task, self.craft.dimension, self._seed or 0, self._episode)
+        if seed is None and self._seed is not None:
+            self._episode += 1
+        else:
+            self._seed, self._episode = int(self.np_random.integers(2**63)) if seed is None else seed, 0
+        chosen = scenario(self.task, self.craft.dimension, self._seed, self._episode)
         chosen = _given_scenario(options or {}, chosen) or chosen
         self._draws = chosen.draws
         self._now: Episode | None = _plain(self._world.begin(chosen.start, chosen.goal, 0, chosen.draws))
@@ -99,10 +99,10 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
             ConfigError: the craft's actuators cannot follow the action.
             gymnasium.error.ResetNeeded: there was no `reset` yet.
         """
-        before = self._running()
-        command = self._checked(action)
+        before, values = self._running(), np.asarray(action)
+        self.craft.actuators.check(values, len(self.craft.thrusters))
         self._trail.append(before.state.p.columns())
-        outcome = step(self._world, before, command, self._draws, self._move)
+        outcome = step(self._world, before, tuple(values.astype(float).tolist()), self._draws, self._move)
         self._now, self._command = _plain(outcome.episode), outcome.command
         self._show()
         terms = {name: float(term) for name, term in outcome.terms.items()}
@@ -123,11 +123,7 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
 
     @property
     def state(self) -> State:
-        """The spacecraft's, of numbers.
-
-        Raises:
-            gymnasium.error.ResetNeeded: there was no `reset` yet.
-        """
+        """The spacecraft's, of numbers; raises `ResetNeeded` before the first `reset`."""
         return self._running().state
 
     @property
@@ -159,23 +155,10 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
             self._window = Window(self.metadata["render_fps"])
         self._window.show(self._draw())
 
-    def _count(self, seed: int | None) -> None:
-        """Choose seed and number of the episode that starts."""
-        if seed is None and self._seed is not None:
-            self._episode += 1
-            return
-        self._seed = int(self.np_random.integers(2**63)) if seed is None else seed
-        self._episode = 0
-
     def _running(self) -> Episode:
         if self._now is None:
             raise ResetNeeded("call reset() before step() and render().")
         return self._now
-
-    def _checked(self, action: Any) -> tuple[float, ...]:
-        values = np.asarray(action)
-        self.craft.actuators.check(values, len(self.craft.thrusters))
-        return tuple(values.astype(float).tolist())
 
     def _observe(self) -> np.ndarray:
         seen = self._world.observe(self._running(), self._draws)
@@ -200,11 +183,57 @@ def _given_scenario(options: dict[str, Any], like: Scenario) -> Scenario | None:
     given = options.get("scenario")
     if given is None:
         return None
-    widths = tuple(len(leaves(s)) for s in (like.start, like.goal))
-    states = (given.start, given.goal) if isinstance(given, Scenario) else ((), ())
-    if not all(len(leaves(s)) == width and np.isfinite(leaves(s)).all()
-               for s, width in zip(states, widths, strict=True)):
-        raise ConfigError(
-            "the scenario of reset must be a rans.scenario.Scenario whose start and goal are "
-            f"{widths[0]} and {widths[1]} finite numbers, got {given!r}.")
+    widths = [len(leaves(s)) for s in (like.start, like.goal)]
+    numbers = [leaves(s) for s in (given.start, given.goal)] if isinstance(given, Scenario) else []
+    if [len(x) for x in numbers] != widths or not all(np.isfinite(x).all() for x in numbers):
+        raise ConfigError("the scenario of reset must be a rans.scenario.Scenario whose start and goal are "
+                          f"{widths[0]} and {widths[1]} finite numbers, got {given!r}.")
     return given
+
+
+def observation_space(task: Task, dimension: Dimension,
+                      dtype: type[np.floating[Any]] = np.float32) -> spaces.Box:
+    """The columns of a task's observation, within their bounds; without one, any finite float32 number.
+
+    Gymnasium's and SB3's checkers ask for finite bounds.
+    """
+    bounds = np.minimum(example(task, dimension).bounds(), np.finfo(np.float32).max).astype(dtype)
+    return spaces.Box(-bounds, bounds, dtype=dtype)
+
+
+def action_space(craft: Spacecraft) -> spaces.Space[np.ndarray]:
+    """What the craft's actuators take."""
+    return craft.actuators.action_space(len(craft.thrusters))
+
+
+def checked_render_mode(render_mode: str | None) -> str | None:
+    """The render mode; `ConfigError`, unless environments have it."""
+    if render_mode not in (None, "human", "rgb_array"):
+        raise ConfigError(f'render_mode must be None, "human" or "rgb_array", got {render_mode!r}.')
+    return render_mode
+
+
+def choose(task_name: str, dimension: Dimension, spacecraft: str | Path | Spacecraft | None,
+           task: Task | None) -> tuple[Spacecraft, Task]:
+    """Spacecraft and task of an environment, from what `rans.environment.Environment` takes.
+
+    Raises:
+        ConfigError: there is no such spacecraft or task, or it does not fit the environment.
+    """
+    craft = _DEFAULT_CRAFT[dimension] if spacecraft is None else spacecraft
+    craft = craft if isinstance(craft, Spacecraft) else load_spacecraft(craft)
+    if craft.dimension != dimension:
+        raise ConfigError(f"this environment is for spacecraft of dimension {dimension}, got {craft.name!r} "
+                          f"of dimension {craft.dimension}; environments named 2D fly in the plane, those "
+                          "named 3D in space.")
+    wanted = TASKS[task_name]
+    if task is None:
+        return craft, wanted()
+    if isinstance(task, dict):
+        given = ", ".join(f"{key}={value!r}" for key, value in task.items())
+        raise ConfigError(f"task takes an object, no dict: {wanted.__name__}({given}) of "
+                          f"{wanted.__module__}.")
+    if not isinstance(task, wanted):
+        raise ConfigError(f"this environment is for {wanted.__name__} settings, got {task!r}; choose the "
+                          "environment named after the task.")
+    return craft, task

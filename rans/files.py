@@ -54,8 +54,8 @@ def ready_folder(folder: Path) -> Path:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise ConfigError(f"cannot write into {folder}: {error.strerror or error}; choose another folder."
-                          ) from error
+        reason = error.strerror or error
+        raise ConfigError(f"cannot write into {folder}: {reason}; choose another folder.") from error
     if not os.access(folder, os.W_OK | os.X_OK):
         raise ConfigError(f"cannot write into {folder}: permission denied; choose another folder.")
     return folder
@@ -86,11 +86,7 @@ def number(value: float | str | None) -> float:
 
 
 def read_json(file: Path) -> Any:
-    """The value in a JSON file.
-
-    Raises:
-        ConfigError: it cannot be read or is damaged.
-    """
+    """The value in a JSON file; `ConfigError` where it cannot be read or is damaged."""
     try:
         return json.loads(file.read_text("utf-8"))
     except OSError as error:
@@ -125,15 +121,12 @@ def first_line(error: Exception) -> str:
 
 def environment() -> dict[str, str]:
     """Versions and hardware behind a measured value."""
-    return {
-        **{name: _version(name) for name in _PACKAGES},
-        "revision": git_revision(),
-        "python": platform.python_version(),
-        "system": f"{platform.system()} {platform.machine()}",
-        "processor": _processor(),
-        "cores": str(os.cpu_count()),
-        "gpu": _gpu(),
-    }
+    torch = sys.modules.get("torch")  # for those who have loaded it
+    gpu = torch.cuda.get_device_name() if torch is not None and torch.cuda.is_available() else "none"
+    system = f"{platform.system()} {platform.machine()}"
+    return {**{name: _version(name) for name in _PACKAGES}, "revision": git_revision(),
+            "python": platform.python_version(), "system": system, "processor": _processor(),
+            "cores": str(os.cpu_count()), "gpu": gpu}
 
 
 def git_revision() -> str:
@@ -153,17 +146,11 @@ def _version(package: str) -> str:
         return "not installed"
 
 
-def _gpu() -> str:
-    """Name of the graphics processor, for those who have loaded torch."""
-    torch = sys.modules.get("torch")
-    return torch.cuda.get_device_name() if torch is not None and torch.cuda.is_available() else "none"
-
-
 def _processor() -> str:
     """Name of the processor; Linux tells it only in a file."""
     try:
         lines = Path("/proc/cpuinfo").read_text("utf-8").splitlines()
     except OSError:
         return platform.processor() or "unknown"
-    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else "unknown"
+    names = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+    return next(names, "unknown")

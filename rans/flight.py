@@ -29,7 +29,6 @@ class Controller(Protocol):
 
     def reset(self, count: int) -> None:
         """Forget the past: ``count`` new episodes start."""
-        ...
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
         """Commands (N, thrusters) for every episode: what the craft's actuators take, usually 0 or 1 (open).

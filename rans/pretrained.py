@@ -30,9 +30,5 @@ def pretrained_folder(name: str) -> Path:
 
 
 def pretrained_card(name: str) -> dict[str, Any]:
-    """What the agent of this name is worth and how it came to be; see `rans.deploy.export`.
-
-    Raises:
-        ConfigError: there is no such agent.
-    """
+    """What an agent is worth and how it came to be (`rans.deploy.export`); raises as `pretrained_folder`."""
     return read_json(pretrained_folder(name) / "card.json")

@@ -56,10 +56,6 @@ class Registry(Mapping[str, T]):
             self._loaded[name] = self._load(name)
         return self._loaded[name]
 
-    def names(self) -> list[str]:
-        """Everything that has a name, in the order built in, installed, registered."""
-        return list(self)
-
     def register(self, name: str) -> Callable[[T], T]:
         """A decorator that gives an object a name for this process; another process does not know it.
 
@@ -77,7 +73,8 @@ class Registry(Mapping[str, T]):
 
     def package(self, name: str) -> str:
         """The installed package that offers this name; nothing for what comes with RANS or was registered."""
-        return "" if name in self.built_in else " and ".join(map(_package, self._offered.get(name, ())))
+        offered = () if name in self.built_in else self._offered.get(name, ())
+        return " and ".join(entry.dist.name if entry.dist else "unknown" for entry in offered)
 
     @cached_property
     def _offered(self) -> dict[str, list[EntryPoint]]:
@@ -137,7 +134,3 @@ def meant(name: str, known: Iterable[str]) -> str:
     """" (did you mean ...?)" where a known name is near, for the middle of a sentence."""
     near = difflib.get_close_matches(name, list(known), 1)
     return f" (did you mean {near[0]}?)" if near else ""
-
-
-def _package(entry: EntryPoint) -> str:
-    return entry.dist.name if entry.dist else "unknown"

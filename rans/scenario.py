@@ -9,7 +9,6 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
@@ -19,6 +18,7 @@ from rans.model.fields import leaves, map_leaves, unflatten
 from rans.model.random import Draws, seed_words
 from rans.model.spacecraft import Spacecraft
 from rans.tasks.base import Task
+from rans.tasks.sight import Dimension
 
 EVALUATION_SEED = 2023
 """Scenarios that agents are judged on; no training should use them."""
@@ -36,7 +36,7 @@ class Scenario:
     """What else the episode draws with, under conditions; None: nothing can be drawn."""
 
 
-def scenario(task: Task, dimension: Literal[2, 3], seed: int, episode: int) -> Scenario:
+def scenario(task: Task, dimension: Dimension, seed: int, episode: int) -> Scenario:
     """Scenario number ``episode`` of a seed, as float64 numbers.
 
     Raises:
@@ -52,29 +52,29 @@ def scenario(task: Task, dimension: Literal[2, 3], seed: int, episode: int) -> S
 
 def batch(scenarios: Sequence[Scenario]) -> Scenario:
     """Many scenarios as one whose fields are float64 arrays (N,)."""
-    def stack(states: list[State]) -> State:
-        columns = zip(*(leaves(s) for s in states), strict=True)
-        return unflatten(states[0], [np.array(c, dtype=np.float64) for c in columns])
+    def stack(states: Sequence[State]) -> State:
+        columns = zip(*map(leaves, states), strict=True)
+        return unflatten(states[0], [np.array(column, dtype=np.float64) for column in columns])
 
-    return Scenario(stack([s.start for s in scenarios]), stack([s.goal for s in scenarios]),
-                    _together([s.draws for s in scenarios]))
+    return Scenario(stack([one.start for one in scenarios]), stack([one.goal for one in scenarios]),
+                    _together([one.draws for one in scenarios]))
 
 
 def _together(draws: Sequence[Draws | None]) -> Draws | None:
-    """What many draw with, if all do, as arrays (N,)."""
-    if any(one is None for one in draws):
+    """What many draw with, if all can, as arrays (N,)."""
+    rows = [np.broadcast_arrays(one.low, one.high, one.first) for one in draws if one is not None]
+    if len(rows) < len(draws):
         return None
-    low, high, first = (np.concatenate([np.atleast_1d(np.asarray(getattr(one, name), dtype=np.int32))
-                                        for one in draws]) for name in ("low", "high", "first"))
+    low, high, first = (np.concatenate(column).astype(np.int32) for column in zip(*rows, strict=True))
     return Draws(low, high, first, 0, np.float64)
 
 
 def scenarios(task: Task, craft: Spacecraft, seed: int, count: int, first: int = 0) -> Scenario:
     """Scenarios ``first`` to ``first + count - 1`` of a seed as one batch of float64 arrays (N,)."""
     draws = _draws(seed, np.arange(first, first + count, dtype=np.int32))
-    start, goal = task.sample(draws.random(craft.dimension, draws.first))
-    full = lambda x: np.broadcast_to(np.asarray(x, dtype=np.float64), (count,)).copy()  # noqa: E731
-    return Scenario(map_leaves(full, start), map_leaves(full, goal), draws)
+    start, goal = map_leaves(lambda x: np.full(count, x, np.float64), task.sample(
+        draws.random(craft.dimension, draws.first)))
+    return Scenario(start, goal, draws)
 
 
 def _draws(seed: int, numbers: np.ndarray) -> Draws:

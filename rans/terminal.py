@@ -19,9 +19,8 @@ _LONGEST = 20_000
 class Terminal(Console):
     """Shows what users and other people named as it is spelt.
 
-    Args:
-        stderr: whether progress and warnings go there, instead of results to standard output.
-        room: columns that a file gets where a terminal has its own.
+    Results go to standard output, progress and warnings to ``stderr``; a file gets as many columns as
+    ``room`` says, where a terminal has its own.
     """
 
     def __init__(self, stderr: bool = False, room: int = 0) -> None:
@@ -37,11 +36,9 @@ class Terminal(Console):
 def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[Any]], caption: str = "",
           justify: JustifyMethod = "left") -> Table:
     """A table whose first column never breaks, and in which no end of a long word is lost."""
-    made = Table(*columns, title=title or None, title_justify="left", caption=caption or None,
-                 caption_justify="left")
-    made.columns[0].no_wrap = True
-    for column in made.columns:
-        column.overflow, column.justify = "fold", justify
+    made = Table(title=title or None, title_justify="left", caption=caption or None, caption_justify="left")
+    for column in columns:
+        made.add_column(column, overflow="fold", justify=justify, no_wrap=not made.columns)
     for row in rows:
         made.add_row(*row)
     return made
@@ -51,8 +48,7 @@ def progress() -> Progress:
     """Bars on a terminal while something takes long, gone when it is done."""
     terminal = Terminal(stderr=True)
     return Progress(TextColumn("{task.description}", markup=False), BarColumn(), TaskProgressColumn(),
-                    TimeRemainingColumn(), console=terminal, transient=True,
-                    disable=not terminal.is_terminal)
+                    TimeRemainingColumn(), console=terminal, transient=True, disable=not terminal.is_terminal)
 
 
 def verdict(passed: bool) -> Text:

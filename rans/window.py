@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
 import os
 import sys
@@ -25,10 +26,8 @@ class Window:
     """Shows frames as they come, at most so many a second, to whoever opens its page.
 
     It works wherever a browser does: a virtual environment rarely brings a toolkit for windows, and a
-    remote machine has no display, but its page can be reached with ``ssh -L``.
-
-    Args:
-        fps: frames per second; `show` waits as long as this asks for.
+    remote machine has no display, but its page can be reached with ``ssh -L``. `show` waits as long as the
+    frames per second ask for.
     """
 
     def __init__(self, fps: float) -> None:
@@ -80,13 +79,11 @@ class _Handler(BaseHTTPRequestHandler):
         self.send_response(200)
         self.send_header("Content-Type", "multipart/x-mixed-replace; boundary=frame" if film else "text/html")
         self.end_headers()
-        try:
+        with contextlib.suppress(ConnectionError):  # the page was closed
             if film:
                 self._stream()
             else:
                 self.wfile.write(_PAGE)
-        except ConnectionError:
-            pass  # the page was closed
 
     def _stream(self) -> None:
         jpeg: bytes | None = b""
@@ -106,7 +103,5 @@ def open_browser(url: str) -> None:
 def tiled(frames: list[np.ndarray]) -> np.ndarray:
     """Frames of one size side by side in as many rows as columns, or one row less; the rest is white."""
     columns = int(np.ceil(np.sqrt(len(frames))))
-    rows = -(-len(frames) // columns)
-    blank = [np.full_like(frames[0], 255)] * (rows * columns - len(frames))
-    grid = [*frames, *blank]
-    return np.concatenate([np.concatenate(grid[r * columns:(r + 1) * columns], axis=1) for r in range(rows)])
+    grid = [*frames, *[np.full_like(frames[0], 255)] * (-len(frames) % columns)]
+    return np.vstack([np.hstack(grid[k:k + columns]) for k in range(0, len(grid), columns)])

@@ -21,7 +21,6 @@ from rans.tasks import (
     TrackVelocity,
     TrackVelocityHeading,
 )
-from rans.tasks.multi_task import PlanarGoal
 
 BODY, FLAME, TRAIL, GOAL = (220, 230, 240), (230, 159, 0), (0, 114, 178), (0, 158, 115)
 PLATFORM, FLYER = load_spacecraft("floating-platform"), load_spacecraft("free-flyer")
@@ -141,7 +140,7 @@ def test_arrows_end_within_the_frame() -> None:
 def test_a_multi_task_shows_the_goal_it_drew() -> None:
     task = MultiTask(tasks=("go-to-pose", "track-velocity"))
     for part in task.parts().values():
-        goal = PlanarGoal(Vec2(0.0, 0.0), Heading(0.5), Vec2(0.0, 0.7), 0.0, float(part.flag))
+        goal = PlanarState(Vec2(0.0, 0.0), Heading(0.5), Vec2(0.0, 0.7), 0.0, (float(part.flag),))
         assert task.drawn(goal) == part
         np.testing.assert_array_equal(
             Scene(PLATFORM, task).render(planar(FAR), goal, shut(PLATFORM)),

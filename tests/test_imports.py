@@ -20,7 +20,7 @@ LAYERS: list[set[str]] = [
     {"rans.tasks"},
     {"rans.scenario", "rans.episode"},
     {"rans.flight"},
-    {"rans.drawing", "rans.spaces", "rans.terminal", "rans.window"},
+    {"rans.drawing", "rans.terminal", "rans.window"},
     {"rans.environment"},
     {"rans.fast", "rans.reference", "rans.optimal"},
     {"rans.evaluation"},

@@ -61,7 +61,7 @@ BYTE = 8
 def test_names_import_nothing_until_they_are_used(install: Install) -> None:
     install("offer", seven="offer:number", broken="nowhere:x")
     found = registry()
-    assert found.names() == ["byte", "broken", "seven"]
+    assert list(found) == ["byte", "broken", "seven"]
     assert "seven" in found
     assert "eight" not in found
     assert (found.package("seven"), found.package("byte")) == ("offer", "")
@@ -108,7 +108,7 @@ def test_objects_of_the_current_folder(tmp_path: Path, monkeypatch: pytest.Monke
     monkeypatch.setattr(sys, "path", list(sys.path))
     found = registry()
     assert found["beside_me:Inner.four"] == 4
-    assert "beside_me:Inner.four" not in found.names()
+    assert "beside_me:Inner.four" not in list(found)
     with pytest.raises(ConfigError, match="the number 'beside_me:five' cannot be used: AttributeError"):
         found["beside_me:five"]
 
@@ -116,7 +116,7 @@ def test_objects_of_the_current_folder(tmp_path: Path, monkeypatch: pytest.Monke
 def test_registered_in_python() -> None:
     found = registry()
     assert found.register("two")(2) == 2
-    assert (found["two"], found.names()) == (2, ["byte", "two"])
+    assert (found["two"], list(found)) == (2, ["byte", "two"])
     found.register("two")(3)  # a notebook's cell may run twice
     assert found["two"] == 3
     with pytest.raises(ConfigError, match="it is no number"):

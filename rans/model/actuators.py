@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
@@ -21,34 +20,30 @@ Command = Sequence[Field]
 
 
 @dataclass(frozen=True)
-class Actuators(ABC):
+class Actuators:
     """How thrusters take commands. The craft says which kind they are."""
 
     kind: ClassVar[str]
     """Its name in spacecraft files."""
-    is_continuous: ClassVar[bool]
+    is_continuous: ClassVar[bool] = True
     """Whether commands between 0 and 1 mean something."""
-    dtype: ClassVar[Literal["int8", "float32"]]
+    dtype: ClassVar[Literal["int8", "float32"]] = "float32"
     """In which a command is remembered."""
     allowed: ClassVar[str]
     """What a command's entries may be, in words."""
 
-    @abstractmethod
     def action_space(self, n: int) -> spaces.Space[np.ndarray]:
-        """Gymnasium's space of the commands of n thrusters."""
+        """Gymnasium's space of the commands of n thrusters: 0 to 1 for each."""
+        from gymnasium import spaces
+
+        return spaces.Box(0.0, 1.0, (n,), np.float32)
 
     def pulses(self, command: Command) -> Iterator[tuple[Field, Command]]:
-        """What the thrusters do within a control period, piece by piece.
-
-        Yields:
-            The piece's share of the period, and the share of its full force that each thruster gives in it.
-        """
+        """Pieces of a control period: their share of it, and that of its force which each thruster gives."""
         yield 1.0, command
 
     def check(self, values: Any, *shape: int) -> None:
-        """Refuse commands that the thrusters cannot follow.
-
-        Their shape must be (n,) for n thrusters, (N, n) for N spacecraft.
+        """Refuse commands, (n,) for n thrusters or (N, n) for N spacecraft, that thrusters cannot follow.
 
         Raises:
             ConfigError: there are not so many, or one of them is not allowed.
@@ -83,19 +78,8 @@ class OnOff(Actuators):
         return bool(np.isin(values, (0, 1)).all())
 
 
-class _Continuous(Actuators):
-    is_continuous: ClassVar[bool] = True
-    dtype: ClassVar[Literal["int8", "float32"]] = "float32"
-
-    def action_space(self, n: int) -> spaces.Box:
-        """0 to 1 per thruster."""
-        from gymnasium import spaces
-
-        return spaces.Box(0.0, 1.0, (n,), np.float32)
-
-
 @dataclass(frozen=True)
-class Throttle(_Continuous):
+class Throttle(Actuators):
     """Thrusters that give any share of their force, steadily."""
 
     kind: ClassVar[str] = "throttle"
@@ -103,7 +87,7 @@ class Throttle(_Continuous):
 
 
 @dataclass(frozen=True)
-class Pulsed(_Continuous):
+class Pulsed(Actuators):
     """Valves that open once a control period, at its beginning, for whole counts of it.
 
     A duty of d opens a thruster at full force for the first round(d * counts) counts, halves rounded up, and

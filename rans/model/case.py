@@ -17,8 +17,8 @@ from rans.model.body import Body
 from rans.model.conditions import Conditions, FaultKind, Range, SensorConditions, largest
 from rans.model.dynamics import State, Wrench
 from rans.model.fields import Field, Heading, floor, leaves, map_leaves, sin, where
-from rans.model.magnus import exponential
 from rans.model.random import Random
+from rans.model.rotation import exponential
 from rans.model.valves import Lag
 
 
@@ -251,7 +251,7 @@ def reading(state: State, sensors: Sensors, random: Callable[[int], Random], las
     """
     streams = [random(k) for k in range(4)]
     p, attitude, v, w = state.p, state.attitude, state.v, state.w
-    for errors in (sensors.bias, _noise(sensors, streams)):
+    for errors in (sensors.bias, _noise(state, sensors, streams)):
         if errors is not None:
             p, attitude, v, w = p + errors[0], _turned(attitude, errors[1]), v + errors[2], w + errors[3]
     seen = type(state)(p, attitude, v, w)
@@ -264,13 +264,13 @@ def reading(state: State, sensors: Sensors, random: Callable[[int], Random], las
                          for new, old, gone in parts))
 
 
-def _noise(sensors: Sensors, streams: Sequence[Random]) -> list[Any] | None:
+def _noise(state: State, sensors: Sensors, streams: Sequence[Random]) -> list[Any] | None:
     """One vector, or planar turn, for each quantity."""
     if sensors.noise is None:
         return None
-    kinds = ("origin", "no_spin", "origin", "no_spin")
-    return [map_leaves(lambda _, sigma=sigma, r=stream: sigma * r.normal(), getattr(stream, kind)())
-            for kind, sigma, stream in zip(kinds, sensors.noise, streams, strict=True)]
+    alike = state.p, state.w, state.v, state.w
+    return [map_leaves(lambda _, sigma=sigma, r=stream: sigma * r.normal(), like)
+            for like, sigma, stream in zip(alike, sensors.noise, streams, strict=True)]
 
 
 def _turned(attitude: Any, turn: Any) -> Any:

@@ -21,7 +21,7 @@ class Drift(ABC):
     """The motion of a free point."""
 
     name: ClassVar[str]
-    """What configurations call it; its parameters are its fields."""
+    """What messages call it; its parameters are its fields."""
     straight: ClassVar[bool]
     """Whether the difference between two free points grows evenly, so that pushes may be summed before they
     are carried. A drift of which this does not hold is linear: it leaves a point at rest at W's origin."""
@@ -114,9 +114,6 @@ class ClohessyWiltshire(Drift):
 
 
 FREE = FreeFlight()
-
-DRIFTS: dict[str, type[Drift]] = {
-    drift.name: drift for drift in (FreeFlight, UniformGravity, ClohessyWiltshire)}
 
 
 def _sine(angle: Field) -> Field:

@@ -33,9 +33,8 @@ from rans.model.fields import (
     sin,
     sqrt,
 )
-from rans.model.magnus import Rotation, at, exponential, turned
+from rans.model.rotation import Rotation, at, exponential, spin_series, turned
 from rans.model.spacecraft import Spacecraft
-from rans.model.spin import spin_series
 from rans.model.timing import Timing
 from rans.model.translation import RULES, moved
 from rans.model.valves import Jump, Lag, pieces
@@ -60,10 +59,12 @@ class State:
     """v_WB, expressed in W, m/s."""
     w: Field
     """Angular velocity, rad/s."""
+    notes: tuple[Field, ...] = ()
+    """What else a task's goals hold, such as which task is drawn or how much of a path is gone."""
 
     def normalised(self) -> Self:
         """The same state with its heading in [-pi, pi), or with a unit quaternion."""
-        return type(self)(self.p, self.attitude.normalised(), self.v, self.w)
+        return replace(self, attitude=self.attitude.normalised())
 
     def spin(self) -> tuple[Field, ...]:
         """The components of the angular velocity, rad/s."""

@@ -31,7 +31,6 @@ Tree = TypeVar("Tree")
 """A field, or a tuple or a frozen dataclass of trees."""
 
 _CASADI_NAMES = {"abs": "fabs", "minimum": "fmin", "maximum": "fmax", "where": "if_else"}
-_NUMPY_NAMES = {"atan2": "arctan2"}
 
 
 def _function(name: str, *fields: Field) -> Callable[..., Field]:
@@ -44,27 +43,14 @@ def _function(name: str, *fields: Field) -> Callable[..., Field]:
             return getattr(sys.modules["casadi"], _CASADI_NAMES.get(name, name))
         if library == "rans":
             return partial(type(field).apply, name)
-    return getattr(np, _NUMPY_NAMES.get(name, name))
+    return getattr(np, name)
 
 
 def _unary(name: str) -> Callable[[Field], Field]:
     return lambda x: _function(name, x)(x)
 
 
-sin = _unary("sin")
-"""Sine of an angle in rad."""
-cos = _unary("cos")
-"""Cosine of an angle in rad."""
-exp = _unary("exp")
-"""Natural exponential."""
-log = _unary("log")
-"""Natural logarithm."""
-sqrt = _unary("sqrt")
-"""Square root."""
-absolute = _unary("abs")
-"""Absolute value."""
-floor = _unary("floor")
-"""Largest whole number not above x."""
+sin, cos, exp, log, sqrt, absolute, floor = map(_unary, ("sin", "cos", "exp", "log", "sqrt", "abs", "floor"))
 
 
 def atan2(y: Field, x: Field) -> Field:
@@ -91,7 +77,7 @@ def wrap(angle: Field) -> Field:
 
 def finite(*xs: Field) -> Field:
     """Whether all of them are numbers: a sum is neither NaN nor infinite unless one of its terms is."""
-    return absolute(sum(xs[1:], start=xs[0])) < 1e30  # beyond float32's squares
+    return absolute(reduce(operator.add, xs)) < 1e30  # beyond float32's squares
 
 
 def leaves(tree: Any) -> tuple[Field, ...]:
@@ -192,11 +178,8 @@ class Vec3(Vector):
 
     def cross(self, other: Vec3) -> Vec3:
         """Vector product."""
-        return Vec3(
-            self.y * other.z - self.z * other.y,
-            self.z * other.x - self.x * other.z,
-            self.x * other.y - self.y * other.x,
-        )
+        a, b = self, other
+        return Vec3(a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x)
 
     def columns(self) -> tuple[Field, ...]:
         """The components, in order."""
@@ -205,11 +188,7 @@ class Vec3(Vector):
 
 @dataclass(frozen=True)
 class Heading(Attitude):
-    """A rotation in the plane, R_WB, given by its angle.
-
-    Like `Quat`, it rotates vectors, compares with another rotation and lists its entries, so that a
-    task written for one serves both.
-    """
+    """A rotation in the plane, R_WB, given by its angle; a task written for it serves `Quat` as well."""
 
     angle: Field
     """Heading of B's x axis in W, rad, not wrapped."""
@@ -258,12 +237,10 @@ class Quat(Attitude):
     def times(self, other: Quat) -> Quat:
         """Hamilton product: first the other rotation, then this one."""
         a, b = self, other
-        return Quat(
-            a.w * b.w - a.x * b.x - a.y * b.y - a.z * b.z,
-            a.w * b.x + a.x * b.w + a.y * b.z - a.z * b.y,
-            a.w * b.y - a.x * b.z + a.y * b.w + a.z * b.x,
-            a.w * b.z + a.x * b.y - a.y * b.x + a.z * b.w,
-        )
+        return Quat(a.w * b.w - a.x * b.x - a.y * b.y - a.z * b.z,
+                    a.w * b.x + a.x * b.w + a.y * b.z - a.z * b.y,
+                    a.w * b.y - a.x * b.z + a.y * b.w + a.z * b.x,
+                    a.w * b.z + a.x * b.y - a.y * b.x + a.z * b.w)
 
     def conjugate(self) -> Quat:
         """The inverse rotation."""
@@ -286,11 +263,5 @@ class Quat(Attitude):
     def columns(self) -> tuple[Field, ...]:
         """The first two rows of the rotation matrix: the continuous 6-D representation."""
         w, x, y, z = self.w, self.x, self.y, self.z
-        return (
-            1.0 - 2.0 * (y * y + z * z),
-            2.0 * (x * y - w * z),
-            2.0 * (x * z + w * y),
-            2.0 * (x * y + w * z),
-            1.0 - 2.0 * (x * x + z * z),
-            2.0 * (y * z - w * x),
-        )
+        return (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y),
+                2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x))

@@ -35,9 +35,8 @@ def seed_words(seed: int) -> tuple[int, int]:
     """
     if not -(2**63) <= seed < 2**64:
         raise ConfigError(f"the seed must be a whole number of at most 64 bits, got {seed}.")
-    bits = np.array([seed & 0xFFFFFFFF, (seed >> 32) & 0xFFFFFFFF], dtype=np.uint32)
-    low, high = bits.view(np.int32)
-    return int(low), int(high)
+    low, high = np.array([seed & 0xFFFFFFFF, (seed >> 32) & 0xFFFFFFFF], np.uint32).view(np.int32).tolist()
+    return low, high
 
 
 def hash4(a: Field, b: Field, c: Field, d: Field) -> tuple[Field, ...]:
@@ -94,21 +93,14 @@ class Draws:
 class Random:
     """Draws for one episode (of many spacecraft at once); each call takes the next numbers.
 
-    Args:
-        dimension: 2 or 3; decides what `direction` and `attitude` return.
-        low: low word of the seed, an int or an int32 field.
-        high: high word of the seed.
-        episode: number of the episode, int32 field.
-        dtype: floating dtype of the draws, of the episode's library.
-        block: which of the episode's numbers come first, counted in blocks of four; may be an int32 field.
+    The dimension, 2 or 3, decides what `direction` and `attitude` return. The seed's low and high word are
+    ints or int32 fields, the episode's number is an int32 field; the draws have a dtype of its library.
+    Blocks of four numbers each are counted from ``block`` on, an int or an int32 field.
     """
 
-    def __init__(self, dimension: Literal[2, 3], low: Field, high: Field, episode: Field,
-                 dtype: Any, block: Field = 0) -> None:
-        self.dimension = dimension
-        self._key = (low, high)
-        self._episode = episode
-        self._dtype = dtype
+    def __init__(self, dimension: Literal[2, 3], low: Field, high: Field, episode: Field, dtype: Any,
+                 block: Field = 0) -> None:
+        self.dimension, self._key, self._episode, self._dtype = dimension, (low, high), episode, dtype
         self._words: tuple[Field, ...] = ()
         self._block = block
         self._spare: Field = None
@@ -193,11 +185,9 @@ class Random:
     def moving(self, velocity: Vector, attitude: Attitude, spin: Field = None) -> State:
         """The state at the origin with this velocity and spin, by default none."""
         kind: Any = PlanarState if self.dimension == 2 else SpatialState
-        return kind(self.origin(), attitude, velocity, self.no_spin() if spin is None else spin)
-
-    def no_spin(self) -> Field:
-        """No angular velocity."""
-        return 0.0 if self.dimension == 2 else Vec3(0.0, 0.0, 0.0)
+        if spin is None:
+            spin = 0.0 if self.dimension == 2 else Vec3(0.0, 0.0, 0.0)
+        return kind(self.origin(), attitude, velocity, spin)
 
     def no_rotation(self) -> Heading | Quat:
         """The attitude of W."""

@@ -46,8 +46,7 @@ class Spacecraft:
     """A rigid body with thrusters, moving in a plane (dimension 2) or in space (dimension 3).
 
     Raises:
-        ConfigError: a value is not physical; the message names the spacecraft, the key and the
-            bound.
+        ConfigError: a value is not physical; the message names the spacecraft, the key and the bound.
     """
 
     name: str
@@ -61,9 +60,8 @@ class Spacecraft:
     centre_of_mass: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """In G, m."""
     thrust_sharing: ThrustSharing = "none"
-    """"none": each open thruster gives its full force. "split": the supply gives one thruster's
-    worth, shared by the open ones: F_i = F_max a_i / max(sum a, 1) (facts of the original system's
-    2024 platform)."""
+    """"none": each open thruster gives its full force. "split": the supply gives one thruster's worth, shared
+    by the open ones: F_i = F_max a_i / max(sum a, 1) (facts of the original system's 2024 platform)."""
     radius: float = 0.31
     """Outer radius for drawings, m."""
     shape: Literal["sphere", "cylinder"] = "sphere"
@@ -85,15 +83,11 @@ class Spacecraft:
 
         Plane: (F_x, F_y, tau_z); space: (F_x, F_y, F_z, tau_x, tau_y, tau_z); N and N m, axes of B.
         """
-        return tuple(self._wrench(t) for t in self.thrusters)
-
-    def _wrench(self, thruster: Thruster) -> tuple[float, ...]:
-        force = np.array(thruster.direction) * thruster.force
-        arm = np.array(thruster.position) - np.array(self.centre_of_mass)
-        torque = np.cross(arm, force)
-        if self.dimension == 2:
-            return (float(force[0]), float(force[1]), float(torque[2]))
-        return tuple(float(x) for x in (*force, *torque))
+        forces = np.array([np.array(t.direction) * t.force for t in self.thrusters])
+        arms = np.array([t.position for t in self.thrusters]) - np.array(self.centre_of_mass)
+        wrenches = np.hstack([forces, np.cross(arms, forces)])
+        kept = wrenches[:, (0, 1, 5)] if self.dimension == 2 else wrenches
+        return tuple(map(tuple, kept.tolist()))
 
     @property
     def degrees_of_freedom(self) -> int:
@@ -107,28 +101,25 @@ def check(craft: Spacecraft) -> None:
     Raises:
         ConfigError: see `Spacecraft`.
     """
-    _require(type(craft.dimension) is int and craft.dimension in (2, 3), craft, "dimension",
-             craft.dimension, "2 (plane) or 3 (space)")
-    _require(craft.thrust_sharing in ("none", "split"), craft, "thrust_sharing",
-             craft.thrust_sharing, '"none" or "split"')
-    _require(craft.shape in ("sphere", "cylinder"), craft, "shape", craft.shape,
-             '"sphere" or "cylinder"')
-    _require(isinstance(craft.actuators, Actuators), craft, "actuators", craft.actuators,
-             "OnOff(), Pulsed(counts, least) or Throttle()")
-    _require(_positive(craft.mass), craft, "mass", craft.mass, f"{_POSITIVE} kg")
-    _require(_positive(craft.radius), craft, "radius", craft.radius, f"{_POSITIVE} m")
-    _require(_triple(craft.centre_of_mass), craft, "centre_of_mass", craft.centre_of_mass,
-             f"{_TRIPLE} m")
+    dimension, kinds = craft.dimension, "OnOff(), Pulsed(counts, least) or Throttle()"
+    for key, holds, bound in (
+            ("dimension", type(dimension) is int and dimension in (2, 3), "2 (plane) or 3 (space)"),
+            ("thrust_sharing", craft.thrust_sharing in ("none", "split"), '"none" or "split"'),
+            ("shape", craft.shape in ("sphere", "cylinder"), '"sphere" or "cylinder"'),
+            ("actuators", isinstance(craft.actuators, Actuators), kinds),
+            ("mass", _positive(craft.mass), f"{_POSITIVE} kg"),
+            ("radius", _positive(craft.radius), f"{_POSITIVE} m"),
+            ("centre_of_mass", _triple(craft.centre_of_mass), f"{_TRIPLE} m")):
+        _require(holds, craft, key, getattr(craft, key), bound)
     _require(len(craft.thrusters) > 0, craft, "thruster", "none", "at least one thruster")
     _check_inertia(craft)
     for index, thruster in enumerate(craft.thrusters):
         _check_thruster(craft, index, thruster)
     if not controls_every_direction(craft):
         warnings.warn(
-            f"spacecraft {craft.name!r}: its {len(craft.thrusters)} thrusters cannot push and turn "
-            f"it in every direction of its {craft.degrees_of_freedom} degrees of freedom, so most "
-            "tasks cannot be solved; the usual cause is a missing or reversed thruster.",
-            stacklevel=3)
+            f"spacecraft {craft.name!r}: its {len(craft.thrusters)} thrusters cannot push and turn it in "
+            f"every direction of its {craft.degrees_of_freedom} degrees of freedom, so most tasks cannot be "
+            "solved; the usual cause is a missing or reversed thruster.", stacklevel=3)
 
 
 def _require(holds: bool, craft: Spacecraft, key: str, value: object, bound: str) -> None:
@@ -151,20 +142,19 @@ def _triple(vector: tuple[float, ...]) -> bool:
 
 def _check_inertia(craft: Spacecraft) -> None:
     """A rigid body's principal moments are positive and none exceeds the sum of the other two."""
+    def require(holds: bool, bound: str) -> None:
+        _require(holds, craft, "inertia", rows, bound)
+
     rows = craft.inertia
-    _require(isinstance(rows, tuple) and len(rows) == 3 and all(map(_triple, rows)), craft, "inertia",
-             rows, f"three rows of {_TRIPLE} kg m^2")
+    require(isinstance(rows, tuple) and len(rows) == 3 and all(map(_triple, rows)),
+            f"three rows of {_TRIPLE} kg m^2")
     tensor = np.array(rows)
-    asymmetry = np.abs(tensor - tensor.T).max()
-    _require(asymmetry <= 1e-9 * np.abs(tensor).max(), craft, "inertia", rows,
-             "symmetric (I_xy = I_yx, ...)")
+    require(np.abs(tensor - tensor.T).max() <= 1e-9 * np.abs(tensor).max(), "symmetric (I_xy = I_yx, ...)")
     low, middle, high = np.linalg.eigvalsh(tensor)
-    _require(low >= _SMALLEST, craft, "inertia", rows,
-             f"positive definite: its smallest principal moment is {low:.4g} kg m^2, the bound "
-             f"{_SMALLEST:g}")
-    _require(high <= (low + middle) * (1 + 1e-9), craft, "inertia", rows,
-             f"that of a rigid body: the largest principal moment {high:.4g} may not exceed the sum "
-             f"of the other two, {low + middle:.4g} kg m^2")
+    require(low >= _SMALLEST, "positive definite: its smallest principal moment is "
+                              f"{low:.4g} kg m^2, the bound {_SMALLEST:g}")
+    require(high <= (low + middle) * (1 + 1e-9), "that of a rigid body: the largest principal moment "
+            f"{high:.4g} may not exceed the sum of the other two, {low + middle:.4g} kg m^2")
 
 
 def _check_thruster(craft: Spacecraft, index: int, thruster: Thruster) -> None:
@@ -177,9 +167,8 @@ def _check_thruster(craft: Spacecraft, index: int, thruster: Thruster) -> None:
     _require(_positive(thruster.force), craft, key + "force", thruster.force, f"{_POSITIVE} N")
     if craft.dimension == 2:
         height = craft.centre_of_mass[2]
-        lift = thruster.position[2] - height
-        _require(abs(lift) <= _PLANE_TOLERANCE and abs(thruster.direction[2]) <= _PLANE_TOLERANCE,
-                 craft, key.strip(), (thruster.position, thruster.direction),
+        off = max(abs(thruster.position[2] - height), abs(thruster.direction[2]))
+        _require(off <= _PLANE_TOLERANCE, craft, key.strip(), (thruster.position, thruster.direction),
                  f"in the plane of the centre of mass (z = {height:g} m) when dimension = 2")
 
 
@@ -193,7 +182,5 @@ def controls_every_direction(craft: Spacecraft) -> bool:
 
     columns = np.array(craft.wrench_map).T
     columns = columns / np.linalg.norm(columns, axis=0)
-    if np.linalg.matrix_rank(columns, tol=1e-9) < craft.degrees_of_freedom:
-        return False
-    opposite = -columns.sum(axis=1)
-    return bool(nnls(columns, opposite)[1] < 1e-9)
+    spans = np.linalg.matrix_rank(columns, tol=1e-9) == craft.degrees_of_freedom
+    return bool(spans and nnls(columns, -columns.sum(axis=1))[1] < 1e-9)

@@ -6,6 +6,7 @@ import dataclasses
 import json
 import math
 from collections.abc import Callable, Collection
+from functools import partial
 from importlib import resources
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -51,7 +52,7 @@ SPACECRAFT = Registry("spacecraft", "rans.spacecraft", {
 
 def spacecraft_names() -> list[str]:
     """Names of the spacecraft that come with the package, and of those that others installed."""
-    return SPACECRAFT.names()
+    return list(SPACECRAFT)
 
 
 def load_spacecraft(name_or_file: str | Path) -> Spacecraft:
@@ -65,11 +66,7 @@ def load_spacecraft(name_or_file: str | Path) -> Spacecraft:
 
 
 def spacecraft_text(name_or_file: str | Path) -> str:
-    """The TOML text behind `load_spacecraft`.
-
-    Raises:
-        ConfigError: there is no such name, or no such readable file.
-    """
+    """The TOML text behind `load_spacecraft`; `ConfigError`, where there is no such name or readable file."""
     given = str(name_or_file)
     return _file_text(given) if given.endswith(".toml") else SPACECRAFT[given].text
 
@@ -101,7 +98,7 @@ def to_toml(craft: Spacecraft) -> str:
     """The TOML text that `parse_spacecraft` reads this spacecraft from, up to rounding of directions."""
     table: dict[str, Any] = dataclasses.asdict(craft)
     actuators = {"kind": craft.actuators.kind} | table.pop("actuators")
-    thrusters = "".join(f"\n[[thruster]]\n{_lines(table)}" for table in table.pop("thrusters"))
+    thrusters = "".join(f"\n[[thruster]]\n{_lines(each)}" for each in table.pop("thrusters"))
     return f"{_lines(table)}\n[actuators]\n{_lines(actuators)}{thrusters}"
 
 
@@ -115,17 +112,16 @@ def _build(table: dict[str, Any]) -> Spacecraft:
     lengths = (3,) if table["dimension"] == 3 else (2, 3)
     readers: dict[str, Callable[[Any, str], Any]] = {
         "name": _text, "dimension": lambda value, _: value, "mass": _number, "inertia": _inertia,
-        "thruster": lambda value, _: _thrusters(value, lengths),
-        "centre_of_mass": lambda value, key: _vector(value, key, lengths),
-        "radius": _number, "actuators": _actuators, "thrust_sharing": _text, "shape": _text,
-    }
+        "thruster": partial(_thrusters, lengths=lengths),
+        "centre_of_mass": partial(_vector, lengths=lengths),
+        "radius": _number, "actuators": _actuators, "thrust_sharing": _text, "shape": _text}
     values = {key: read(table[key], key) for key, read in readers.items() if key in table}
     return Spacecraft(thrusters=values.pop("thruster"), **values)
 
 
-def _thrusters(tables: Any, lengths: tuple[int, ...]) -> tuple[Thruster, ...]:
+def _thrusters(tables: Any, key: str, lengths: tuple[int, ...]) -> tuple[Thruster, ...]:
     if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
-        raise ConfigError(f"thruster must be [[thruster]] tables, got {tables!r}.")
+        raise ConfigError(f"{key} must be [[thruster]] tables, got {tables!r}.")
     return tuple(_thruster(table, index, lengths) for index, table in enumerate(tables))
 
 
@@ -136,11 +132,9 @@ def _thruster(table: dict[str, Any], index: int, lengths: tuple[int, ...]) -> Th
     length = math.hypot(*direction)
     if not (math.isfinite(length) and length > 0):
         raise ConfigError(f"{where} direction must be finite and not zero, got {direction}.")
-    return Thruster(
-        position=_vector(table["position"], f"{where} position", lengths),
-        direction=(direction[0] / length, direction[1] / length, direction[2] / length),
-        force=_number(table["force"], f"{where} force"),
-    )
+    unit = (direction[0] / length, direction[1] / length, direction[2] / length)
+    return Thruster(_vector(table["position"], f"{where} position", lengths), unit,
+                    _number(table["force"], f"{where} force"))
 
 
 def _actuators(table: Any, key: str) -> Actuators:
@@ -158,10 +152,10 @@ def _actuators(table: Any, key: str) -> Actuators:
 def _check_keys(table: dict[str, Any], needed: Collection[str], optional: Collection[str], where: str,
                 prefix: str) -> None:
     """Refuse keys that are unknown, and tables without those that are needed."""
-    known = {*needed, *optional}
+    known = sorted({*needed, *optional})
     for key in table:
         if key not in known:
-            raise ConfigError(f"unknown key {key!r} in {where}; known are {', '.join(sorted(known))}.")
+            raise ConfigError(f"unknown key {key!r} in {where}; known are {', '.join(known)}.")
     for key in needed:
         if key not in table:
             raise ConfigError(f"{prefix}the key {key!r} is missing.")
@@ -187,8 +181,8 @@ def _vector(value: Any, key: str, lengths: tuple[int, ...]) -> tuple[float, floa
     if not isinstance(value, list) or len(value) not in lengths:
         count = " or ".join(map(str, lengths))
         raise ConfigError(f"{key} must be a list of {count} numbers, got {value!r}.")
-    numbers = [_number(x, key) for x in value]
-    return (numbers[0], numbers[1], numbers[2] if len(numbers) == 3 else 0.0)
+    x, y, *z = (_number(each, key) for each in value)
+    return (x, y, z[0] if z else 0.0)
 
 
 def _inertia(value: Any, key: str) -> tuple[tuple[float, float, float], ...]:

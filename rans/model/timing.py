@@ -16,8 +16,7 @@ class Timing:
     """Control rate, accuracy of the motion between two commands, and length of an episode.
 
     Raises:
-        ConfigError: a value is not a positive number, a count is not whole, or episodes are longer than
-            `MOST_STEPS`.
+        ConfigError: a value is not a positive number, a count is not whole, or above `MOST_STEPS`.
     """
 
     control_period: float = 0.2

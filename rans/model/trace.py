@@ -20,19 +20,16 @@ Kind = Literal["real", "int", "bool"]
 Operand = Any
 """A symbol or a number."""
 
+_ARITHMETIC = {"+": "add", "-": "sub", "*": "mul", "/": "truediv",
+               "&": "and", "|": "or", "^": "xor", ">>": "rshift"}
+_COMPARISONS = {"<": "lt", "<=": "le", ">": "gt", ">=": "ge", "==": "eq", "!=": "ne"}
+_COMMUTING = ("+", "*", "&", "|", "^", "==", "!=")
 _FOLDED: dict[str, Callable[..., Any]] = {
-    "+": operator.add, "-": operator.sub, "*": operator.mul, "/": operator.truediv,
-    "&": operator.and_, "|": operator.or_, "^": operator.xor, ">>": operator.rshift,
-    "<": operator.lt, "<=": operator.le, ">": operator.gt, ">=": operator.ge,
-    "==": operator.eq, "!=": operator.ne, "neg": operator.neg, "abs": abs,
-    "real": float, "floor": math.floor, "minimum": min, "maximum": max,
+    **{sign: getattr(operator, f"__{name}__") for sign, name in (_ARITHMETIC | _COMPARISONS).items()},
+    "neg": operator.neg, "abs": abs, "real": float, "floor": math.floor, "minimum": min, "maximum": max,
     "where": lambda condition, a, b: a if condition else b,
     **{name: getattr(math, name) for name in ("sin", "cos", "exp", "log", "sqrt", "atan2")},
 }
-_COMPARISONS = ("<", "<=", ">", ">=", "==", "!=")
-_COMMUTING = ("+", "*", "&", "|", "^", "==", "!=")
-
-
 UNTRACEABLE = (TypeError, AttributeError)
 """What a task raises that does more with a symbol than arithmetic, such as calling a tensor's method."""
 
@@ -137,12 +134,10 @@ def _binary(operation: str, *, swapped: bool = False) -> Callable[[Symbol, Opera
     return lambda self, other: Symbol.apply(operation, self, other)
 
 
-for _operation, _name in {"+": "add", "-": "sub", "*": "mul", "/": "truediv", "&": "and", "|": "or",
-                          "^": "xor", ">>": "rshift"}.items():
-    setattr(Symbol, f"__{_name}__", _binary(_operation))
-    setattr(Symbol, f"__r{_name}__", _binary(_operation, swapped=True))
-for _operation, _name in zip(_COMPARISONS, ("lt", "le", "gt", "ge", "eq", "ne"), strict=True):
-    setattr(Symbol, f"__{_name}__", _binary(_operation))
+for _sign, _name in (_ARITHMETIC | _COMPARISONS).items():
+    setattr(Symbol, f"__{_name}__", _binary(_sign))
+for _sign, _name in _ARITHMETIC.items():
+    setattr(Symbol, f"__r{_name}__", _binary(_sign, swapped=True))
 
 
 def _wrapped(value: int) -> int:

@@ -1,4 +1,4 @@
-"""Flights in Drake: the same controllers from the same starts, moved by the judge."""
+"""Flights and environments in Drake: the same controllers from the same starts, moved by the judge."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from rans.environment import Environment
 from rans.episode import Influences, Mover
 from rans.flight import Controller, Flight, fly
 from rans.model.body import Body
@@ -34,6 +35,21 @@ def mover(plant: Plant, timing: Timing) -> Mover:
         return states_from_rows(moved.reshape(rows.shape), state).normalised()
 
     return move
+
+
+class DrakeEnv(Environment):
+    """`Environment` whose motion an independent judge computes.
+
+    Made by ``gymnasium.make("rans/GoToPose2D-Drake-v0")``. It flies the same episodes as
+    `rans.fast.SpacecraftEnv`, observes, rewards and ends them in the same way, and needs about a
+    millisecond a step. Its motion is as accurate as `Plant` is: ``timing.substeps`` does not concern it.
+
+    Raises:
+        ConfigError: see `Environment`; or Drake refuses the spacecraft's mass properties.
+    """
+
+    def _mover(self) -> Mover:
+        return mover(Plant(self.craft, drift=self.task.drift), self.timing)
 
 
 def replay(craft: Spacecraft, start: State, commands: np.ndarray, timing: Timing,

@@ -125,14 +125,10 @@ class Plant:
 
     def advance(self, states: np.ndarray, commands: np.ndarray, duration: float,
                 disturbances: np.ndarray | None = None) -> np.ndarray:
-        """States after the commands were held for a duration.
+        """States (N, 6 or 13), see the module, after commands (N, thrusters), 0 to 1, held for a time, s.
 
-        Args:
-            states: (N, 6 or 13), see the module.
-            commands: (N, thrusters), 0 to 1.
-            duration: s.
-            disturbances: (N, 3 or 6), force and torque about the centre of mass, constant in W, ordered
-                as in `wrenches`; N and N m. None: nothing but the thrusters acts.
+        Disturbances (N, 3 or 6) are force and torque about the centre of mass, constant in W, ordered as in
+        `wrenches`; N and N m. None: nothing but the thrusters acts.
         """
         self._set(states, commands)
         self._disturb(np.zeros(self._velocity.shape) if disturbances is None else disturbances)
@@ -198,8 +194,11 @@ class Plant:
         self._command(commands)
 
     def _command(self, commands: np.ndarray) -> None:
-        port = self._simulator.get_system().GetInputPort("command")
-        port.FixValue(self._context, self._supplied(commands).ravel())
+        """Give each thruster its share of its force, also where the supply feeds only one at a time."""
+        opened = self._gain * commands + self._leak
+        if self.craft.thrust_sharing == "split":
+            opened = opened / np.maximum(opened.sum(axis=1, keepdims=True), 1.0)
+        self._simulator.get_system().GetInputPort("command").FixValue(self._context, opened.ravel())
 
     def _disturb(self, disturbances: np.ndarray) -> None:
         """The joints stand at the centre of mass, so their generalised forces are wrenches in W."""
@@ -215,13 +214,6 @@ class Plant:
             return np.concatenate([q, v], axis=1)
         w_B = np.einsum("nji,nj->ni", self._rotations(), v[:, 3:])
         return np.concatenate([np.roll(q, -4, axis=1), v[:, :3], w_B], axis=1)
-
-    def _supplied(self, commands: np.ndarray) -> np.ndarray:
-        """Share of its force each thruster really gives, also when the supply feeds only one at a time."""
-        opened = self._gain * commands + self._leak
-        if self.craft.thrust_sharing == "none":
-            return opened
-        return opened / np.maximum(opened.sum(axis=1, keepdims=True), 1.0)
 
     def _rows(self, generalised: np.ndarray) -> np.ndarray:
         """One row per spacecraft, translation first (Drake's floating joint puts rotation first)."""

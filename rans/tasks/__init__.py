@@ -13,9 +13,7 @@ from rans.tasks.go_to_pose import GoToPose
 from rans.tasks.go_to_position import GoToPosition
 from rans.tasks.multi_task import MultiTask
 from rans.tasks.rewards import Transition
-from rans.tasks.track_twist import TrackTwist
-from rans.tasks.track_velocity import TrackVelocity
-from rans.tasks.track_velocity_heading import TrackVelocityHeading
+from rans.tasks.tracking import TrackTwist, TrackVelocity, TrackVelocityHeading
 
 
 def _checked(found: Any) -> type[Any]:
@@ -28,6 +26,8 @@ def _checked(found: Any) -> type[Any]:
             if field.default is field.default_factory is dataclasses.MISSING]
     if bare:
         raise ConfigError(f"the settings {', '.join(bare)} of {found.__name__} have no defaults.")
+    if issubclass(found, SingleTask) and not found().tolerances():
+        raise ConfigError(f"{found.__name__} has no tolerances, which every task must have.")
     return found
 
 

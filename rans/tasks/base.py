@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
-import dataclasses
-import math
+import operator
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple
+from functools import reduce
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from rans.errors import ConfigError
 from rans.model.drift import FREE, Drift
 from rans.model.dynamics import State
 from rans.model.fields import Field
 from rans.model.random import Random
 from rans.model.trace import UNTRACEABLE, Symbol
 from rans.tasks.rewards import Prices, Transition
-from rans.tasks.settings import map_settings
+from rans.tasks.settings import check_settings, map_settings
 from rans.tasks.sight import Column, Dimension, Entry, Layout, OwnAttitude, Scalar, Spin, VectorInW
 
 UNITS = {"position": "m", "attitude": "rad", "velocity": "m/s", "spin": "rad/s"}
@@ -30,8 +29,8 @@ _DATA_COLUMNS = {2: 4, 3: 9}
 class Task(ABC):
     """A frozen dataclass of settings with pure functions over fields; no engine inside.
 
-    The same object serves the plane and space, and torch, NumPy and CasADi. A task never truncates:
-    time belongs to the engine.
+    The same object serves the plane and space, and torch, NumPy and CasADi. A task never truncates: time
+    belongs to the engine.
     """
 
     symmetric: ClassVar[bool] = True
@@ -90,8 +89,9 @@ class Task(ABC):
         """Named terms; their sum is the reward of arriving in this state."""
 
     def reached(self, state: State, goal: State) -> Field:
-        """Whether every error is within its tolerance."""
-        return reached(self.errors(state, goal), self.tolerances())
+        """Whether every error that has a tolerance is within it."""
+        errors, tolerances = self.errors(state, goal), self.tolerances()
+        return reduce(operator.and_, (errors[name] < tolerances[name] for name in tolerances))
 
     @abstractmethod
     def failed(self, state: State, goal: State) -> Field:
@@ -103,12 +103,11 @@ class SingleTask(Prices, Task):
     """What the tasks with one kind of goal have in common, a multi-task has not.
 
     Raises:
-        ConfigError: see `check_settings`.
+        ConfigError: see `rans.tasks.settings.check_settings`.
     """
 
     flag: ClassVar[float] = -1.0
-    """The paper's tf, which policies see. The paper's numbers are 0 to 4; other tasks need none of
-    their own."""
+    """The paper's tf, which policies see. The paper's are 0 to 4; other tasks need none of their own."""
 
     def __post_init__(self) -> None:
         check_settings(self)
@@ -117,20 +116,17 @@ class SingleTask(Prices, Task):
         """The same for every goal."""
         return float(self.flag)
 
-
-def reached(errors: Mapping[str, Field], tolerances: Mapping[str, float]) -> Field:
-    """Whether every error that has a tolerance is within it."""
-    first, *others = (errors[name] < tolerances[name] for name in tolerances)
-    for inside in others:
-        first = first & inside
-    return first
+    def tolerances(self) -> dict[str, float]:
+        """The settings named after a quantity, such as "position_tolerance"."""
+        return {name.removesuffix("_tolerance"): value for name, value in vars(self).items()
+                if name.endswith("_tolerance")}
 
 
 class Sight(NamedTuple):
-    """All that a policy sees of one moment."""
+    """All that a policy sees of one moment (paper, section 3.2)."""
 
     entries: tuple[Entry, ...]
-    """Attitude, velocity, spin and task flag, then the task's data, filled up with zeros."""
+    """Attitude, velocity, spin and task flag, then the task's data, filled up with zeros to the paper's."""
 
     def columns(self) -> tuple[Field, ...]:
         """The observation."""
@@ -150,10 +146,10 @@ class Sight(NamedTuple):
 
 
 def sight(task: Task, state: State, goal: State) -> Sight:
-    """All that a policy sees (paper, section 3.2), filled up with zeros to the paper's width."""
+    """All that a policy sees of this state, with this goal."""
     flag = state.attitude.columns()[0] * 0.0 + task.flag_of(goal)
     data = task.sight(state, goal)
-    missing = _DATA_COLUMNS[state_dimension(state)] - sum(len(entry.columns()) for entry in data)
+    missing = _DATA_COLUMNS[len(state.p.columns())] - sum(len(entry.columns()) for entry in data)
     return Sight((
         OwnAttitude("", "-", state.attitude), VectorInW("v_", "m/s", state.v),
         Spin("w", "rad/s", state.spin()), Scalar("task flag", "-", flag),
@@ -206,44 +202,3 @@ def residual(task: Task, state: State, goal: State) -> tuple[Field, ...]:
     """How far the task's data are from where they are at the goal, column by column."""
     return tuple(x - target for entry in task.sight(state, goal)
                  for x, target in zip(entry.columns(), entry.target(), strict=True))
-
-
-def state_dimension(state: State) -> Dimension:
-    """2 for a planar state, 3 for a spatial one."""
-    return 2 if len(state.p.columns()) == 2 else 3
-
-
-def check_settings(task: Any) -> None:
-    """Refuse settings no task can work with, by the kind their name tells.
-
-    Raises:
-        ConfigError: a scale, distance, tolerance or limit is not a finite number > 0, a weight is
-            negative, or a range's bounds are in the wrong order.
-    """
-    for field in dataclasses.fields(task):
-        name, value = field.name, getattr(task, field.name)
-        numbers = [x for x in (value if isinstance(value, tuple) else (value,)) if not is_moving(x)]
-        if not all(isinstance(x, int | float) and math.isfinite(x) and x >= 0 for x in numbers):
-            raise ConfigError(f"{name} must be finite and not negative, got {value!r}.")
-        if isinstance(value, tuple) and value[0] > value[1]:
-            raise ConfigError(f"{name} must be a range (low, high), got {value!r}.")
-        may_be_zero = isinstance(value, tuple) or name.endswith("_weight") or name.startswith("rest_")
-        if numbers == [0] and not may_be_zero:
-            raise ConfigError(f"{name} must be > 0, got {value!r}; only weights and rests may be zero.")
-
-
-def is_moving(setting: Any) -> bool:
-    """Whether this is a number in memory that a curriculum changes, and has checked."""
-    return not isinstance(setting, int | float) and getattr(setting, "shape", None) == ()
-
-
-def check_spawn(spawn_distance: tuple[float, float], fail_distance: float) -> None:
-    """Refuse starts beyond the distance at which an episode fails.
-
-    Raises:
-        ConfigError: some starts are.
-    """
-    if fail_distance <= spawn_distance[1]:
-        raise ConfigError(
-            f"fail_distance must exceed the farthest start, {spawn_distance[1]} m, got {fail_distance}: "
-            "episodes would fail as they begin.")

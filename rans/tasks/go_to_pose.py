@@ -9,7 +9,7 @@ from functools import partial
 from rans.model.dynamics import State
 from rans.model.fields import Field
 from rans.model.random import Random
-from rans.tasks.base import SingleTask, check_spawn
+from rans.tasks.base import SingleTask
 from rans.tasks.rewards import Transition, is_used, nearness, speed
 from rans.tasks.sight import Entry, Turn, VectorInW
 
@@ -63,10 +63,6 @@ class GoToPose(SingleTask):
 
     flag = 1
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_spawn(self.spawn_distance, self.fail_distance)
-
     def for_evaluation(self) -> GoToPose:
         """The task with the starts that agents are judged on."""
         return replace(self, spawn_distance=self.evaluation_distance)
@@ -82,14 +78,8 @@ class GoToPose(SingleTask):
 
     def errors(self, state: State, goal: State) -> dict[str, Field]:
         """Distance and angle to the goal."""
-        return {
-            "position": (goal.p - state.p).norm(),
-            "attitude": state.attitude.to(goal.attitude).magnitude(),
-        }
-
-    def tolerances(self) -> dict[str, float]:
-        """See the settings."""
-        return {"position": self.position_tolerance, "attitude": self.attitude_tolerance}
+        angle = state.attitude.to(goal.attitude).magnitude()
+        return {"position": (goal.p - state.p).norm(), "attitude": angle}
 
     def reward(self, transition: Transition) -> dict[str, Field]:
         """exp(-distance / scale) + exp(-angle / scale), as the original system; wider and narrower copies.
@@ -100,22 +90,18 @@ class GoToPose(SingleTask):
         distance, angle = self.errors(transition.state, transition.goal).values()
         near = partial(nearness, distance, rest=self.rest_position)
         aligned = partial(nearness, angle, rest=self.rest_attitude)
-        return {
-            "position": near(self.position_scale),
-            "attitude": aligned(self.attitude_scale),
-            "approach": near(self.approach_scale) * self.approach_weight,
-            "turn": aligned(self.turn_scale) * self.approach_weight,
-            **({"fine position": near(self.fine_position_scale) * self.fine_weight,
-                "fine attitude": aligned(self.fine_attitude_scale) * self.fine_weight}
-               if is_used(self.fine_weight) else {}),
-            **({"misaligned": near(self.fine_position_scale) * (aligned(self.fine_attitude_scale) - 1.0)
-                * self.misaligned_weight} if is_used(self.misaligned_weight) else {}),
-            **self.prices(transition),
-        }
+        return {"position": near(self.position_scale),
+                "attitude": aligned(self.attitude_scale),
+                "approach": near(self.approach_scale) * self.approach_weight,
+                "turn": aligned(self.turn_scale) * self.approach_weight,
+                **({"fine position": near(self.fine_position_scale) * self.fine_weight,
+                    "fine attitude": aligned(self.fine_attitude_scale) * self.fine_weight}
+                   if is_used(self.fine_weight) else {}),
+                **({"misaligned": near(self.fine_position_scale) * (aligned(self.fine_attitude_scale) - 1.0)
+                    * self.misaligned_weight} if is_used(self.misaligned_weight) else {}),
+                **self.prices(transition)}
 
     def failed(self, state: State, goal: State) -> Field:
         """Too far away, or in space spinning too fast."""
-        lost = (goal.p - state.p).norm() > self.fail_distance
-        if len(state.spin()) == 1:
-            return lost
-        return lost | (speed(state.spin()) > self.fail_spin)
+        lost, spin = (goal.p - state.p).norm() > self.fail_distance, state.spin()
+        return lost if len(spin) == 1 else lost | (speed(spin) > self.fail_spin)

@@ -8,7 +8,7 @@ from functools import partial
 from rans.model.dynamics import State
 from rans.model.fields import Field
 from rans.model.random import Random
-from rans.tasks.base import SingleTask, check_spawn
+from rans.tasks.base import SingleTask
 from rans.tasks.rewards import Transition, is_used, nearness, speed
 from rans.tasks.sight import Entry, VectorInW
 
@@ -53,10 +53,6 @@ class GoToPosition(SingleTask):
 
     flag = 0
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_spawn(self.spawn_distance, self.fail_distance)
-
     def for_evaluation(self) -> GoToPosition:
         """The task with the starts that agents are judged on."""
         return replace(self, spawn_distance=self.evaluation_distance)
@@ -74,21 +70,15 @@ class GoToPosition(SingleTask):
         """Distance to the goal, and angular speed."""
         return {"position": (goal.p - state.p).norm(), "spin": speed(state.spin())}
 
-    def tolerances(self) -> dict[str, float]:
-        """See the settings."""
-        return {"position": self.position_tolerance}
-
     def reward(self, transition: Transition) -> dict[str, Field]:
         """exp(-distance / scale), as the original system; a wider and a narrower copy; stillness."""
         distance, spin = self.errors(transition.state, transition.goal).values()
         near = partial(nearness, distance, rest=self.rest_position)
-        return {
-            "position": near(self.position_scale),
-            "approach": near(self.approach_scale) * self.approach_weight,
-            "stillness": nearness(spin, self.stillness_scale, self.rest_spin) * self.stillness_weight,
-            **({"fine": near(self.fine_scale) * self.fine_weight} if is_used(self.fine_weight) else {}),
-            **self.prices(transition),
-        }
+        return {"position": near(self.position_scale),
+                "approach": near(self.approach_scale) * self.approach_weight,
+                "stillness": nearness(spin, self.stillness_scale, self.rest_spin) * self.stillness_weight,
+                **({"fine": near(self.fine_scale) * self.fine_weight} if is_used(self.fine_weight) else {}),
+                **self.prices(transition)}
 
     def failed(self, state: State, goal: State) -> Field:
         """Too far away, or in space spinning too fast."""

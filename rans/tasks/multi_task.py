@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, ClassVar
+from itertools import zip_longest
+from typing import ClassVar
 
 from rans.errors import ConfigError
-from rans.model.dynamics import PlanarState, SpatialState, State
+from rans.model.dynamics import State
 from rans.model.fields import Field, leaves, unflatten, where
 from rans.model.random import Random
 from rans.tasks.base import SingleTask, Task
@@ -15,25 +16,7 @@ from rans.tasks.go_to_pose import GoToPose
 from rans.tasks.go_to_position import GoToPosition
 from rans.tasks.rewards import Transition
 from rans.tasks.sight import Block, Choice, Drawn, Entry, Scalar, VectorInW
-from rans.tasks.track_twist import TrackTwist
-from rans.tasks.track_velocity import TrackVelocity
-from rans.tasks.track_velocity_heading import TrackVelocityHeading
-
-
-@dataclass(frozen=True)
-class PlanarGoal(PlanarState):
-    """A goal in the plane that knows its task."""
-
-    flag: Field
-    """The drawn task's."""
-
-
-@dataclass(frozen=True)
-class SpatialGoal(SpatialState):
-    """A goal in space that knows its task."""
-
-    flag: Field
-    """The drawn task's."""
+from rans.tasks.tracking import TrackTwist, TrackVelocity, TrackVelocityHeading
 
 
 @dataclass(frozen=True)
@@ -68,18 +51,18 @@ class MultiTask(Task):
         """The tasks to draw from, by name."""
         return {name: getattr(self, name.replace("-", "_")) for name in self.tasks}
 
-    def drawn(self, goal: Any) -> SingleTask:
+    def drawn(self, goal: State) -> SingleTask:
         """The task that one goal, of numbers, belongs to."""
-        return next(part for part in self.parts().values() if part.flag == round(float(goal.flag)))
+        return next(part for part in self.parts().values() if part.flag == round(float(self.flag_of(goal))))
 
     def for_evaluation(self) -> MultiTask:
         """The task with the starts and goals that agents are judged on."""
         judged = {name.replace("-", "_"): part.for_evaluation() for name, part in self.parts().items()}
         return replace(self, **judged)
 
-    def flag_of(self, goal: Any) -> Field:
-        """The drawn task's."""
-        return goal.flag
+    def flag_of(self, goal: State) -> Field:
+        """The drawn task's, which its goal notes."""
+        return goal.notes[0]
 
     def sample(self, random: Random) -> tuple[State, State]:
         """Start and goal of the drawn task."""
@@ -87,22 +70,17 @@ class MultiTask(Task):
         flag = draw * 0.0 + float(parts[0].flag)
         for rank, part in enumerate(parts[1:], start=1):
             flag = where(draw >= rank, float(part.flag), flag)
-        starts, goals = zip(*(part.sample(random) for part in parts), strict=True)
-        start, goal = (unflatten(each[0], self._drawn_row(flag, [leaves(x) for x in each]))
-                       for each in (starts, goals))
-        kind: Any = PlanarGoal if isinstance(goal, PlanarState) else SpatialGoal
-        return start, kind(goal.p, goal.attitude, goal.v, goal.w, flag)
+        pairs = [part.sample(random) for part in parts]
+        start, goal = unflatten(pairs[0], self._drawn_row(flag, [leaves(pair) for pair in pairs]))
+        return start, replace(goal, notes=(flag,))
 
     def sight(self, state: State, goal: State) -> tuple[Entry, ...]:
         """Of the drawn task: a vector, as all have, and whatever else; entries it has none of are zero."""
-        shown = [part.sight(state, goal) for part in self.parts().values()]
-        vectors = self._drawn_row(self.flag_of(goal), [first.columns() for first, *_ in shown])
-        others = [[x for entry in data for x in entry.columns()] for _, *data in shown]
-        width = max(map(len, others))
-        padded = [(*data, *(0.0,) * (width - len(data))) for data in others]
-        rest = self._drawn_row(self.flag_of(goal), padded)
+        flag, shown = self.flag_of(goal), [part.sight(state, goal) for part in self.parts().values()]
+        vectors = self._drawn_row(flag, [first.columns() for first, *_ in shown])
+        rest = self._drawn_row(flag, [[x for entry in data for x in entry.columns()] for _, *data in shown])
         vector = VectorInW("task data ", "-", type(goal.p)(*vectors))
-        return (vector, Drawn("task data", "-", rest, self._choices(shown, width))) if width else (vector,)
+        return (vector, Drawn("task data", "-", rest, self._choices(shown, len(rest)))) if rest else (vector,)
 
     def _choices(self, shown: Sequence[tuple[Entry, ...]], width: int) -> tuple[Choice, ...]:
         """What `sight`'s second entry is, by the drawn task's flag."""
@@ -142,8 +120,9 @@ class MultiTask(Task):
                 result = where(flag == part.flag, value, result)
         return result
 
-    def _drawn_row(self, flag: Field, rows: Sequence[Sequence[Field]]) -> tuple[Field, ...]:
-        return tuple(self._drawn(flag, column) for column in zip(*rows, strict=True))
+    def _drawn_row(self, flag: Field, rows: Iterable[Iterable[Field]]) -> tuple[Field, ...]:
+        """The drawn task's row; a shorter one ends in zeros."""
+        return tuple(self._drawn(flag, column) for column in zip_longest(*rows, fillvalue=0.0))
 
     def _drawn_terms(self, goal: State, terms: Sequence[dict[str, Field]]) -> dict[str, Field]:
         names, flag = dict.fromkeys(name for some in terms for name in some), self.flag_of(goal)

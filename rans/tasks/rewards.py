@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import reduce
+from operator import add
 from typing import Any, NamedTuple
 
 from rans.model.dynamics import State
@@ -13,11 +14,8 @@ from rans.model.fields import Field, absolute, exp, sqrt
 def nearness(error: Field, scale: float, rest: float = 0.0) -> Field:
     """exp(-error / scale): 1 at the goal, 1/e at the scale (original system, 2023).
 
-    Args:
-        error: at least 0.
-        scale: in the unit of the error.
-        rest: an error below which nothing is nearer, so that nothing is gained by chattering there; the
-            shape is moved out by so much.
+    Below an error of ``rest`` nothing is nearer, so that nothing is gained by chattering there; the shape is
+    moved out by so much.
     """
     if is_used(rest):
         beyond = error - rest
@@ -64,19 +62,18 @@ class Prices:
 
     def prices(self, transition: Transition) -> dict[str, Field]:
         """The terms whose weight is not zero."""
-        return dict(self._prices(transition))
-
-    def _prices(self, transition: Transition) -> Iterator[tuple[str, Field]]:
         state, _, command, previous = transition
+        terms: dict[str, Field] = {}
         if is_used(self.thrust_weight):
-            yield "thrust", sum(command[1:], start=command[0]) * -self.thrust_weight
+            terms["thrust"] = reduce(add, command) * -self.thrust_weight
         if is_used(self.switching_weight):
             moved = [absolute(new - old) for new, old in zip(command, previous, strict=True)]
-            yield "switching", sum(moved[1:], start=moved[0]) * -self.switching_weight
+            terms["switching"] = reduce(add, moved) * -self.switching_weight
         if is_used(self.speed_weight):
-            yield "speed", state.v.norm() * -self.speed_weight
+            terms["speed"] = state.v.norm() * -self.speed_weight
         if is_used(self.spin_weight):
-            yield "spin", speed(state.spin()) * -self.spin_weight
+            terms["spin"] = speed(state.spin()) * -self.spin_weight
+        return terms
 
 
 def is_used(setting: Any) -> bool:

@@ -1,27 +1,51 @@
-"""A task's settings, walked by one function: curricula, sweeps and kernels replace numbers in them."""
+"""A task's settings: what they may be, and one function that replaces numbers in them."""
 
 from __future__ import annotations
 
 import copy
 import dataclasses
+import math
 from collections.abc import Callable
 from typing import Any, TypeVar
+
+from rans.errors import ConfigError
 
 Settings = TypeVar("Settings")
 
 
-def map_settings(function: Callable[..., Any], *tasks: Settings, checked: bool = False) -> Settings:
-    """The first task with other numbers in its settings.
-
-    Args:
-        function: given the setting's name and the number that each task has there, returns what to put in
-            its place. The two numbers of a range are "spawn_distance.0" and "spawn_distance.1", those of a
-            task within a multi-task "go_to_pose.thrust_weight". A number may be an array.
-        tasks: of one class.
-        checked: whether the result must pass the checks of its classes, which want plain numbers.
+def check_settings(task: Any) -> None:
+    """Refuse settings no task can work with, by the kind their name tells.
 
     Raises:
-        ConfigError: it does not.
+        ConfigError: a scale, distance, tolerance or limit is not a finite number > 0, a weight is negative, a
+            range's bounds are in the wrong order, or episodes fail where they start.
+    """
+    for field in dataclasses.fields(task):
+        name, value = field.name, getattr(task, field.name)
+        numbers = [x for x in (value if isinstance(value, tuple) else (value,))
+                   if isinstance(x, int | float) or getattr(x, "shape", None) != ()]  # curricula check theirs
+        if not all(isinstance(x, int | float) and math.isfinite(x) and x >= 0 for x in numbers):
+            raise ConfigError(f"{name} must be finite and not negative, got {value!r}.")
+        if isinstance(value, tuple) and value[0] > value[1]:
+            raise ConfigError(f"{name} must be a range (low, high), got {value!r}.")
+        may_be_zero = isinstance(value, tuple) or name.endswith("_weight") or name.startswith("rest_")
+        if numbers == [0] and not may_be_zero:
+            raise ConfigError(f"{name} must be > 0, got {value!r}; only weights and rests may be zero.")
+    spawn, fails = getattr(task, "spawn_distance", None), getattr(task, "fail_distance", math.inf)
+    if isinstance(spawn, tuple) and fails <= spawn[1]:
+        raise ConfigError(f"fail_distance must exceed the farthest start, {spawn[1]} m, got {fails}: "
+                          "episodes would fail as they begin.")
+
+
+def map_settings(function: Callable[..., Any], *tasks: Settings, checked: bool = False) -> Settings:
+    """The first of some tasks of one class with other numbers in its settings.
+
+    The function is given a setting's name and the number that each task has there, and returns what to put
+    in its place. The two numbers of a range are "spawn_distance.0" and "spawn_distance.1", those of a task
+    within a multi-task "go_to_pose.thrust_weight". A number may be an array.
+
+    Raises:
+        ConfigError: the result must pass the checks of its classes, which want plain numbers, and does not.
     """
     return _mapped(function, "", tasks, checked)
 

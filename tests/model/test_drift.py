@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from rans.errors import ConfigError
 from rans.model.body import Body
-from rans.model.drift import DRIFTS, FREE, ClohessyWiltshire, Drift, FreeFlight, UniformGravity
+from rans.model.drift import FREE, ClohessyWiltshire, Drift, FreeFlight, UniformGravity
 from rans.model.dynamics import PlanarState, SpatialState, Wrench, advance, step_goal
 from rans.model.fields import Heading, Quat, Vec2, Vec3, leaves
 from tests.crafts import random_states
@@ -117,12 +117,6 @@ def test_a_goal_at_rest_stays() -> None:
     zero = Vec3(0.0, 0.0, 0.0)
     rest = SpatialState(Vec3(1.0, 2.0, 3.0), Quat(1.0, 0.0, 0.0, 0.0), zero, zero)
     assert leaves(step_goal(rest, FREE, 5.0)) == leaves(rest)
-
-
-def test_drifts_by_name() -> None:
-    assert {name: drift.__name__ for name, drift in DRIFTS.items()} == {
-        "free-flight": "FreeFlight", "uniform-gravity": "UniformGravity",
-        "clohessy-wiltshire": "ClohessyWiltshire"}
 
 
 @pytest.mark.parametrize(("make", "message"), [

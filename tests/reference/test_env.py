@@ -17,7 +17,7 @@ from stable_baselines3.common.env_checker import check_env as check_env_for_sb3
 
 from rans.errors import ConfigError
 from rans.model.timing import Timing
-from rans.reference.env import DrakeEnv
+from rans.reference.flight import DrakeEnv
 from rans.tasks import TASKS, gymnasium_ids
 from tests.crafts import nasty_planar, nasty_spatial
 

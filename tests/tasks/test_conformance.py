@@ -22,7 +22,7 @@ from rans.tasks import (
     observation_columns,
     observation_width,
 )
-from rans.tasks.base import UNITS, residual, state_dimension
+from rans.tasks.base import UNITS, residual
 from rans.tasks.rewards import Transition
 from tests.tasks.conftest import COUNT
 
@@ -154,7 +154,6 @@ def test_observation_table_names_every_column(
     dimension = craft.dimension
     columns = observation_columns(task, dimension)
     values = observation(task, states, goals)
-    assert state_dimension(states) == dimension
     assert len(columns) == len(values) == observation_width(task, dimension) == PAPER_WIDTH[dimension]
     assert all(len(c) == 3 and all(isinstance(part, str) and part for part in c) for c in columns)
     named = [c[0] for c in columns if c[0] != "unused"]

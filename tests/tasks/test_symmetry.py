@@ -12,7 +12,6 @@ from rans.model.dynamics import PlanarState, SpatialState
 from rans.model.fields import Heading, Quat, Vec2, Vec3, leaves, unflatten
 from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import scenarios
-from rans.tasks.multi_task import PlanarGoal, SpatialGoal
 from rans.tasks.rewards import Transition
 from tests.crafts import random_states
 from tests.tasks.conftest import COUNT
@@ -67,6 +66,6 @@ def flat_goals(task: Any) -> Any:
 
 def embedded(flat: Any) -> Any:
     zero, half = np.zeros(COUNT), flat.attitude.angle / 2
-    kind: Any = SpatialGoal if isinstance(flat, PlanarGoal) else SpatialState
-    return kind(Vec3(flat.p.x, flat.p.y, zero), Quat(np.cos(half), zero, zero, np.sin(half)),
-                Vec3(flat.v.x, flat.v.y, zero), Vec3(zero, zero, flat.w), *leaves(flat)[6:])
+    return SpatialState(
+        Vec3(flat.p.x, flat.p.y, zero), Quat(np.cos(half), zero, zero, np.sin(half)),
+        Vec3(flat.v.x, flat.v.y, zero), Vec3(zero, zero, flat.w), flat.notes)

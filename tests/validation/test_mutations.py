@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 import rans.model.dynamics
-import rans.model.spin
+import rans.model.rotation
 import validation.dynamics
 import validation.engines
 import validation.flights
@@ -130,7 +130,7 @@ def step(change: Callable[[Any, Any, Any, Any], Any]) -> Patch:
 
 
 def without_gyroscopic_torque(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(rans.model.spin, "last_product", lambda a, b: a[0].scale(0.0))
+    monkeypatch.setattr(rans.model.rotation, "last_product", lambda a, b: a[0].scale(0.0))
 
 
 def force_in_world(state: Any, load: Any, h: Any, true: Any) -> Any:

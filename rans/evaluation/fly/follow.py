@@ -15,7 +15,7 @@ from rans.evaluation.fly.paths import SPACING, LookAhead
 from rans.evaluation.fly.protocols import Setup
 from rans.flight import Controller, Flight
 from rans.model.drift import Drift
-from rans.model.dynamics import PlanarState, SpatialState, State
+from rans.model.dynamics import State
 from rans.model.fields import Field
 from rans.model.random import Random
 from rans.model.spacecraft import Spacecraft
@@ -30,24 +30,11 @@ _PATIENCE, _GRACE = 1.5, 10.0
 
 
 @dataclass(frozen=True)
-class PlanarGuide(PlanarState):
-    """The velocity to fly at now, in the plane."""
-
-    progress: Field
-    """Point of the path that the flight has come to."""
-
-
-@dataclass(frozen=True)
-class SpatialGuide(SpatialState):
-    """The same in space."""
-
-    progress: Field
-    """Point of the path that the flight has come to."""
-
-
-@dataclass(frozen=True)
 class Guided(Task):
-    """A velocity tracker's task with a goal that moves: the planner's command of the moment."""
+    """A velocity tracker's task with a goal that moves: the planner's command of the moment.
+
+    It notes the point of the path that the flight has come to.
+    """
 
     task: Task
     """The tracker's."""
@@ -68,15 +55,14 @@ class Guided(Task):
         offset = random.direction().scale(random.uniform(0.0, START_SPREAD))
         start: Any = random.at_rest(first + offset, random.attitude())
         goal: Any = random.at_rest(random.origin(), random.no_rotation())
-        kind = PlanarGuide if isinstance(start, PlanarState) else SpatialGuide
-        begun = kind(goal.p, goal.attitude, goal.v, goal.w, np.zeros(len(start.p.x), dtype=int))
+        begun = replace(goal, notes=(np.zeros(len(start.p.x), dtype=int),))
         return start, self.next_goal(begun, start, 0.0)
 
     def next_goal(self, goal: Any, state: State, period: Field) -> Any:
         """The planner's command where the spacecraft is."""
         position = np.stack(state.p.columns(), axis=1)
-        progress, _, command = self.planner.plan(position, goal.progress.astype(int))
-        return replace(goal, v=type(goal.v)(*command.T), progress=progress)
+        progress, _, command = self.planner.plan(position, goal.notes[0].astype(int))
+        return replace(goal, v=type(goal.v)(*command.T), notes=(progress,))
 
     def sight(self, state: State, goal: State) -> tuple[Entry, ...]:
         """See `Task`."""
@@ -123,7 +109,7 @@ class Following:
     @property
     def progress(self) -> np.ndarray:
         """(T, N) path point each flight had come to when it was given a command."""
-        return self.flight.goals.progress[:-1].astype(int)
+        return self.flight.goals.notes[0][:-1].astype(int)
 
     @property
     def commands(self) -> np.ndarray:

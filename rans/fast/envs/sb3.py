@@ -11,8 +11,8 @@ from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvObs, VecEnvStepReturn
 from torch import Tensor
 
+from rans.environment import action_space, observation_space
 from rans.fast.engine import Engine
-from rans.spaces import action_space, observation_space
 
 
 class SB3VecEnv(VecEnv):

@@ -9,7 +9,7 @@ class SpacecraftEnv(Environment):
     """`Environment` for debugging, pictures and other libraries' algorithms.
 
     Made by ``gymnasium.make("rans/GoToPose2D-v0")``. It flies the same episodes as one environment of
-    `rans.fast.SpacecraftVectorEnv`, and as `rans.reference.env.DrakeEnv`.
+    `rans.fast.SpacecraftVectorEnv`, and as `rans.reference.flight.DrakeEnv`.
     """
 
     def _mover(self) -> None:

@@ -12,12 +12,12 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from torch import Tensor
 
+from rans.environment import action_space, checked_render_mode, choose, observation_space
 from rans.errors import ConfigError
 from rans.fast.engine import Engine
 from rans.model.fields import leaves, unflatten
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
-from rans.spaces import action_space, checked_render_mode, choose, observation_space
 from rans.tasks import Task
 from rans.tasks.sight import Dimension
 

@@ -16,7 +16,8 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.optimal.trajectory.allocation import Allocation
 from rans.optimal.trajectory.guess import inertia
-from rans.tasks.base import Task, check_settings
+from rans.tasks.base import Task
+from rans.tasks.settings import check_settings
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from rans.errors import ConfigError
-from rans.evaluation.fly.follow import START_SPREAD, Following, PlanarGuide, follow
+from rans.evaluation.fly.follow import START_SPREAD, Following, follow
 from rans.evaluation.fly.paths import LookAhead, Path, circle, helix
 from rans.files import plain
 from rans.flight import Flight
@@ -61,7 +61,7 @@ def by_hand() -> Following:
     zero = np.zeros((7, 2))
     states = PlanarState(Vec2(x, y), Heading(zero), Vec2(speed, zero), zero)
     point = np.round(x / 0.005).astype(int)
-    goals = PlanarGuide(Vec2(zero, zero), Heading(zero), Vec2(zero + 0.4, zero), zero, point)
+    goals = PlanarState(Vec2(zero, zero), Heading(zero), Vec2(zero + 0.4, zero), zero, (point,))
     thrusters = np.zeros((6, 2, 8))
     thrusters[1:3, 0, :4] = 1.0
     timing = Timing(control_period=0.5, episode_steps=6)

@@ -9,10 +9,10 @@ import torch
 from stable_baselines3.common.callbacks import ConvertCallback
 from torch import Tensor
 
+from rans.environment import action_space, observation_space
 from rans.fast.engine import Engine
 from rans.fast.learn.ppo import Learner
 from rans.fast.learn.rollout import Batch, gae, minibatches
-from rans.spaces import action_space, observation_space
 from tests.fast.engines import NEAR, PLATFORM, both_crafts
 from tests.fast.training import TINY, Buffer64, sb3_twin, scatter, tiny_learner
 

@@ -1,0 +1,139 @@
+"""The rotation of a rigid body in space: spin and attitude as power series in time.
+
+A series is a list of vectors, the coefficients of the powers of the share of a step that is gone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import reduce
+from operator import add
+from typing import Any
+
+from rans.model.fields import Field, Quat, Vec3
+
+Series = Sequence[Vec3]
+
+_ORDER = 8
+"""Of the spin's series where moments of inertia differ."""
+
+
+def at(series: Series, share: float) -> Vec3:
+    """Value of a series (Horner); an empty one is zero."""
+    result = series[-1] if series else Vec3(0.0, 0.0, 0.0)
+    for coefficient in reversed(series[:-1]):
+        result = result.scale(share) + coefficient
+    return result
+
+
+def spin_series(w: Vec3, torque: Sequence[Any], inertia: Sequence[Field], h: Field,
+                steady: Vec3 | None) -> Series:
+    """Taylor series of the angular velocity over the share of h that is gone.
+
+    Euler's equation, I w' = tau - w x (I - I_zz 1) w: a multiple of the unit tensor has no part in
+    w x I w, so the series of a body with three equal moments ends after its second term. A torque that is
+    constant in W turns in B: u' = u x w.
+
+    Args:
+        w: angular velocity in B, rad/s.
+        torque: in B, by powers of that share: one entry if it is constant, N m.
+        inertia: the six entries (I_xx, I_xy, I_xz, I_yy, I_yz, I_zz), kg m^2.
+        h: length of the step, s.
+        steady: a second torque, constant in W, as B sees it at the start, N m.
+    """
+    xx, xy, xz, yy, yz, zz = inertia
+    excess, inverse = (_less(xx, zz), xy, xz, _less(yy, zz), yz, 0.0), _inverse(inertia)
+    even = all(isinstance(x, float) and x == 0.0 for x in excess)
+    turning = [] if steady is None else [steady]
+    rate, momentum = [w], []
+    for k in range(len(torque) if even and not turning else _ORDER):
+        torques: list[Any] = list(torque[k:k + 1])
+        if turning:
+            torques.append(turning[k])
+            turning.append(last_product(turning, rate).scale(h / (k + 1)))
+        if not even:
+            momentum.append(_symmetric_times(excess, rate[k]))
+            torques.append(last_product(momentum, rate))
+        rate.append(_symmetric_times(inverse, reduce(add, torques)).scale(h / (k + 1)))
+    return rate
+
+
+def last_product(a: Series, b: Series) -> Vec3:
+    """The last known coefficient of the vector product of two series of the same length."""
+    return reduce(add, [x.cross(y) for x, y in zip(a, reversed(b), strict=True)])
+
+
+def _less(a: Field, b: Field) -> Field:
+    """Their difference, known to be nothing where they are one and the same."""
+    return 0.0 if a is b else a - b
+
+
+def _symmetric_times(entries: Sequence[Field], v: Vec3) -> Vec3:
+    """Product of a symmetric 3x3 tensor, given by its six entries, with a vector."""
+    xx, xy, xz, yy, yz, zz = entries
+    return Vec3(*(x * v.x + y * v.y + z * v.z for x, y, z in ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))))
+
+
+def _inverse(entries: Sequence[Field]) -> tuple[Field, ...]:
+    """Inverse of a symmetric 3x3 tensor by cofactors, as its six entries."""
+    xx, xy, xz, yy, yz, zz = entries
+    a, b, c = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
+    s = 1.0 / (xx * a + xy * b + xz * c)
+    return (a * s, b * s, c * s, (xx * zz - xz * xz) * s, (xy * xz - xx * yz) * s, (xx * yy - xy * xy) * s)
+
+
+class Rotation:
+    """The rotation of a body that turns at a given rate, by Magnus' series of order six.
+
+    Blanes, Casas and Ros, "Improved high order integrators based on the Magnus expansion", BIT 40, 2000: with
+    C = [a, b] and D = -[a, 2 c + C] / 60, the rotation vector is a + c / 12 + [-20 a - c + C, b + D] / 240,
+    where a, b and c stand for the rate's first moments: here r0 + r4 / 80, r1 + 3 r3 / 20 and r2 of its
+    Taylor coefficients in the middle of the step, times the duration. They multiply from the other side, so
+    that every bracket has its sign changed here. A rate that never changes is exact. The rate is the angular
+    velocity in the body's frame, rad/s; the step lasts for the duration, s.
+    """
+
+    def __init__(self, rate: Series, duration: Field) -> None:
+        self._duration = duration
+        self._derivatives = [rate]
+        """The k-th, over k factorial."""
+        for k in range(1, 5):
+            rate = [x.scale(j / k) for j, x in enumerate(rate[1:], 1)]
+            self._derivatives.append(rate)
+
+    def vector(self, share: float) -> Vec3:
+        """Rotation vector from the start until this share of the step is gone, in the frame at the start."""
+        r0, r1, r2, r3, r4 = (at(series, 0.5 * share).scale(share**k * self._duration)
+                              for k, series in enumerate(self._derivatives, 1))
+        slope = r1 + r3.scale(3.0 / 20.0)
+        first = slope.cross(r0)
+        second = (r2.scale(2.0) + first).cross(r0).scale(-1.0 / 60.0)
+        brackets = (slope + second).cross(first - r0.scale(20.0) - r2).scale(1.0 / 240.0)
+        return r0 + r2.scale(1.0 / 12.0) + r4.scale(1.0 / 80.0) + brackets
+
+
+def turned(rotation: Vec3, v: Vec3) -> Vec3:
+    """A vector after a rotation (Rodrigues' formula)."""
+    sine, cosine = _sine_and_cosine(rotation.dot(rotation))
+    across = rotation.cross(v)
+    return v + across.scale(sine) + rotation.cross(across).scale(cosine)
+
+
+def exponential(rotation: Vec3) -> Quat:
+    """The quaternion of a rotation vector."""
+    square = 0.25 * rotation.dot(rotation)
+    sine, cosine = _sine_and_cosine(square)
+    return Quat(1.0 - square * cosine, *rotation.scale(0.5 * sine).columns())
+
+
+def _sine_and_cosine(square: Field) -> tuple[Field, Field]:
+    """sin(x) / x and (1 - cos(x)) / x^2 from the square of x, by Taylor series: 3e-8 off at 1 rad."""
+    return _alternating(square, 2), 0.5 * _alternating(square, 3)
+
+
+def _alternating(square: Field, first: int) -> Field:
+    """1 - s / (n (n + 1)) (1 - s / ((n + 2) (n + 3)) (1 - ...)), four brackets deep."""
+    result = 1.0 - square * (1.0 / ((first + 6) * (first + 7)))
+    for n in (first + 4, first + 2, first):
+        result = 1.0 - square * result * (1.0 / (n * (n + 1)))
+    return result
