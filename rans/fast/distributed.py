@@ -39,11 +39,7 @@ class Processes:
         return self.rank == 0
 
     def share(self, name: str, count: int) -> int:
-        """This process's part of a number of things.
-
-        Raises:
-            ConfigError: it cannot be divided.
-        """
+        """This process's part of a number of things; ConfigError where it cannot be divided."""
         if count % self.size:
             raise ConfigError(f"{name} must be a multiple of the {self.size} processes, got {count}.")
         return count // self.size
@@ -160,11 +156,7 @@ def _leave(ears: socket.socket, patience: float) -> None:
 
 
 def _collective(function: Callable[..., Any], *arguments: Any, **settings: Any) -> None:
-    """Do what all processes must do together.
-
-    Raises:
-        WorkerLost: another process is gone.
-    """
+    """Do what all processes must do together; WorkerLost where another one is gone."""
     try:
         function(*arguments, **settings)
     except RuntimeError as error:

@@ -14,8 +14,7 @@ from rans.episode import World
 from rans.errors import ConfigError
 from rans.fast.distributed import ALONE, Processes
 from rans.fast.kernels.launch import Kernel
-from rans.fast.memory import Place, allocated, field_dtype, relative, restore, write
-from rans.fast.step import Step, step_arrays, step_tensors
+from rans.fast.step import Place, Step, field_dtype, relative, restore, step_arrays, step_tensors, write
 from rans.model.body import Body, in_memory
 from rans.model.dynamics import NODES
 from rans.model.fields import leaves
@@ -82,7 +81,7 @@ class Engine:
         first = np.arange(num_envs) % each * processes.size + processes.rank
         self._numbers = place.put(first, torch.int32), each * processes.size
         self._seed = place.words(seeds, each)
-        self._episode = allocated(self._world, self.body, place, num_envs, self._seed, self._numbers[0])
+        self._episode = place.episodes(self._world, self.body, num_envs, self._seed, self._numbers[0])
         self.state, self.goal = self._episode.state, self._episode.goal
         """Current ones; fields are views that the next step overwrites, those that never vary floats."""
         self._step = (step_arrays if place.on_numpy else step_tensors if not self.compiled else
@@ -101,8 +100,7 @@ class Engine:
     def reset(self, seed: int | Sequence[int] | None = None) -> Tensor:
         """Start a new episode everywhere, and observe (N, width).
 
-        Args:
-            seed: episodes count from zero under this seed, or one a member; by default they go on counting.
+        Episodes count from zero under a given seed, or one a member; by default they go on counting.
         """
         world, now = self._world, self._episode
         if seed is None:
@@ -119,8 +117,7 @@ class Engine:
     def stagger(self, *generators: torch.Generator) -> None:
         """Pretend the episodes started at random times, so that they do not all end together.
 
-        Args:
-            generators: of the random times, each of an equal part of the batch; by default torch's own.
+        Each generator is of the times of an equal part of the batch; by default there is only torch's own.
         """
         limit, everywhere = self.timing.episode_steps, self.num_envs * self.processes.size
         parts = generators or (None,)
@@ -146,11 +143,8 @@ class Engine:
     def step(self, action: Tensor) -> Step:
         """Hold the thrusters for one control period.
 
-        Args:
-            action: (N, thrusters), 0 (shut) or 1 (open); any dtype.
-
-        Raises:
-            ConfigError: the action has another shape.
+        Actions (N, thrusters) are 0 (shut) or 1 (open), of any dtype; ConfigError where they have another
+        shape.
         """
         shape = (self.num_envs, len(self.craft.thrusters))
         if tuple(action.shape) != shape:
@@ -167,9 +161,5 @@ class Engine:
                 "episode_steps": self.timing.episode_steps}
 
     def load_state(self, table: dict[str, Any]) -> None:
-        """Continue from what `save_state` gave.
-
-        Raises:
-            ConfigError: it was saved with another number of environments, dimension or length of episodes.
-        """
+        """Continue from what `save_state` gave; ConfigError where it is of other environments or episodes."""
         restore(table, self._world, self._episode, self._seed, self.processes)

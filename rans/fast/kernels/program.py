@@ -110,7 +110,7 @@ class Program:
 
 
 def trace(world: World, episode: Episode, dtype: Any) -> Program:
-    """Run one step of these episodes on symbols; the program's reals are of this dtype.
+    """Run one step of these episodes on symbols, for reals of this dtype.
 
     Raises:
         TypeError: the task's functions do more than arithmetic on fields.

@@ -179,11 +179,7 @@ def to_table(config: TrainConfig) -> dict[str, Any]:
 
 
 def from_table(table: dict[str, Any]) -> TrainConfig:
-    """The config that `to_table` gave, with whatever the user changed in it.
-
-    Raises:
-        ConfigError: an unknown key, a value of the wrong type or out of its range.
-    """
+    """The config that `to_table` gave, with what the user changed in it; ConfigError where that is wrong."""
     if not isinstance(table, dict) or not isinstance(table.get("task"), str):
         raise ConfigError("a training config must name its task: {\"task\": \"go-to-pose\", ...}.")
     settings = _structure(table.get("settings", {}), TASKS[table["task"]], "settings")

@@ -29,8 +29,7 @@ class Ramp:
     """
 
     setting: str
-    """Name of a number or range among the task's settings; of a task within a multi-task:
-    go_to_pose.spawn_distance."""
+    """Of the task, a number or range; of a task within a multi-task: go_to_pose.spawn_distance."""
     start: Numbers
     """Its value until the ramp begins."""
     duration: int
@@ -106,12 +105,8 @@ class Curriculum:
     So no step is compiled again to read them, and no CUDA graph recorded again. A number in which members
     differ is a field, with a value for each of their environments.
 
-    Args:
-        tasks: one a member, with the settings that the ramps end at; they differ in numbers only.
-        ramps: see `check_ramps`.
-        dtype: of the engine's fields, NumPy's or torch's.
-        device: of torch's.
-        each: environments of a member.
+    Tasks, one a member, have the settings that the ramps end at, and differ in numbers only; each member has
+    ``each`` environments. The dtype is that of the engine's fields, NumPy's or torch's.
     """
 
     def __init__(self, tasks: Sequence[Task], ramps: Sequence[Ramp], dtype: Any, device: Any = None,

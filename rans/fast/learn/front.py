@@ -84,23 +84,16 @@ class PPO:
         return predict(self.network, observation, state, episode_start, deterministic)
 
     def save(self, file: str | Path) -> None:
-        """Write ``policy.zip``.
-
-        Raises:
-            ConfigError: the disk refused.
-        """
+        """Write ``policy.zip``; ConfigError where the disk refuses."""
         adam = self.learner.adam
         write_policy(Path(file), self.network.architecture, self.network.member(0), self.settings,
                      self.num_timesteps, adam.member(0), float(adam.rate))
 
     @classmethod
     def load(cls, file: str | Path, env: Engine | SB3VecEnv, **settings: Any) -> PPO:
-        """Go on with a saved agent, on an engine for its spacecraft.
+        """Go on with an agent that `rans train` or `save` wrote, on an engine for its spacecraft.
 
-        Args:
-            file: a ``policy.zip`` of `rans train` or `save`.
-            env: as in the constructor.
-            **settings: others than it was trained with.
+        Settings are as in the constructor, where they are others than it was trained with.
 
         Raises:
             ConfigError: the file is damaged, or not for this engine.

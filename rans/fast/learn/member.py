@@ -43,11 +43,7 @@ def begin(engine: Engine, settings: Sequence[PPOSettings], seeds: Sequence[int])
 
 
 def check_sizes(engine: Engine, settings: PPOSettings, members: int) -> None:
-    """Whether rollouts and minibatches can be cut as the settings say.
-
-    Raises:
-        ConfigError: they cannot.
-    """
+    """Refuse, with a ConfigError, rollouts and minibatches that cannot be cut as the settings say."""
     steps, batch, processes = settings.n_steps, settings.batch_size, engine.processes
     if steps > engine.timing.episode_steps:
         raise ConfigError(
@@ -65,11 +61,7 @@ def check_sizes(engine: Engine, settings: PPOSettings, members: int) -> None:
 
 
 def set_precision(matmul: str, device: torch.device) -> None:
-    """Let a GPU multiply matrices of float32 like this, see `rans.fast.learn.config.Precision`; process-wide.
-
-    Raises:
-        ConfigError: there is no such precision.
-    """
+    """Let a GPU multiply matrices of float32 with this `Precision`, or a ConfigError; process-wide."""
     if matmul not in get_args(Precision):
         raise ConfigError(f"matmul must be one of {', '.join(get_args(Precision))}, got {matmul!r}.")
     if device.type == "cuda":
@@ -111,16 +103,10 @@ class Member:
 
 def statistics(numbers: Sequence[float], engine: Engine, steps: int,
                goes_on: bool = False) -> dict[str, float]:
-    """What an update said about a member, by the names that SB3 gives its log.
-
-    Args:
-        numbers: a row of what `Learner.update` returned.
-        engine: names the reward's terms.
-        steps: environment steps that the member has learned from.
-        goes_on: whether numbers that are not finite are no matter.
+    """A row that `Learner.update` returned about a member, by the names that SB3 gives its log.
 
     Raises:
-        NonFiniteState: a loss or a gradient is NaN or infinite, and that matters.
+        NonFiniteState: a number is NaN or infinite after so many steps, and that matters: it does not go on.
     """
     losses = dict(zip(STATISTICS, numbers, strict=False))
     rate, truncated, ended, reached, *terms = numbers[len(STATISTICS):]

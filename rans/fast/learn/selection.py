@@ -12,7 +12,7 @@ from rans.fast.engine import Engine
 from rans.fast.learn.curriculum import Curriculum
 from rans.fast.learn.graph import fused, graphed
 from rans.fast.learn.network import Network
-from rans.fast.memory import field_dtype
+from rans.fast.step import field_dtype
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.scenario import SELECTION_SEED
@@ -48,12 +48,10 @@ class Selection:
     def judge(self) -> list[dict[str, float]]:
         """What every member has learnt.
 
-        Returns:
-            "success" is the share of episodes that keep within all tolerances at every step of the last
-            fifth, of a multi-task that of the worst part; "duty" the mean share of open thrusters, and
-            "error/..." the mean errors of the states acted in over the last fifth. An episode that fails
-            counts as not kept, and the one that follows it enters the means. A multi-task's errors are
-            named "error/go-to-pose/position".
+        "success" is the share of episodes that keep within all tolerances at every step of the last fifth, of
+        a multi-task that of the worst part; "duty" the mean share of open thrusters, and "error/..." the mean
+        errors of the states acted in over the last fifth. An episode that fails counts as not kept, and the
+        one that follows it enters the means. A multi-task's errors are named "error/go-to-pose/position".
         """
         return [self._named(values) for values in self._flight().tolist()]
 
