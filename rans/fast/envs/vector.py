@@ -78,12 +78,8 @@ class SpacecraftVectorEnv(VectorEnv[Tensor, Tensor, Tensor]):
               options: dict[str, Any] | None = None) -> tuple[Tensor, dict[str, Any]]:
         """Start a new episode everywhere; the observation is (N, width).
 
-        Args:
-            seed: count episodes from 0 under it; by default go on counting, or at first under a random one.
-            options: there are none.
-
-        Raises:
-            ConfigError: the seed is a list, or there are options.
+        Episodes count from 0 under a given seed; by default they go on counting, or at first under a random
+        one. ConfigError where the seed is a list, or there are options.
         """
         if options:
             raise ConfigError(f"reset has no options here, got {options!r}.")

@@ -99,10 +99,8 @@ class Kernel:
 
     It may be recorded in a CUDA graph once it is compiled: episodes and the two words of the seed lie in
     memory that never moves. Of several members, each counts the episodes of an equal part of the spacecraft.
-
-    Raises:
-        TypeError: the task's functions do more than arithmetic on fields, or a curriculum's numbers are of
-            another dtype or device.
+    TypeError where the task does more than arithmetic on fields, or a curriculum's numbers lie elsewhere or
+    are of another dtype.
     """
 
     def __init__(self, world: World, episode: Episode, seed: tuple[Tensor, Tensor], processes: Processes,

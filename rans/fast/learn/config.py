@@ -24,11 +24,7 @@ Precision = Literal["float32", "tf32", "bf16"]
 
 @dataclass(frozen=True)
 class PPOSettings:
-    """Hyper-parameters of `rans.PPO`, by their names in Stable-Baselines3.
-
-    Raises:
-        ConfigError: a value is out of its range.
-    """
+    """Hyper-parameters of `rans.PPO`, by their names in SB3; ConfigError where one is out of its range."""
 
     n_envs: int = 128
     """Spacecraft flown together."""
@@ -134,11 +130,7 @@ def _require(config: object, bound: str, holds: Callable[[Any], bool], *names: s
 
 @dataclass(frozen=True)
 class TrainConfig:
-    """One training: the same config and seed give the same agent, bit by bit on a CPU.
-
-    Raises:
-        ConfigError: a value is out of its range.
-    """
+    """One training, checked: the same config and seed give the same agent, bit by bit on a CPU."""
 
     task: str
     """Name of the task."""
@@ -223,6 +215,6 @@ def _say(error: BaseException, kind: Any) -> str:
     if isinstance(error, TypeError):
         return "expected a table or a list of values, such as [0.5, 4.5]"
     if get_origin(kind) is Literal:
-        given, _, _ = str(error).partition(" not in ")  # "gelu not in literal ..."
+        given = str(error).partition(" not in ")[0]  # "gelu not in literal ..."
         return f"expected {' or '.join(map(repr, get_args(kind)))}, got {given!r}"
     return str(error)

@@ -22,11 +22,7 @@ _STEEPNESS = 4.5
 
 @dataclass(frozen=True)
 class Ramp:
-    """One setting on its way to the value the task gives it.
-
-    Raises:
-        ConfigError: a value is out of its range.
-    """
+    """One setting on its way to the value the task gives it; ConfigError where it cannot be."""
 
     setting: str
     """Of the task, a number or range; of a task within a multi-task: go_to_pose.spawn_distance."""
@@ -68,11 +64,10 @@ class Ramp:
 
 
 def check_ramps(task: Task, ramps: Sequence[Ramp]) -> None:
-    """Refuse ramps that the task cannot follow.
+    """Refuse, with a ConfigError, ramps that the task cannot follow.
 
-    Raises:
-        ConfigError: a setting is unknown or ramped twice, a start is no number or range as the setting is, a
-            geometric ramp ends at 0, or the task refuses the values when a ramp begins or ends.
+    A setting is unknown or ramped twice, a start is no number or range as the setting is, a geometric ramp
+    ends at 0, or the task refuses the values when a ramp begins or ends.
     """
     known = _numbers_of(task)
     for ramp in ramps:
@@ -115,7 +110,7 @@ class Curriculum:
         memory, ends = dict[str, Any](), [_numbers_of(task) for task in tasks]
         for ramp in ramps:
             own = [end[ramp.setting] for end in ends]
-            numbers = [_memory(column[:1] if _same(own) else column, each, dtype, device)
+            numbers = [_memory(column[:1] if len({*own}) == 1 else column, each, dtype, device)
                        for column in _columns(ramp, own, 0)]
             self._moving.append((ramp, own, numbers))
             memory |= zip(_places(ramp.setting, ends[0]), numbers, strict=True)
@@ -123,7 +118,7 @@ class Curriculum:
         def number(name: str, *values: Any) -> Any:
             if name in memory:
                 return memory[name]
-            return values[0] if _same(values) else _memory(values, each, dtype, device)
+            return values[0] if len({*values}) == 1 else _memory(values, each, dtype, device)
 
         self.task = map_settings(number, *tasks)
         """To fly and learn."""
@@ -135,10 +130,6 @@ class Curriculum:
                 parts = number.reshape(len(values), -1) if number.shape else [number]
                 for part, value in zip(parts, values, strict=False):
                     part[...] = value
-
-
-def _same(values: Sequence[Any]) -> bool:
-    return all(value == values[0] for value in values)
 
 
 def _columns(ramp: Ramp, ends: Sequence[Numbers], steps: int) -> list[tuple[float, ...]]:

@@ -24,10 +24,8 @@ SOLVED_IN_A_ROW = 2
 def begin(engine: Engine, settings: Sequence[PPOSettings], seeds: Sequence[int]) -> Learner:
     """Members that have learnt nothing, on an engine whose episodes then began at random times.
 
-    Settings and seeds, of weights, actions and those times, are one a member.
-
-    Raises:
-        ConfigError: the settings do not fit the engine.
+    Settings and seeds, of weights, actions and those times, are one a member; ConfigError where they do not
+    fit the engine.
     """
     for one in settings:
         check_sizes(engine, one, len(settings))
@@ -46,17 +44,15 @@ def check_sizes(engine: Engine, settings: PPOSettings, members: int) -> None:
     """Refuse, with a ConfigError, rollouts and minibatches that cannot be cut as the settings say."""
     steps, batch, processes = settings.n_steps, settings.batch_size, engine.processes
     if steps > engine.timing.episode_steps:
-        raise ConfigError(
-            f"n_steps must not exceed the episode's {engine.timing.episode_steps} steps, got {steps}: an "
-            "episode may be cut off once a rollout at most.")
+        raise ConfigError(f"n_steps must not exceed the episode's {engine.timing.episode_steps} steps, got "
+                          f"{steps}: an episode may be cut off once a rollout at most.")
     if engine.num_envs * processes.size != settings.n_envs * members:
         raise ConfigError(f"n_envs must be the engine's {engine.num_envs * processes.size // members} "
                           f"environments a member, got {settings.n_envs}.")
     samples = settings.n_envs * steps
     if batch % steps or samples % batch:
-        raise ConfigError(
-            f"batch_size must be a multiple of n_steps = {steps} that divides n_steps x environments = "
-            f"{samples}, got {batch}.")
+        raise ConfigError(f"batch_size must be a multiple of n_steps = {steps} that divides n_steps x "
+                          f"environments = {samples}, got {batch}.")
     processes.share("batch_size", batch // steps)
 
 
@@ -105,8 +101,7 @@ def statistics(numbers: Sequence[float], engine: Engine, steps: int,
                goes_on: bool = False) -> dict[str, float]:
     """A row that `Learner.update` returned about a member, by the names that SB3 gives its log.
 
-    Raises:
-        NonFiniteState: a number is NaN or infinite after so many steps, and that matters: it does not go on.
+    NonFiniteState where a number is NaN or infinite after so many steps and that matters: it does not go on.
     """
     losses = dict(zip(STATISTICS, numbers, strict=False))
     rate, truncated, ended, reached, *terms = numbers[len(STATISTICS):]

@@ -24,12 +24,8 @@ EPISODES = 1024
 class Selection:
     """Flies every member from the same 1,024 starts whenever asked; in a multi-task, of each of its parts.
 
-    Args:
-        network: the agents; their weights may change between flights.
-        craft: what they fly.
-        tasks: one a member, as in training without its curriculum; their evaluation starts are used.
-        timing: as in training.
-        device: torch device of the network.
+    The members' weights may change between flights. Tasks, one a member, are those of training without its
+    curriculum; their evaluation starts are used.
     """
 
     def __init__(self, network: Network, craft: Spacecraft, tasks: Sequence[Task], timing: Timing,

@@ -34,15 +34,10 @@ _ARCHITECTURE = ("layers", "activation", "zoom", "symmetric", "memory", "history
 class Trainer:
     """Members that train together, in one run folder. Sets torch's number of threads, for the whole process.
 
-    Args:
-        configs: one a member; they differ in seed, coefficients and numbers among the task's settings only.
-        craft: that the configs name.
-        run: where to keep it; nothing is written there before `train`, and only by the first process.
-        processes: those that share the training's environments.
-        goes_on: whether members whose weights become infinite are left alone, as in a sweep.
-
-    Raises:
-        ConfigError: the configs cannot work.
+    Configs, one a member, name the craft and differ in seed, coefficients and numbers among the task's
+    settings only; ConfigError where they cannot work. Nothing is written before `train`, and only by the
+    first of the processes that share the environments. Where training ``goes_on``, as in a sweep, members
+    whose weights become infinite are left alone.
     """
 
     def __init__(self, configs: Sequence[TrainConfig], craft: Spacecraft, run: RunFolder,
@@ -213,9 +208,7 @@ class Trainer:
     def resume(self) -> None:
         """Continue from the run's checkpoint, bit-identically on a CPU; without one, from the start.
 
-        Raises:
-            ConfigError: the checkpoint is damaged or of another network, or there is an agent without one,
-                which must not be lost.
+        ConfigError where it is damaged or of another network, or where an agent without one would be lost.
         """
         if self.run.checkpoint_file.exists():
             self._restore(self.run.load_checkpoint(self.config.device))
