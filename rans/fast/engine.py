@@ -32,8 +32,8 @@ class Engine:
     """N copies of one spacecraft flying one task.
 
     Args:
-        craft: all alike, but for their bodies.
-        task: all the same.
+        craft: what flies.
+        task: what it flies to.
         num_envs: N.
         timing: control period, accuracy and length of an episode.
         seed: decides all starts and goals, with the episode's number. Several are those of as many members,
