@@ -21,7 +21,7 @@ from rich.console import Console
 from rans.fast.distributed import Processes, join
 from rans.fast.engine import Engine
 from rans.fast.learn.config import PPOSettings, Precision
-from rans.fast.learn.start import begin
+from rans.fast.learn.member import begin
 from rans.model.spacecraft_file import load_spacecraft
 from rans.tasks import GoToPose
 

@@ -16,6 +16,7 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import torch
@@ -38,11 +39,7 @@ class Processes:
         return self.rank == 0
 
     def share(self, name: str, count: int) -> int:
-        """This process's part of a number of things.
-
-        Raises:
-            ConfigError: it cannot be divided.
-        """
+        """This process's part of a number of things; ConfigError where it cannot be divided."""
         if count % self.size:
             raise ConfigError(f"{name} must be a multiple of the {self.size} processes, got {count}.")
         return count // self.size
@@ -61,11 +58,11 @@ class Processes:
 
     def uniform_like(self, mine: Tensor, generator: torch.Generator | None = None) -> Tensor:
         """Random numbers in [0, 1) for (T, rows, ...) of this process's rows; all must draw as often."""
-        draw = lambda *shape: torch.rand(shape, dtype=mine.dtype, device=mine.device, generator=generator)  # noqa: E731
+        draw = partial(torch.rand, dtype=mine.dtype, device=mine.device, generator=generator)
         if self.size == 1:
-            return draw(*mine.shape)
+            return draw(mine.shape)
         shape = (self.size * mine.shape[1], *mine.shape[2:])
-        return torch.stack([self.mine(draw(*shape)) for _ in range(len(mine))])
+        return torch.stack([self.mine(draw(shape)) for _ in range(len(mine))])
 
     def average(self, tensor: Tensor) -> Tensor:
         """Mean over the processes, which all must ask for."""
@@ -113,10 +110,7 @@ ALONE = Processes()
 def join(device: str) -> Processes:
     """The processes torchrun started, this one among them; `ALONE` where it started none.
 
-    From then on ``cuda`` means this process's own GPU.
-
-    Raises:
-        ConfigError: there are more processes than GPUs.
+    From then on ``cuda`` means this process's own GPU; ConfigError where there are too few.
     """
     size = int(os.environ.get("WORLD_SIZE", "1"))
     if size == 1:
@@ -143,27 +137,22 @@ def leave_when_stuck(patience: float = 15.0) -> None:
     Who waits on the GPU for a process that is gone hears no signal: Python handles them between two lines
     of the main thread, which waits. torchrun would kill such a process without a word.
     """
+    def leave() -> None:
+        ears.recv(1)
+        time.sleep(patience)
+        sys.stderr.write("rans: told to stop while waiting for another process of this training; go on from "
+                         "the last checkpoint with --resume.\n")
+        sys.stderr.flush()
+        os._exit(1)
+
     ears, mouth = socket.socketpair()
     mouth.setblocking(False)
     signal.set_wakeup_fd(mouth.detach())
-    threading.Thread(target=_leave, args=(ears, patience), daemon=True).start()
-
-
-def _leave(ears: socket.socket, patience: float) -> None:
-    ears.recv(1)
-    time.sleep(patience)
-    sys.stderr.write("rans: told to stop while waiting for another process of this training; go on from "
-                     "the last checkpoint with --resume.\n")
-    sys.stderr.flush()
-    os._exit(1)
+    threading.Thread(target=leave, daemon=True).start()
 
 
 def _collective(function: Callable[..., Any], *arguments: Any, **settings: Any) -> None:
-    """Do what all processes must do together.
-
-    Raises:
-        WorkerLost: another process is gone.
-    """
+    """Do what all processes must do together; WorkerLost where another one is gone."""
     try:
         function(*arguments, **settings)
     except RuntimeError as error:

@@ -1,40 +1,46 @@
-"""The network in Stable-Baselines3's terms: the classes that a ``policy.zip`` names, and nothing to train."""
+"""The network in Stable-Baselines3's terms: the classes that a ``policy.zip`` names, and that file itself."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import fields, replace
-from typing import Any, cast
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, fields, replace
+from pathlib import Path
+from typing import Any, NamedTuple, cast
 
-import gymnasium
 import numpy as np
 import torch
+from gymnasium import spaces
 from stable_baselines3.common.distributions import Distribution
 from stable_baselines3.common.policies import ActorCriticPolicy
+from stable_baselines3.common.save_util import load_from_zip_file, save_to_zip_file
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import Tensor
 
 from rans.errors import ConfigError
 from rans.fast.learn.adam import EPSILON
-from rans.fast.learn.architecture import EXTRACTOR, LOG_STD, Architecture, paper_layout
-from rans.fast.learn.distributions import Duty
+from rans.fast.learn.architecture import EXTRACTOR, LOG_STD, Architecture, Duty, paper_layout
+from rans.fast.learn.config import PPOSettings
 from rans.fast.learn.network import Network, Output
+from rans.files import first_line, replace_file
 from rans.tasks.sight import Layout
+
+_SHARED = ("n_envs", "n_steps", "batch_size", "n_epochs", "learning_rate", "gamma", "gae_lambda",
+           "clip_range", "ent_coef", "vf_coef", "max_grad_norm")
+"""Settings that SB3 knows by the same names."""
+_SETTINGS = "rans_settings"
+"""All of ours, for `rans.PPO`; SB3 keeps what it does not know."""
 
 
 class NormalisedMlp(BaseFeaturesExtractor):
     """Change to the body frame, observation normaliser, and trunk: a `Network` without its heads.
 
-    As SB3's features extractor it travels with the policy's weights, statistics included.
-
-    Args:
-        observation_space: Box of shape (width,).
-        layers: see `Architecture`.
-        layout: see there; None: that of the paper's tasks.
-        others: see there; files say what differs from its defaults, with symmetries only in an `AgentPolicy`.
+    As SB3's features extractor it travels with the policy's weights, statistics included. Files say what
+    differs from the defaults of `Architecture`, with symmetries only in an `AgentPolicy`; those without a
+    layout have that of the paper's tasks.
     """
 
-    def __init__(self, observation_space: gymnasium.spaces.Box, layers: Sequence[int] = (128, 128),
+    def __init__(self, observation_space: spaces.Box, layers: Sequence[int] = (128, 128),
                  layout: Layout | None = None, thrusters: int = 0, **others: Any) -> None:
         layout = layout or paper_layout(observation_space.shape[0])
         architecture = Architecture(layout, thrusters, tuple(layers), **others)
@@ -45,12 +51,12 @@ class NormalisedMlp(BaseFeaturesExtractor):
         for name, statistic in architecture.statistics().items():
             self.register_buffer(name, statistic)
 
-    def network(self, heads: dict[str, Tensor]) -> Network:
+    def network(self, heads: Mapping[str, Tensor]) -> Network:
         """The network with these heads, by their names in SB3's policy; weights are shared, not copied."""
         own = {EXTRACTOR + name: x for name, x in (*self.named_parameters(), *self.named_buffers())}
         count = len(heads.get("action_net.bias", ())) // (1 if self.architecture.continuous else 2)
         # Older files do not say how many thrusters there are.
-        return Network(replace(self.architecture, thrusters=count), own | heads)
+        return Network(replace(self.architecture, thrusters=count), {**own, **heads})
 
     def forward(self, observations: Tensor) -> Tensor:
         """Features (N, units of the last layer) of observations (N, width)."""
@@ -59,17 +65,13 @@ class NormalisedMlp(BaseFeaturesExtractor):
 
 
 def network_of(policy: ActorCriticPolicy) -> Network:
-    """The network that an SB3 policy with this extractor and no further layers is; weights are shared.
-
-    Raises:
-        ConfigError: the policy has another extractor or further layers.
-    """
+    """The network that an SB3 policy is, its weights shared; ConfigError where it has other layers."""
     extractor = policy.features_extractor
     if not isinstance(extractor, NormalisedMlp) or policy.net_arch:
         raise ConfigError("the policy is not one that RANS trained: it has layers of its own; load it with "
                           "Stable-Baselines3.")
-    return extractor.network({name: x for name, x in policy.named_parameters()
-                              if not name.startswith(EXTRACTOR)})
+    heads = {name: x for name, x in policy.named_parameters() if not name.startswith(EXTRACTOR)}
+    return extractor.network(heads)
 
 
 def policy_kwargs(architecture: Architecture) -> dict[str, Any]:
@@ -84,42 +86,34 @@ def policy_kwargs(architecture: Architecture) -> dict[str, Any]:
 def predict(network: Network, observation: np.ndarray, state: tuple[np.ndarray, ...] | None = None,
             episode_start: np.ndarray | None = None,
             deterministic: bool = True) -> tuple[np.ndarray, tuple[np.ndarray, ...] | None]:
-    """Commands and the network's memory after them, in the manner of SB3.
+    """Commands (N, thrusters) of one member, whole numbers for on/off thrusters, and its memory after them.
 
-    Args:
-        network: of one member.
-        observation: (N, width) or (width,).
-        state: the memory ((N, m),) after the step before; none where all episodes begin.
-        episode_start: (N,) bool, where episodes begin.
-        deterministic: whether to take the likeliest command.
-
-    Returns:
-        Commands (N, thrusters), whole numbers for on/off thrusters, and the memory.
+    Observations are (N, width) or (width,). The state is the memory ((N, m),) after the step before; there is
+    none where all episodes begin, and (N,) bool say where some do.
     """
-    given, seen_by = network.architecture, next(iter(network.tensors.values()))
-    rows = torch.as_tensor(np.asarray(observation), device=seen_by.device).reshape(-1, given.layout.width)
+    given, device = network.architecture, next(iter(network.tensors.values())).device
+    rows = torch.as_tensor(np.asarray(observation), device=device).reshape(-1, given.layout.width)
     memory = network.blank(len(rows))
     if memory is not None and state is not None:
         memory = torch.as_tensor(state[0]).to(memory)
         if episode_start is not None:
             memory = memory * ~torch.as_tensor(episode_start, device=memory.device)[:, None]
     output, seen = network.shown(rows, memory)
-    policy = output.policy
-    command = policy.mode()
+    command = output.policy.mode()
     if not deterministic:
-        command = policy.command(policy.sample(torch.rand_like(command)))
+        command = output.policy.command(output.policy.sample(torch.rand_like(command)))
     memory = network.remember(seen, memory, command, output)
     said = command.cpu().numpy().astype(np.float32 if given.continuous else np.int64)
-    return (said.reshape(*np.shape(observation)[:-1], said.shape[1]),
-            None if memory is None else (memory.cpu().numpy(),))
+    said = said.reshape(*np.shape(observation)[:-1], said.shape[1])
+    return said, None if memory is None else (memory.cpu().numpy(),)
 
 
 class AgentPolicy(ActorCriticPolicy):
     """SB3's actor-critic whose every answer comes from `Network`.
 
-    SB3's own has no place for thrusters that swap their roles with the side the spacecraft is seen from,
-    and none for a memory, which ``predict`` takes and gives as SB3's recurrent policies do. Trained on by
-    SB3 itself, such a policy learns as if every step were an episode's first.
+    SB3's own has no place for thrusters that swap roles with the side the spacecraft is seen from, and none
+    for a memory, which ``predict`` takes and gives as SB3's recurrent policies do. Trained on by SB3 itself,
+    such a policy learns as if every step were an episode's first.
     """
 
     def _evaluated(self, obs: Any) -> Output:
@@ -159,3 +153,75 @@ class AgentPolicy(ActorCriticPolicy):
 
 OnOffPolicy = AgentPolicy
 """Its name in the files of RANS 1, whose thrusters were on or off."""
+
+
+class SavedPolicy(NamedTuple):
+    """What is in a ``policy.zip``."""
+
+    network: Network
+    """Of one member, on the CPU."""
+    settings: dict[str, Any]
+    """Of `PPOSettings`, as far as the file knows them."""
+    steps: int
+    """Environment steps learned from."""
+    adam: dict[Any, Any]
+    """As `Adam.member` gives it."""
+    rate: float
+    """Adam's step size."""
+
+
+def policy_spaces(architecture: Architecture) -> tuple[spaces.Box, spaces.Space[Any]]:
+    """What an agent observes and commands, in Gymnasium's terms."""
+    bounds = architecture.bounds or (math.inf,) * architecture.layout.width
+    most, count = np.minimum(bounds, np.finfo(np.float32).max).astype(np.float32), architecture.thrusters
+    duties, switches = spaces.Box(0.0, 1.0, (count,), np.float32), spaces.MultiDiscrete([2] * count)
+    return spaces.Box(-most, most, dtype=np.float32), duties if architecture.continuous else switches
+
+
+def write_policy(file: Path, architecture: Architecture, tensors: Mapping[str, Tensor], settings: PPOSettings,
+                 steps: int, adam: dict[Any, Any] | None = None, rate: float | None = None) -> None:
+    """Save one agent, and the settings of its training, with which SB3 goes on.
+
+    Its tensors are as `Network.member` gives them. Adam begins anew without what `Adam.member` gave, and its
+    step size. ConfigError where the disk refuses.
+    """
+    seen, commanded = policy_spaces(architecture)
+    kwargs, rate = policy_kwargs(architecture), rate or settings.learning_rate
+    policy = AgentPolicy(seen, commanded, lambda _: rate, **kwargs)
+    policy.to(next(iter(tensors.values())).dtype)
+    names = dict((*policy.named_parameters(), *policy.named_buffers()))
+    with torch.no_grad():
+        for name, place in names.items():
+            place.copy_(tensors[name])
+    optimizer = policy.optimizer.state_dict()
+    if adam:
+        optimizer["state"] = adam
+    data = {"policy_class": AgentPolicy, "policy_kwargs": kwargs, "observation_space": seen,
+            "action_space": commanded, "verbose": 0, "num_timesteps": steps,
+            **{name: getattr(settings, name) for name in _SHARED}, _SETTINGS: asdict(settings)}
+
+    def write(draft: Path) -> None:
+        with draft.open("wb") as stream:  # not a path: SB3 adds ".zip" to one that has another ending
+            save_to_zip_file(stream, data, {"policy": policy.state_dict(), "policy.optimizer": optimizer})
+
+    replace_file(file, write)
+
+
+def read_policy(file: Path) -> SavedPolicy:
+    """An agent that `rans train` or `rans.PPO` saved, of any version; ConfigError where it is none."""
+    try:
+        data, params, _ = load_from_zip_file(file, device="cpu")
+        if data is None or params is None:
+            raise ValueError("it holds no agent")
+        policy = data["policy_class"](data["observation_space"], data["action_space"], lambda _: 1e-3,
+                                      **data["policy_kwargs"])
+        policy.load_state_dict(params["policy"])
+        network = network_of(policy)
+        optimizer: Any = params["policy.optimizer"]
+    except ConfigError:
+        raise
+    except Exception as error:  # a damaged pickle raises anything
+        raise ConfigError(f"{file} is damaged: {first_line(error)}.") from error
+    known = {name: data[name] for name in _SHARED if name in data and not callable(data[name])}
+    return SavedPolicy(network, known | data.get(_SETTINGS, {}), data.get("num_timesteps", 0),
+                       optimizer["state"], float(optimizer["param_groups"][0]["lr"]))

@@ -17,10 +17,9 @@ from rans.cli import main
 from rans.errors import ConfigError, WorkerLost
 from rans.fast.distributed import ALONE, Processes, join
 from rans.fast.engine import Engine
-from rans.fast.learn.member import statistics
+from rans.fast.learn.member import begin, statistics
 from rans.fast.learn.ppo import Learner, act
 from rans.fast.learn.run_folder import RunFolder
-from rans.fast.learn.start import begin
 from tests.cli.test_train import tiny
 from tests.fast.engines import NEAR, PLATFORM, SHORT
 from tests.fast.training import TINY, weights

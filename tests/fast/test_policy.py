@@ -13,13 +13,11 @@ from torch import Tensor
 
 from rans.errors import ConfigError
 from rans.fast.engine import Engine
-from rans.fast.learn.architecture import Architecture, paper_layout
+from rans.fast.learn.architecture import Architecture, Duty, OnOff, paper_layout
 from rans.fast.learn.config import PPOSettings, Precision
-from rans.fast.learn.distributions import Duty, OnOff
+from rans.fast.learn.member import begin, set_precision
 from rans.fast.learn.network import Network, Output
-from rans.fast.learn.policy_file import policy_spaces
-from rans.fast.learn.start import begin, set_precision
-from rans.fast.policy import policy_kwargs, predict
+from rans.fast.policy import policy_kwargs, policy_spaces, predict
 from rans.model.dynamics import PlanarState, SpatialState
 from rans.model.fields import Heading, Quat, Vec2, Vec3
 from rans.tasks import GoToPose, observation, observation_width

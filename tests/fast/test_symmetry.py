@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from stable_baselines3 import PPO
 from torch import Tensor
 
-from rans.fast.learn.policy_file import write_policy
+from rans.fast.policy import write_policy
 from rans.fast.symmetry import Symmetries, symmetries
 from rans.model.dynamics import PlanarState, SpatialState
 from rans.model.fields import Heading, Quat, Vec2, Vec3

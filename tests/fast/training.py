@@ -19,13 +19,12 @@ from rans.fast.engine import Engine
 from rans.fast.envs.sb3 import SB3VecEnv
 from rans.fast.learn.architecture import Architecture
 from rans.fast.learn.config import PPOSettings, TrainConfig
+from rans.fast.learn.member import begin
 from rans.fast.learn.network import Network
-from rans.fast.learn.policy_file import policy_spaces
 from rans.fast.learn.ppo import Learner
 from rans.fast.learn.run_folder import RunFolder
-from rans.fast.learn.start import begin
 from rans.fast.learn.trainer import Trainer
-from rans.fast.policy import AgentPolicy, policy_kwargs
+from rans.fast.policy import AgentPolicy, policy_kwargs, policy_spaces
 from rans.model.actuators import Throttle
 from rans.tasks import GoToPose
 from tests.fast.engines import NEAR, PLATFORM, SHORT

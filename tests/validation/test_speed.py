@@ -11,7 +11,7 @@ import validation.peers.runner as runner
 from rans.evaluation.fly.agent import Agent
 from rans.fast.engine import Engine
 from rans.fast.learn.config import PPOSettings
-from rans.fast.learn.start import begin
+from rans.fast.learn.member import begin
 from rans.tasks import TASKS, GoToPose, GoToPosition
 from tests.fast.engines import FLYER, PLATFORM, both_crafts
 from tests.fast.test_policy import seen

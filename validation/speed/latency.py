@@ -19,9 +19,9 @@ from torch import nn
 from rans.evaluation.fly.agent import Agent
 from rans.fast.engine import Engine
 from rans.fast.learn.config import PPOSettings
+from rans.fast.learn.member import begin
 from rans.fast.learn.network import Network
 from rans.fast.learn.selection import likeliest
-from rans.fast.learn.start import begin
 from rans.fast.symmetry import Symmetries
 from rans.model.spacecraft import Spacecraft
 from rans.tasks import Task

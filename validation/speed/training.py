@@ -10,8 +10,8 @@ import torch
 
 from rans.fast.engine import Engine
 from rans.fast.learn.config import PPOSettings, TrainConfig
+from rans.fast.learn.member import begin
 from rans.fast.learn.run_folder import RunFolder
-from rans.fast.learn.start import begin
 from rans.fast.learn.trainer import Trainer
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft

@@ -11,9 +11,9 @@ import torch
 from rans.errors import ConfigError
 from rans.evaluation.fly.protocols import Setup
 from rans.fast.learn.network import Network
-from rans.fast.learn.policy_file import read_policy
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.selection import likeliest
+from rans.fast.policy import read_policy
 from rans.flight import Controller
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing

@@ -16,13 +16,10 @@ from rans.fast.engine import Engine
 
 
 class SB3VecEnv(VecEnv):
-    """An `Engine` seen through SB3's interface.
+    """An `Engine` seen through SB3's interface, without a copy.
 
     SB3 wants NumPy arrays and one dict per environment and step, which costs more than the
     simulation; `rans.PPO` takes the same object and goes around both.
-
-    Args:
-        engine: the batched episodes; the adapter does not copy them.
     """
 
     def __init__(self, engine: Engine) -> None:
@@ -51,12 +48,10 @@ class SB3VecEnv(VecEnv):
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         ended = np.flatnonzero(done)
         if len(ended):
-            final = _float32(step.final_observation)
-            truncated = step.truncated.cpu().numpy()
+            final, truncated = _float32(step.final_observation), step.truncated.cpu().numpy()
             success = (step.truncated & step.reached).cpu().numpy()
             for i in ended:
-                infos[i] = {"terminal_observation": final[i],
-                            "TimeLimit.truncated": bool(truncated[i]),
+                infos[i] = {"terminal_observation": final[i], "TimeLimit.truncated": bool(truncated[i]),
                             "is_success": bool(success[i])}
         return _float32(step.observation), _float32(step.reward), done, infos
 
@@ -73,7 +68,7 @@ class SB3VecEnv(VecEnv):
 
     def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
         """The attribute of the batch, once per environment asked for."""
-        return [getattr(self, attr_name)] * self._count(indices)
+        return [getattr(self, attr_name) for _ in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
         """Set an attribute of the whole batch; single environments do not exist."""
@@ -82,14 +77,12 @@ class SB3VecEnv(VecEnv):
     def env_method(self, method_name: str, *method_args: Any, indices: VecEnvIndices = None,
                    **method_kwargs: Any) -> list[Any]:
         """Call a method of the batch, its result once per environment asked for."""
-        return [getattr(self, method_name)(*method_args, **method_kwargs)] * self._count(indices)
+        result = getattr(self, method_name)(*method_args, **method_kwargs)
+        return [result for _ in self._get_indices(indices)]
 
     def env_is_wrapped(self, wrapper_class: type, indices: VecEnvIndices = None) -> list[bool]:
         """Single environments do not exist, so none is wrapped."""
-        return [False] * self._count(indices)
-
-    def _count(self, indices: VecEnvIndices) -> int:
-        return len(list(self._get_indices(indices)))
+        return [False for _ in self._get_indices(indices)]
 
 
 def _float32(tensor: Tensor) -> np.ndarray:

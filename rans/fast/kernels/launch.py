@@ -1,7 +1,14 @@
-"""The kernel as the step of an engine."""
+"""The kernel as the step of an engine, by NVIDIA's runtime compiler and driver."""
 
 from __future__ import annotations
 
+import ctypes
+import sys
+import warnings
+from collections.abc import Sequence
+from ctypes import CDLL, byref, c_char_p, c_int, c_size_t, c_uint, c_void_p
+from functools import cache
+from pathlib import Path
 from typing import Any
 
 import torch
@@ -9,49 +16,119 @@ from torch import Tensor
 
 from rans.episode import Episode, World
 from rans.fast.distributed import Processes
-from rans.fast.kernels.cuda import Function
 from rans.fast.kernels.program import Shape, trace
 from rans.fast.kernels.source import THREADS, source
 from rans.fast.step import Step
+from rans.model.trace import UNTRACEABLE
 
 _C_TYPES: dict[torch.dtype, Any] = {
     torch.uint8: "unsigned char", torch.float32: "float", torch.float64: "double"}
 MANY = 2**18
 """From so many spacecraft on, an even number, a thread steps two: with fewer, threads would be missed."""
+_OPTIONS = ("--std=c++17", "--ftz=true", "--prec-div=false", "--prec-sqrt=false")
+"""float32 divisions and roots may be two units in the last place off; float64 is not affected."""
+
+
+class CudaError(RuntimeError):
+    """The compiler or the driver refused."""
+
+
+class Function:
+    """A kernel on the current device, from CUDA C++ that defines it by this name as ``extern "C"``.
+
+    Raises:
+        OSError: there is no runtime compiler or no driver.
+        CudaError: the text does not compile; the message is the compiler's.
+    """
+
+    def __init__(self, text: str, name: str, capability: tuple[int, int]) -> None:
+        self._driver = CDLL("nvcuda.dll" if sys.platform == "win32" else "libcuda.so.1")
+        self._module, self._function = c_void_p(), c_void_p()
+        self._check(self._driver.cuModuleLoadData(byref(self._module), compiled(text, capability)))
+        self._check(self._driver.cuModuleGetFunction(byref(self._function), self._module, name.encode()))
+
+    def launch(self, blocks: int, threads: int, stream: int, pointers: Sequence[int],
+               numbers: Sequence[int]) -> None:
+        """Queue the kernel; all its pointers come before its 32-bit numbers."""
+        values = (*map(c_void_p, pointers), *map(c_int, numbers))
+        places = (c_void_p * len(values))(*map(ctypes.addressof, values))
+        one, shared_bytes = c_uint(1), c_uint(0)
+        self._check(self._driver.cuLaunchKernel(
+            self._function, c_uint(blocks), one, one, c_uint(threads), one, one, shared_bytes,
+            c_void_p(stream), places, None))
+
+    def _check(self, error: int) -> None:
+        if error:
+            text = c_char_p()
+            self._driver.cuGetErrorString(error, byref(text))
+            raise CudaError(f"the CUDA driver says: {(text.value or b'unknown error').decode()} ({error}).")
+
+
+@cache
+def compiled(text: str, capability: tuple[int, int]) -> bytes:
+    """Machine code of CUDA C++ for a device of this capability (major, minor); needs none."""
+    compiler, program = _compiler(), c_void_p()
+    options = [f"--gpu-architecture=sm_{capability[0]}{capability[1]}", *_OPTIONS]
+    array = (c_char_p * len(options))(*(option.encode() for option in options))
+    compiler.nvrtcCreateProgram(byref(program), text.encode(), b"step.cu", 0, None, None)
+    failed = compiler.nvrtcCompileProgram(program, len(options), array)
+    kind, size = "ProgramLog" if failed else "CUBIN", c_size_t()
+    getattr(compiler, f"nvrtcGet{kind}Size")(program, byref(size))
+    result = ctypes.create_string_buffer(size.value)
+    getattr(compiler, f"nvrtcGet{kind}")(program, result)
+    compiler.nvrtcDestroyProgram(byref(program))
+    if failed:
+        raise CudaError(f"a generated kernel does not compile: {result.value.decode()}")
+    return result.raw
+
+
+@cache
+def _compiler() -> CDLL:
+    """NVRTC: as torch's packages install it, or as the system has it."""
+    major = (torch.version.cuda or "12").partition(".")[0]
+    name = f"libnvrtc.so.{major}" if sys.platform != "win32" else f"nvrtc64_{major}0_0.dll"
+    for path in (path for folder in sys.path for path in Path(folder).glob(f"nvidia/*/lib/{name}")):
+        for needed in path.parent.glob("libnvrtc-builtins.so*"):
+            CDLL(str(needed))  # it would be looked for among the system's libraries
+        return CDLL(str(path))
+    return CDLL(name)
 
 
 class Kernel:
     """One kernel that steps N spacecraft, compiled for each type of action when it first meets it.
 
-    It may be recorded in a CUDA graph once it is compiled.
-
-    Args:
-        world: what to run.
-        episode: in memory that never moves.
-        seed: its two words, likewise.
-        processes: whose part of the spacecraft these are.
-        dtype: of reals.
-        members: each of whom has the seeds and counts the episodes of an equal part of the spacecraft.
-
-    Raises:
-        TypeError: the task's functions do more than arithmetic on fields, or a curriculum's numbers are of
-            another dtype or device.
+    It may be recorded in a CUDA graph once it is compiled: episodes and the two words of the seed lie in
+    memory that never moves. Of several members, each counts the episodes of an equal part of the spacecraft.
+    TypeError where the task does more than arithmetic on fields, or a curriculum's numbers lie elsewhere or
+    are of another dtype.
     """
 
     def __init__(self, world: World, episode: Episode, seed: tuple[Tensor, Tensor], processes: Processes,
                  dtype: torch.dtype, members: int = 1) -> None:
         self._program = trace(world, episode, dtype)
         self._inputs = [given.source for given in (*self._program.memory, *self._program.settings)]
-        self._seed, self._processes, self._members = seed, processes, members
-        self._real, self._device = dtype, self._inputs[0].device
-        self._count, self._thrusters = len(self._inputs[0]), len(world.craft.thrusters)
+        self._seed, self._members, self._thrusters = seed, members, len(world.craft.thrusters)
+        self._real, self._device, self._count = dtype, self._inputs[0].device, len(self._inputs[0])
         self._together = 2 if self._count >= MANY and self._count % 2 == 0 else 1
         for given in self._program.settings:  # read as they lie in memory, so that nothing converts them
             if (given.source.dtype, given.source.device) != (self._real, self._device):
                 raise TypeError(f"settings that move must be {self._real} on {self._device}, got "
                                 f"{given.source.dtype} on {given.source.device}.")
-        self._ahead = self._blocks_ahead()
+        self._numbers = (self._count, self._count // members, processes.rank, processes.size,
+                         self._blocks_ahead())
         self._functions: dict[torch.dtype, Function] = {}
+
+    @classmethod
+    def made(cls, *given: Any) -> Kernel | None:
+        """A kernel that is compiled for reals already; None with a warning where there can be none."""
+        try:
+            kernel = cls(*given)
+            kernel.function(kernel._real)
+        # No compiler, or a task that does more than arithmetic on fields.
+        except (OSError, CudaError, *UNTRACEABLE) as error:
+            warnings.warn(f"torch.compile makes this engine's step, which is slower: {error}", stacklevel=3)
+            return None
+        return kernel
 
     def source(self, action: torch.dtype) -> str:
         """The kernel's text for actions that are bytes or reals."""
@@ -59,12 +136,7 @@ class Kernel:
                       self._together, self._members > 1)
 
     def function(self, action: torch.dtype) -> Function:
-        """The compiled kernel for such actions.
-
-        Raises:
-            OSError: CUDA's runtime compiler or driver is missing.
-            CudaError: they refuse.
-        """
+        """The compiled kernel for such actions; errors are those of `Function`."""
         if action not in self._functions:
             with torch.cuda.device(self._device):  # a compiled kernel belongs to one device
                 capability = torch.cuda.get_device_capability()
@@ -78,8 +150,12 @@ class Kernel:
         final = torch.empty((count, shape.final_width), dtype=self._real, device=self._device)
         flags = torch.empty((len(Shape.FLAGS), count), dtype=torch.bool, device=self._device)
         tensors = (action, *self._seed, reals, final, flags, *self._inputs)
-        self._launch(action.dtype, [tensor.data_ptr() for tensor in tensors], self._numbers())
-        return _step(shape, reals, final, flags)
+        self._launch(action.dtype, [tensor.data_ptr() for tensor in tensors], self._numbers)
+        terms = shape.width + shape.terms
+        terminated, truncated, reached = flags
+        return Step(observation=reals[:shape.width].T, reward=reals[terms], terminated=terminated,
+                    truncated=truncated, final_observation=final[:, :shape.width], reached=reached,
+                    terms=reals[shape.width:terms])
 
     def _blocks_ahead(self) -> int:
         """What so many blocks read, of actions in bytes, fills a twelfth of the second-level cache.
@@ -91,10 +167,6 @@ class Kernel:
         bytes_read = self._thrusters + sum(given.source.element_size() for given in self._program.memory)
         cache = torch.cuda.get_device_properties(self._device).L2_cache_size
         return cache // (12 * THREADS * self._together * bytes_read)
-
-    def _numbers(self) -> tuple[int, ...]:
-        return (self._count, self._count // self._members, self._processes.rank, self._processes.size,
-                self._ahead)
 
     def _launch(self, action: torch.dtype, pointers: list[int], numbers: tuple[int, ...]) -> None:
         with torch.cuda.device(self._device):
@@ -110,17 +182,3 @@ class Kernel:
             action = action.to(self._real if action.is_floating_point() else torch.uint8)
         action = action.to(self._device).contiguous()
         return action if action.data_ptr() % 16 == 0 else action.clone()
-
-
-def _step(shape: Shape, reals: Tensor, final: Tensor, flags: Tensor) -> Step:
-    terms = shape.width + shape.terms
-    terminated, truncated, reached = flags
-    return Step(
-        observation=reals[:shape.width].T,
-        reward=reals[terms],
-        terminated=terminated,
-        truncated=truncated,
-        final_observation=final[:, :shape.width],
-        reached=reached,
-        terms=reals[shape.width:terms],
-    )

@@ -29,7 +29,7 @@ class Input:
 
     @property
     def each(self) -> bool:
-        """Whether every spacecraft has one of its own."""
+        """Whether every spacecraft has its own."""
         return len(self.source.shape) == 1
 
 
@@ -45,12 +45,13 @@ class Store:
 
 @dataclass(frozen=True)
 class Shape:
-    """Of a step's results: rows of reals and rows of flags, each with a number for each spacecraft."""
+    """Of a step's results: rows of reals and rows of flags, each with a number for each spacecraft.
+
+    Reals are the columns of an observation, then the terms of the reward, then their sum.
+    """
 
     width: int
-    """Of an observation."""
     terms: int
-    """Of the reward."""
 
     FLAGS = ("terminated", "truncated", "reached")
     PIECE = 8
@@ -58,7 +59,7 @@ class Shape:
 
     @property
     def reals(self) -> int:
-        """Number of rows: observation, terms, reward."""
+        """Number of rows."""
         return self.width + self.terms + 1
 
     @property
@@ -77,9 +78,9 @@ class Program:
     """
 
     memory: tuple[Input, ...]
-    """What the engine remembers."""
+    """Of the episodes."""
     settings: tuple[Input, ...]
-    """Of task and mass properties, those that lie in memory: they may change, or differ."""
+    """Of the task's, those that lie in memory: they may change, or differ."""
     ended: Symbol
     """Where an episode ends."""
     always: tuple[Store, ...]
@@ -87,7 +88,6 @@ class Program:
     at_end: tuple[Store, ...]
     """What else to store where an episode ended."""
     shape: Shape
-    """Of the results."""
 
     def going(self) -> list[Store]:
         """What is stored where no episode ends, with no more than that needs."""
@@ -110,16 +110,7 @@ class Program:
 
 
 def trace(world: World, episode: Episode, dtype: Any) -> Program:
-    """Run one step on symbols.
-
-    Args:
-        world: what to run.
-        episode: those that the program will step.
-        dtype: of its reals.
-
-    Raises:
-        TypeError: the task's functions do more than arithmetic on fields.
-    """
+    """Run one step of these episodes on symbols; TypeError where a task does more than arithmetic on them."""
     settings: list[Input] = []
     world = dataclasses.replace(world, task=_with_symbols(world.task, settings))
     memory, inputs = _remembered(episode)
@@ -127,28 +118,20 @@ def trace(world: World, episode: Episode, dtype: Any) -> Program:
     words = (Symbol.input("low", "int"), Symbol.input("high", "int"))
     numbers = (Symbol.input("first", "int"), Symbol.input("stride", "int"))
     seen = step_and_restart(world, inputs, command, words, numbers, dtype)
-    after, outcome, ended = seen.after, seen.outcome, seen.outcome.ended
-    shape = Shape(len(seen.observation), len(outcome.terms))
-    first = (*seen.observation, *outcome.terms.values(), outcome.reward)
-    stores = [
-        *_rows("memory", after.memory()),
-        *_rows("reals", first),
-        *_rows("flags", (getattr(outcome, name) for name in Shape.FLAGS)),
-    ]
-    going, begun = (_given(stores, ended, value) for value in (False, True))
-    stays = [s.array == "memory" and s.value is memory[s.row].symbol for s in going]
-    return Program(
-        memory=memory,
-        settings=tuple(settings),
-        ended=ended,
-        always=tuple(store for store, same in zip(stores, stays, strict=True) if not same),
-        at_end=(
-            *_rows("final", seen.final_observation),
-            *(new for new, same in zip(begun, stays, strict=True)
-              if same and new.value is not memory[new.row].symbol),
-        ),
-        shape=shape,
-    )
+    outcome, ended = seen.outcome, seen.outcome.ended
+    stores = [*_rows("memory", seen.after.memory()),
+              *_rows("reals", (*seen.observation, *outcome.terms.values(), outcome.reward)),
+              *_rows("flags", (getattr(outcome, name) for name in Shape.FLAGS))]
+    # A store of what is in memory already is left out, where an episode goes on or everywhere.
+    always, at_end = list[Store](), [*_rows("final", seen.final_observation)]
+    for store, going, begun in zip(stores, *(_given(stores, ended, x) for x in (False, True)), strict=True):
+        known = memory[store.row].symbol if store.array == "memory" else None
+        if going.value is not known:
+            always.append(store)
+        elif begun.value is not known:
+            at_end.append(begun)
+    return Program(memory, tuple(settings), ended, tuple(always), tuple(at_end),
+                   Shape(len(seen.observation), len(outcome.terms)))
 
 
 def _rows(array: Any, values: Any) -> Iterator[Store]:
@@ -163,12 +146,12 @@ def _remembered(episode: Episode) -> tuple[tuple[Input, ...], Episode]:
         for row, (array, kind) in enumerate(zip(episode.memory(), types, strict=True)))
     symbols = iter(given.symbol for given in memory)
     new = lambda x: x if isinstance(x, int | float) else next(symbols)  # noqa: E731
-    state, goal, body = (map_leaves(new, tree) for tree in (episode.state, episode.goal, episode.body))
+    state, goal, body = map_leaves(new, (episode.state, episode.goal, episode.body))
     return memory, Episode(state, goal, next(symbols), tuple(symbols), body)
 
 
 def _with_symbols(settings: Any, found: list[Input]) -> Any:
-    """A task or a body with symbols for the numbers in memory, which are added to those found."""
+    """A task with symbols for its numbers in memory, which are added to those found."""
     def symbol(_: str, value: Any) -> Any:
         if isinstance(value, int | float):
             return value
@@ -180,5 +163,5 @@ def _with_symbols(settings: Any, found: list[Input]) -> Any:
 
 def _given(stores: Sequence[Store], condition: Symbol, value: bool) -> list[Store]:
     """The stores where a condition is known."""
-    values = substituted([s.value for s in stores], {condition: Symbol.constant(value)})
-    return [Store(s.array, s.row, new) for s, new in zip(stores, values, strict=True)]
+    values = substituted([store.value for store in stores], {condition: Symbol.constant(value)})
+    return [dataclasses.replace(s, value=new) for s, new in zip(stores, values, strict=True)]

@@ -34,14 +34,9 @@ def source(program: Program, thrusters: int, action: Action, real: Real, togethe
     flags, the memory, the settings; the number of spacecraft and of those of a member, the rank of this
     process, the number of processes, and how many blocks ahead memory is fetched.
 
-    Args:
-        program: what to compute.
-        thrusters: number of columns of an action, whose rows follow one another.
-        action: what an action holds.
-        real: what reals are.
-        together: spacecraft of one thread; their number is a multiple of it, and every array starts at a
-            multiple of the size of as many numbers.
-        members: whether several share the spacecraft, each with a seed of its own.
+    Rows of an action have so many thrusters and follow one another. A thread steps one spacecraft or several
+    ``together``: their number, and every array's start, is a multiple of it. Several members share the
+    spacecraft, each with a seed of its own.
     """
     arguments = (
         f"const {action}* action", "const int* low_at", "const int* high_at",
@@ -70,7 +65,9 @@ class _Writer:
         self._places |= {Symbol.input(word, "int"): seeds for word in ("low", "high")}
         self._rare = program.rare()
         often = set(ordered([program.ended, *(store.value for store in program.always)])) - self._rare
-        self._drawn = _sorted({arg for symbol in often for arg in symbol.args} & self._rare)
+        # Sorted, so that the same program has the same text always.
+        self._drawn = sorted({arg for symbol in often for arg in symbol.args} & self._rare,
+                             key=lambda symbol: symbol.serial)
         self._own = [s for s, place in self._places.items() if place == "[i]" and s in often]
         self._shared = [s for s, place in self._places.items() if place == "[0]" and s in often]
 
@@ -85,7 +82,8 @@ class _Writer:
         yield from (f"const auto {s.value}_in = read<{together}>({s.value}_at, group);" for s in self._own)
         yield from pieces
         yield from (f"const {s.kind} {s.value} = {s.value}_at[0];" for s in self._shared)
-        yield from (f"Several<{self._type(store)}, {together}> {_name(store)};" for store in program.always)
+        places = [(*self._place(store), _name(store)) for store in program.always]
+        yield from (f"Several<{kind}, {together}> {name};" for kind, _, name in places)
         yield "#pragma unroll"
         yield f"for (int k = 0; k < {together}; ++k) {{"
         yield f"  const unsigned i = group * {together} + k;"
@@ -93,7 +91,7 @@ class _Writer:
         yield from (f"  const {s.kind} {s.value} = {s.value}_in.of[k];" for s in self._own)
         yield from _indented((*commands, *self._step()))
         yield "}"
-        yield from (f"write({self._place(store)}, group, {_name(store)});" for store in program.always)
+        yield from (f"write({place}, group, {name});" for _, place, name in places)
 
     def _fetch(self, thrusters: int) -> Iterator[str]:
         """What a later block reads, into the cache that all blocks share."""
@@ -108,17 +106,14 @@ class _Writer:
         """Of one spacecraft: what needs no draw comes before the draws, which wait for the seed."""
         always, drawn = self._program.always, set(self._drawn)
         yield from self._values([self._program.ended])
-        yield from self._read_where_ended()
+        ended = self._names[self._program.ended]
+        yield from (f"const {s.kind} {s.value} = {ended} ? {s.value}_at{place} : 0;"
+                    for s, place in self._places.items() if s in self._rare)
         yield from self._final_observation()
         late = {store for store in always if not drawn.isdisjoint(self._unnamed([store.value]))}
         yield from self._results(store for store in always if store not in late)
         yield from self._draw()
         yield from self._results(store for store in always if store in late)
-
-    def _read_where_ended(self) -> Iterator[str]:
-        ended = self._names[self._program.ended]
-        yield from (f"const {s.kind} {s.value} = {ended} ? {s.value}_at{place} : 0;"
-                    for s, place in self._places.items() if s in self._rare)
 
     def _final_observation(self) -> Iterator[str]:
         """One row where an episode ended, four numbers a write: 16 bytes of floats, the most there is."""
@@ -155,25 +150,21 @@ class _Writer:
         yield "}"
         self._names = names | {symbol: f"drawn_{n}" for n, symbol in enumerate(self._drawn)}
 
-    def _type(self, store: Store) -> str:
+    def _place(self, store: Store) -> tuple[str, str]:
+        """What is stored, and where."""
         if store.array == "memory":
-            return self._program.memory[store.row].type
-        return "bool" if store.array == "flags" else "real"
-
-    def _place(self, store: Store) -> str:
-        return f"memory_{store.row}_at" if store.array == "memory" else f"{store.array} + {store.row} * rows"
+            return self._program.memory[store.row].type, f"memory_{store.row}_at"
+        return "bool" if store.array == "flags" else "real", f"{store.array} + {store.row} * rows"
 
     def _values(self, roots: Iterable[Symbol]) -> Iterator[str]:
         """Lines that give names to the roots and to what they are made of."""
         for symbol in ordered(roots, known=self._names):
-            if symbol.operation == "constant":
-                continue
             if symbol.operation == "input":
                 self._names[symbol] = symbol.value
-                continue
-            expression = _expression(symbol, [self._operand(arg) for arg in symbol.args])
-            self._names[symbol] = name = f"x{len(self._names)}"
-            yield f"const {symbol.kind} {name} = {expression};"
+            elif symbol.operation != "constant":
+                expression = _expression(symbol, [self._operand(arg) for arg in symbol.args])
+                self._names[symbol] = name = f"x{len(self._names)}"
+                yield f"const {symbol.kind} {name} = {expression};"
 
     def _unnamed(self, roots: Iterable[Symbol]) -> list[Symbol]:
         return list(ordered(roots, known=self._names))
@@ -206,13 +197,8 @@ def _name(store: Store) -> str:
     return f"{store.array}_{store.row}_out"
 
 
-def _sorted(symbols: set[Symbol]) -> list[Symbol]:
-    """So that the same program has the same text always."""
-    return sorted(symbols, key=lambda symbol: symbol.serial)
-
-
 def _commands(thrusters: int, action: Action, together: int) -> tuple[list[str], list[str]]:
-    """Lines that read those of a thread's spacecraft, 16 bytes at once at most, and lines that name one's."""
+    """Lines that read those of a thread's spacecraft, up to 16 bytes at once, and lines that name one's."""
     words = action == "unsigned char" and thrusters % 4 == 0
     element = "unsigned" if words else action
     columns = thrusters // 4 if words else thrusters
@@ -221,11 +207,10 @@ def _commands(thrusters: int, action: Action, together: int) -> tuple[list[str],
     reads = [f"Several<{element}, {members}> pieces[{pieces}];"]
     reads += [f"pieces[{p}] = read<{members}>(reinterpret_cast<const {element}*>(action), "
               f"size_t(group) * {pieces} + {p});" for p in range(pieces)]
-    commands = []
+    commands, given = [], " ? 1 : 0" if action == "unsigned char" else ""
     for thruster in range(thrusters):
         at = f"(k * {columns} + {thruster // 4 if words else thruster})"
-        value = f"pieces[{at} / {members}].of[{at} % {members}]"
-        value += f" & {0xFF << 8 * (thruster % 4)}u" if words else ""
-        value += " ? 1 : 0" if action == "unsigned char" else ""
-        commands.append(f"const real command_{thruster} = {value};")
+        byte = f" & {0xFF << 8 * (thruster % 4)}u" if words else ""
+        commands.append(f"const real command_{thruster} = pieces[{at} / {members}].of[{at} % {members}]"
+                        f"{byte}{given};")
     return reads, commands

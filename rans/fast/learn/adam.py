@@ -18,11 +18,9 @@ _PIECE = 32
 
 
 class Adam:
-    """Steps of a network's weights, which it moves into one row (K, P): few kernels change them all.
+    """Steps of a network's weights, which become views of one row (K, P): few kernels change them all.
 
-    Args:
-        network: whose weights become views of that row.
-        rate: (K,), the step sizes to begin with.
+    The step sizes, `rate` (K,), begin with those given.
     """
 
     def __init__(self, network: Network, rate: Tensor) -> None:
@@ -39,11 +37,11 @@ class Adam:
             return [row[:, start:start + value.numel() // members].view(*lead, *value.shape[len(lead):])
                     for start, value in zip(starts, tensors.values(), strict=True)]
 
-        self._weights, self._gradients = views(self._row), views(self._gradient)
+        weights, self._gradients = views(self._row), views(self._gradient)
         self._moments = views(self._first), views(self._second)
-        for weight, value in zip(self._weights, tensors.values(), strict=True):
+        for weight, value in zip(weights, tensors.values(), strict=True):
             weight.copy_(value)
-        self._leaves = [weight.detach().requires_grad_() for weight in self._weights]
+        self._leaves = [weight.detach().requires_grad_() for weight in weights]
         network.adopt(dict(zip(tensors, self._leaves, strict=True)))
         self._steps = rate.new_zeros(())
         self._step = fused(_step, rate.device)
@@ -51,8 +49,7 @@ class Adam:
     def descend(self, loss: Tensor, max_norm: Tensor, world: Processes) -> Tensor:
         """One step down a sum of the members' losses, with gradients no longer than ``max_norm`` (K,).
 
-        Returns:
-            The norms (K,) of their gradients, which processes exchange as one message.
+        Returns the norms (K,) of their gradients, which processes exchange as one message.
         """
         with torch.no_grad():
             gradients = torch.autograd.grad(loss, self._leaves)
@@ -71,10 +68,9 @@ class Adam:
 
     def member(self, number: int) -> dict[Any, Any]:
         """One member's memory as the state of torch's Adam."""
-        lone = len(self.rate) == 1
+        lone, steps = len(self.rate) == 1, self._steps.detach().cpu().float()
         first, second = ([(x if lone else x[number]).detach().cpu().clone() for x in moments]
                          for moments in self._moments)
-        steps = self._steps.detach().cpu().float()
         return {place: {"step": steps.clone(), "exp_avg": a, "exp_avg_sq": b}
                 for place, (a, b) in enumerate(zip(first, second, strict=True))}
 

@@ -1,4 +1,4 @@
-"""What a network is made of, and the weights it begins with."""
+"""What a network is made of, the weights it begins with, and the distributions of commands it ends in."""
 
 from __future__ import annotations
 
@@ -6,9 +6,11 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import torch
 from torch import Tensor, nn
+from torch.nn import functional
 
 from rans.fast.engine import Engine
 from rans.fast.learn.config import PPOSettings
@@ -71,14 +73,13 @@ class Architecture:
     def of(cls, engine: Engine, settings: PPOSettings) -> Architecture:
         """Of a network with these settings for an engine's task and spacecraft."""
         craft = engine.craft
-        return cls(
-            engine.layout, len(craft.thrusters), tuple(settings.layers), settings.activation, settings.zoom,
-            symmetries(craft) if settings.symmetric else None, settings.matmul == "bf16",
-            craft.actuators.is_continuous,
-            settings.history if settings.memory == "history" else 0,
-            settings.recurrent_units if settings.memory == "recurrent" else 0,
-            engine.privileged_width if settings.privileged_critic else 0,
-            bounds=example(engine.task, craft.dimension).bounds())
+        views = symmetries(craft) if settings.symmetric else None
+        return cls(engine.layout, len(craft.thrusters), tuple(settings.layers), settings.activation,
+                   settings.zoom, views, settings.matmul == "bf16",
+                   craft.actuators.is_continuous, settings.history if settings.memory == "history" else 0,
+                   settings.recurrent_units if settings.memory == "recurrent" else 0,
+                   engine.privileged_width if settings.privileged_critic else 0,
+                   bounds=example(engine.task, craft.dimension).bounds())
 
     @property
     def seen(self) -> int:
@@ -87,7 +88,7 @@ class Architecture:
 
     @property
     def memory(self) -> int:
-        """Numbers a spacecraft that the network remembers from step to step."""
+        """Numbers that the network remembers of a spacecraft from step to step."""
         return self.units or self.history * (self.seen + self.thrusters)
 
     @property
@@ -111,47 +112,109 @@ class Architecture:
 
     def statistics(self) -> dict[str, Tensor]:
         """Those of observations before any was made."""
-        width = self.seen
-        return {"mean": torch.zeros(width), "variance": torch.ones(width), "count": torch.zeros(())}
+        return {"mean": torch.zeros(self.seen), "variance": torch.ones(self.seen), "count": torch.zeros(())}
 
     def initial(self, seed: int, duty: float) -> tuple[dict[str, Tensor], torch.Generator]:
         """Weights and statistics of one member that has learnt nothing, and its random numbers from then on.
 
         They are what SB3's policy draws with this seed: torch's layers, the trunk's before the heads, then
-        orthogonal weights with gains of sqrt(2), 0.01 and 1 and zero biases.
-
-        Args:
-            seed: of torch's random numbers, whose state outside is left as it was.
-            duty: probability that a thruster is open, or mean share of the period for which it is.
+        orthogonal weights with gains of sqrt(2), 0.01 and 1 and zero biases. Torch's own random numbers are
+        left as they were. See `expect_duty` for the duty.
         """
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
             rows = self.thrusters if self.continuous else 2 * self.thrusters
-            learnt = nn.ModuleDict(self.modules())
-            actor, critic = nn.Linear(self.features, rows), nn.Linear(self.features, 1)
-            for module, gain in ((learnt, math.sqrt(2)), (actor, 0.01), (critic, 1.0)):
-                module.apply(lambda layer, gain=gain: _orthogonal(layer, gain))
+            parts = {EXTRACTOR: nn.ModuleDict(self.modules()), "action_net.": nn.Linear(self.features, rows),
+                     "value_net.": nn.Linear(self.features, 1)}
+            for part, gain in zip(parts.values(), (math.sqrt(2), 0.01, 1.0), strict=True):
+                for layer in part.modules():
+                    if isinstance(layer, nn.Linear):
+                        nn.init.orthogonal_(layer.weight, gain)
+                        nn.init.zeros_(layer.bias)
             generator = torch.Generator()
             generator.set_state(torch.get_rng_state())
         tensors = {"log_std": torch.full((rows,), LOG_STD)} if self.continuous else {}
-        tensors |= {EXTRACTOR + name: value for name, value in learnt.state_dict().items()}
-        tensors |= {f"action_net.{name}": value for name, value in actor.state_dict().items()}
-        tensors |= {f"value_net.{name}": value for name, value in critic.state_dict().items()}
+        for prefix, part in parts.items():
+            tensors |= {prefix + name: value for name, value in part.state_dict().items()}
         expect_duty(tensors, duty)
-        return tensors | {EXTRACTOR + name: value for name, value in self.statistics().items()}, generator
-
-
-def _orthogonal(layer: nn.Module, gain: float) -> None:
-    if isinstance(layer, nn.Linear):
-        nn.init.orthogonal_(layer.weight, gain)
-        nn.init.zeros_(layer.bias)
+        return tensors | {EXTRACTOR + name: x for name, x in self.statistics().items()}, generator
 
 
 @torch.no_grad()
 def expect_duty(tensors: Mapping[str, Tensor], duty: float) -> None:
-    """Let untrained weights open each thruster with this probability, not every other time."""
+    """Let untrained weights open each thruster with this probability, or for this share of the period."""
     bias = tensors["action_net.bias"]
     if "log_std" in tensors:
         bias.fill_(duty)
     else:
         bias[1::2] = bias[0::2] + math.log(duty / (1.0 - duty))
+
+
+class OnOff(NamedTuple):
+    """N commands of n independent on/off thrusters."""
+
+    logit: Tensor
+    """(N, n): log-odds of opening each thruster."""
+
+    def log_prob(self, action: Tensor) -> Tensor:
+        """Log-probability (N,) of an action (N, n) of zeros and ones."""
+        return -functional.softplus((1 - 2 * action) * self.logit).sum(dim=1)
+
+    def entropy(self) -> Tensor:
+        """Entropy (N,) of the joint distribution, nats."""
+        return (functional.softplus(self.logit) - self.logit * torch.sigmoid(self.logit)).sum(dim=1)
+
+    def sample(self, uniform: Tensor) -> Tensor:
+        """The action (N, n), zeros and ones, that uniform random numbers (N, n) in [0, 1) choose."""
+        return (uniform < torch.sigmoid(self.logit)).to(self.logit.dtype)
+
+    def mode(self) -> Tensor:
+        """Most likely action (N, n), zeros and ones in the logits' dtype."""
+        return (self.logit > 0).to(self.logit.dtype)
+
+    def command(self, action: Tensor) -> Tensor:
+        """What the thrusters are told, (N, n)."""
+        return action
+
+    def placed(self, place: Tensor) -> OnOff:
+        """The same with every thruster taken from its place (N, n) in a view of the spacecraft."""
+        return OnOff(self.logit.gather(1, place))
+
+
+class Duty(NamedTuple):
+    """N commands of n thrusters that are open for a share of the control period, or throttled to one.
+
+    A diagonal Gaussian, as SB3's; what lies beyond shut or open is clipped where it acts.
+    """
+
+    mean: Tensor
+    """(N, n)."""
+    log_std: Tensor
+    """(N, n), or (n,) for all."""
+
+    def log_prob(self, action: Tensor) -> Tensor:
+        """Log-density (N,) of an action (N, n) before it is clipped."""
+        deviation = (action - self.mean) * torch.exp(-self.log_std)
+        return -(0.5 * deviation.square() + self.log_std + 0.5 * math.log(2 * math.pi)).sum(dim=1)
+
+    def entropy(self) -> Tensor:
+        """Differential entropy (N,), nats."""
+        return (0.5 + 0.5 * math.log(2 * math.pi) + self.log_std).expand_as(self.mean).sum(dim=1)
+
+    def sample(self, uniform: Tensor) -> Tensor:
+        """The action (N, n) that uniform random numbers (N, n) in [0, 1) choose."""
+        # Six standard deviations: float32 rounds one in 3e7 uniform numbers to zero, which is infinitely far.
+        normal = (math.sqrt(2) * torch.erfinv(2 * uniform - 1)).clamp(-6.0, 6.0)
+        return self.mean + self.log_std.exp() * normal
+
+    def mode(self) -> Tensor:
+        """Most likely command (N, n)."""
+        return self.command(self.mean)
+
+    def command(self, action: Tensor) -> Tensor:
+        """What the thrusters are told, (N, n): in [0, 1]."""
+        return action.clamp(0.0, 1.0)
+
+    def placed(self, place: Tensor) -> Duty:
+        """As `OnOff.placed`."""
+        return Duty(self.mean.gather(1, place), self.log_std.expand_as(self.mean).gather(1, place))

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal, get_args, get_origin
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args, get_origin
 
 import cattrs
 
@@ -14,17 +15,16 @@ from rans.fast.learn.curriculum import Numbers, Ramp, check_ramps
 from rans.model.timing import Timing
 from rans.tasks import TASKS, Task
 
+if TYPE_CHECKING:
+    from torch import Tensor
+
 Precision = Literal["float32", "tf32", "bf16"]
 """Of a GPU's matrix products: 24, 11 or, in hidden layers, 8 significant bits (docs/speed.md)."""
 
 
 @dataclass(frozen=True)
 class PPOSettings:
-    """Hyper-parameters of `rans.PPO`, by their names in Stable-Baselines3.
-
-    Raises:
-        ConfigError: a value is out of its range.
-    """
+    """Hyper-parameters of `rans.PPO`, by their names in SB3; ConfigError where one is out of its range."""
 
     n_envs: int = 128
     """Spacecraft flown together."""
@@ -69,52 +69,68 @@ class PPOSettings:
     matmul: Precision = "tf32"
     """How a GPU multiplies matrices; a CPU always does in float32."""
     memory: Literal["none", "history", "recurrent"] = "none"
-    """What the network remembers of an episode: nothing; the last observations and commands; or what a gated
+    """What the network remembers of an episode: nothing, the last observations and commands, or what a gated
     recurrent unit keeps."""
     history: int = 4
     """How many last observations and commands."""
     recurrent_units: int = 64
     """Of that unit."""
     privileged_critic: bool = False
-    """Whether the critic has layers of its own that are also given what a simulator knows and a robot does
-    not: the spacecraft's true mass properties."""
+    """Whether the critic has layers of its own that are also given what a robot does not know: the
+    spacecraft's true mass properties."""
     initial_duty: float = 0.5
     """Probability that a thruster is open before anything is learnt. Agents that should rest with all
     valves shut find out about it sooner from a low one."""
 
     def __post_init__(self) -> None:
-        for name, least in (("n_envs", 1), ("n_steps", 1), ("batch_size", 2), ("n_epochs", 1),
-                            ("history", 1), ("recurrent_units", 1)):
-            _require(getattr(self, name) >= least, name, getattr(self, name), f">= {least}")
-        for name in ("learning_rate", "max_learning_rate", "clip_range", "max_grad_norm", "reward_scale"):
-            _require(0 < getattr(self, name) < math.inf, name, getattr(self, name), "finite and > 0")
-        for name in ("ent_coef", "vf_coef", "zoom"):
-            _require(0 <= getattr(self, name) < math.inf, name, getattr(self, name), "finite and >= 0")
-        _require(0 < self.initial_duty < 1, "initial_duty", self.initial_duty, "between 0 and 1")
-        _require(0 <= self.anneal <= 1, "anneal", self.anneal, "between 0 and 1")
-        for name in ("gamma", "gae_lambda"):
-            _require(0 < getattr(self, name) <= 1, name, getattr(self, name), "in (0, 1]")
-        divergence = self.desired_kl is None or 0 < self.desired_kl < math.inf
-        _require(divergence, "desired_kl", self.desired_kl, "finite and > 0, or null")
-        layers = len(self.layers) > 0 and min(self.layers) >= 1
-        _require(layers, "layers", list(self.layers), "one or more numbers >= 1")
+        _require(self, ">= 1", lambda x: x >= 1,
+                 "n_envs", "n_steps", "n_epochs", "history", "recurrent_units")
+        _require(self, ">= 2", lambda x: x >= 2, "batch_size")
+        _require(self, "finite and > 0", lambda x: 0 < x < math.inf,
+                 "learning_rate", "max_learning_rate", "clip_range", "max_grad_norm", "reward_scale")
+        _require(self, "finite and >= 0", lambda x: 0 <= x < math.inf, "ent_coef", "vf_coef", "zoom")
+        _require(self, "between 0 and 1", lambda x: 0 < x < 1, "initial_duty")
+        _require(self, "between 0 and 1", lambda x: 0 <= x <= 1, "anneal")
+        _require(self, "in (0, 1]", lambda x: 0 < x <= 1, "gamma", "gae_lambda")
+        _require(self, "finite and > 0, or null", lambda x: x is None or 0 < x < math.inf, "desired_kl")
+        _require(self, "one or more numbers >= 1", lambda x: len(x) > 0 and min(x) >= 1, "layers")
         if self.memory != "none" and self.symmetric:
             raise ConfigError(f"memory {self.memory!r} needs symmetric to be false: what is remembered was "
                               "seen from one side of the spacecraft, and the next step may be from another.")
 
 
-def _require(holds: bool, name: str, value: object, bound: str) -> None:
-    if not holds:
-        raise ConfigError(f"{name} must be {bound}, got {value}.")
+class Coefficients(NamedTuple):
+    """Hyper-parameters in which members may differ, by their names in `PPOSettings`; (K,), NaN for None."""
+
+    learning_rate: Tensor
+    desired_kl: Tensor
+    max_learning_rate: Tensor
+    anneal: Tensor
+    gamma: Tensor
+    gae_lambda: Tensor
+    clip_range: Tensor
+    ent_coef: Tensor
+    vf_coef: Tensor
+    max_grad_norm: Tensor
+    reward_scale: Tensor
+
+    @classmethod
+    def of(cls, settings: Sequence[PPOSettings], like: Tensor) -> Coefficients:
+        """Those of these members, in the dtype and on the device of another tensor."""
+        table = ([getattr(one, name) for one in settings] for name in cls._fields)
+        return cls(*(like.new_tensor([float("nan") if x is None else x for x in column]) for column in table))
+
+
+def _require(config: object, bound: str, holds: Callable[[Any], bool], *names: str) -> None:
+    for name in names:
+        if not holds(value := getattr(config, name)):
+            said = list(value) if isinstance(value, tuple) else value
+            raise ConfigError(f"{name} must be {bound}, got {said}.")
 
 
 @dataclass(frozen=True)
 class TrainConfig:
-    """One training: the same config and seed give the same agent, bit by bit on a CPU.
-
-    Raises:
-        ConfigError: a value is out of its range.
-    """
+    """One training, checked: the same config and seed give the same agent, bit by bit on a CPU."""
 
     task: str
     """Name of the task."""
@@ -131,8 +147,8 @@ class TrainConfig:
     device: str = "cpu"
     """Torch device."""
     threads: int = 1
-    """Torch's threads on a CPU. One is nearly as fast as two for small networks, many times faster when
-    anything else runs, and the weights' last bits depend on the number."""
+    """Torch's on a CPU. One is nearly as fast as two for small networks, many times faster when anything else
+    runs, and the weights' last bits depend on the number."""
     total_timesteps: int = 30_000_000
     """Environment steps after which training ends, solved or not."""
     report_interval: int = 16
@@ -143,12 +159,10 @@ class TrainConfig:
 
     def __post_init__(self) -> None:
         # What NumPy's generator takes, which Stable-Baselines3 seeds too.
-        _require(0 <= self.seed < 2**32, "seed", self.seed, "between 0 and 2^32 - 1")
-        for name in ("total_timesteps", "report_interval", "threads"):
-            _require(getattr(self, name) >= 1, name, getattr(self, name), ">= 1")
+        _require(self, "between 0 and 2^32 - 1", lambda x: 0 <= x < 2**32, "seed")
+        _require(self, ">= 1", lambda x: x >= 1, "total_timesteps", "report_interval", "threads")
+        _require(self, "in (0, 1], or null", lambda x: x is None or 0 < x <= 1, "solved_share")
         check_ramps(self.settings, self.curriculum)
-        share = self.solved_share
-        _require(share is None or 0 < share <= 1, "solved_share", share, "in (0, 1], or null")
 
 
 def to_table(config: TrainConfig) -> dict[str, Any]:
@@ -157,11 +171,7 @@ def to_table(config: TrainConfig) -> dict[str, Any]:
 
 
 def from_table(table: dict[str, Any]) -> TrainConfig:
-    """The config that `to_table` gave, with whatever the user changed in it.
-
-    Raises:
-        ConfigError: an unknown key, a value of the wrong type or out of its range.
-    """
+    """The config that `to_table` gave, with what the user changed in it; ConfigError where that is wrong."""
     if not isinstance(table, dict) or not isinstance(table.get("task"), str):
         raise ConfigError("a training config must name its task: {\"task\": \"go-to-pose\", ...}.")
     settings = _structure(table.get("settings", {}), TASKS[table["task"]], "settings")
@@ -173,9 +183,8 @@ def _structure(table: Any, cls: type, where: str) -> Any:
     converter.register_structure_hook_func(lambda kind: kind is Task, lambda value, _: value)
     for kind in (bool, int, float, str):
         converter.register_structure_hook(kind, _strict)
-    converter.register_structure_hook_func(
-        lambda kind: kind == Numbers,
-        lambda value, _: converter.structure(value, tuple[float, float] if _is_list(value) else float))
+    converter.register_structure_hook_func(lambda kind: kind == Numbers, lambda value, _: converter.structure(
+        value, tuple[float, float] if isinstance(value, list | tuple) else float))
     try:
         return converter.structure(table, cls)
     except Exception as error:  # cattrs gathers whatever the values raised in groups of its own
@@ -183,10 +192,6 @@ def _structure(table: Any, cls: type, where: str) -> Any:
         # cattrs ends each with its place; a reader wants that first.
         places = (": ".join(reason.rsplit(" @ ", 1)[::-1]) for reason in reasons)
         raise ConfigError(f"{'; '.join(places)}.") from error
-
-
-def _is_list(value: Any) -> bool:
-    return isinstance(value, list | tuple)
 
 
 def _strict(value: Any, kind: type) -> Any:
@@ -210,6 +215,6 @@ def _say(error: BaseException, kind: Any) -> str:
     if isinstance(error, TypeError):
         return "expected a table or a list of values, such as [0.5, 4.5]"
     if get_origin(kind) is Literal:
-        given, _, _ = str(error).partition(" not in ")  # "gelu not in literal ..."
+        given = str(error).partition(" not in ")[0]  # "gelu not in literal ..."
         return f"expected {' or '.join(map(repr, get_args(kind)))}, got {given!r}"
     return str(error)

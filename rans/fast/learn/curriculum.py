@@ -22,15 +22,10 @@ _STEEPNESS = 4.5
 
 @dataclass(frozen=True)
 class Ramp:
-    """One setting on its way to the value the task gives it.
-
-    Raises:
-        ConfigError: a value is out of its range.
-    """
+    """One setting on its way to the value the task gives it; ConfigError where it cannot be."""
 
     setting: str
-    """Name of a number or range among the task's settings; of a task within a multi-task:
-    go_to_pose.spawn_distance."""
+    """Of the task, a number or range; of a task within a multi-task: go_to_pose.spawn_distance."""
     start: Numbers
     """Its value until the ramp begins."""
     duration: int
@@ -69,26 +64,24 @@ class Ramp:
 
 
 def check_ramps(task: Task, ramps: Sequence[Ramp]) -> None:
-    """Refuse ramps that the task cannot follow.
+    """Refuse, with a ConfigError, ramps that the task cannot follow.
 
-    Raises:
-        ConfigError: a setting is unknown or ramped twice, a start is no number or range as the setting
-            is, a geometric ramp ends at 0, or the task refuses the values at a time when a ramp begins or
-            ends.
+    A setting is unknown or ramped twice, a start is no number or range as the setting is, a geometric ramp
+    ends at 0, or the task refuses the values when a ramp begins or ends.
     """
     known = _numbers_of(task)
     for ramp in ramps:
-        if ramp.setting not in known:
-            raise ConfigError(f"the task has no setting {ramp.setting!r} to ramp; known are "
-                              f"{', '.join(known)}.")
-        if sum(other.setting == ramp.setting for other in ramps) > 1:
-            raise ConfigError(f"{ramp.setting} has more than one ramp; give it one.")
-        if ramp.shape == "geometric" and not min(_numbers(known[ramp.setting])) > 0:
-            raise ConfigError(f"the geometric ramp of {ramp.setting} must end above 0, got "
-                              f"{known[ramp.setting]!r}; take a linear one.")
-        if len(_numbers(ramp.start)) != len(_numbers(known[ramp.setting])):
-            raise ConfigError(f"the ramp of {ramp.setting} must start at something like "
-                              f"{known[ramp.setting]!r}, got {ramp.start!r}.")
+        name = ramp.setting
+        if name not in known:
+            raise ConfigError(f"the task has no setting {name!r} to ramp; known are {', '.join(known)}.")
+        if sum(other.setting == name for other in ramps) > 1:
+            raise ConfigError(f"{name} has more than one ramp; give it one.")
+        if ramp.shape == "geometric" and not min(_numbers(known[name])) > 0:
+            raise ConfigError(f"the geometric ramp of {name} must end above 0, got {known[name]!r}; take a "
+                              "linear one.")
+        if len(_numbers(ramp.start)) != len(_numbers(known[name])):
+            raise ConfigError(f"the ramp of {name} must start at something like {known[name]!r}, got "
+                              f"{ramp.start!r}.")
     for steps in sorted({time for ramp in ramps for time in (ramp.begin, ramp.begin + ramp.duration)}):
         task_at(task, ramps, steps)
 
@@ -104,36 +97,28 @@ def task_at(task: Task, ramps: Sequence[Ramp], steps: int) -> Task:
 class Curriculum:
     """The task of K members whose ramped settings are numbers in memory, changed in place.
 
-    So a compiled step reads them without being compiled again, and a CUDA graph without being recorded
-    again. A number in which members differ is a field, with a value for each of their environments.
+    So no step is compiled again to read them, and no CUDA graph recorded again. A number in which members
+    differ is a field, with a value for each of their environments.
 
-    Args:
-        tasks: one a member, with the settings that the ramps end at; they differ in numbers only.
-        ramps: see `check_ramps`.
-        dtype: of the engine's fields, NumPy's or torch's.
-        device: of torch's.
-        each: environments of a member.
+    Tasks, one a member, have the settings that the ramps end at, and differ in numbers only; each member has
+    ``each`` environments. The dtype is that of the engine's fields, NumPy's or torch's.
     """
 
     def __init__(self, tasks: Sequence[Task], ramps: Sequence[Ramp], dtype: Any, device: Any = None,
                  each: int = 1) -> None:
         self._moving: list[tuple[Ramp, list[Numbers], list[Any]]] = []
-        memory: dict[str, Any] = {}
-        ends = [_numbers_of(task) for task in tasks]
+        memory, ends = dict[str, Any](), [_numbers_of(task) for task in tasks]
         for ramp in ramps:
             own = [end[ramp.setting] for end in ends]
-            places = _places(ramp.setting, ends[0])
-            same = all(end == own[0] for end in own)
-            numbers = [_memory(column[:1] if same else column, each, dtype, device)
+            numbers = [_memory(column[:1] if len({*own}) == 1 else column, each, dtype, device)
                        for column in _columns(ramp, own, 0)]
             self._moving.append((ramp, own, numbers))
-            memory |= zip(places, numbers, strict=True)
+            memory |= zip(_places(ramp.setting, ends[0]), numbers, strict=True)
 
         def number(name: str, *values: Any) -> Any:
             if name in memory:
                 return memory[name]
-            same = all(value == values[0] for value in values)
-            return values[0] if same else _memory(values, each, dtype, device)
+            return values[0] if len({*values}) == 1 else _memory(values, each, dtype, device)
 
         self.task = map_settings(number, *tasks)
         """To fly and learn."""
@@ -184,5 +169,4 @@ def _numbers_of(task: Task) -> dict[str, Numbers]:
 
 def _places(setting: str, known: dict[str, Numbers]) -> list[str]:
     """Names of the setting's one or two numbers, as `map_settings` gives them."""
-    value = known[setting]
-    return [f"{setting}.{i}" for i in range(len(value))] if isinstance(value, tuple) else [setting]
+    return [f"{setting}.{i}" for i in (0, 1)] if isinstance(known[setting], tuple) else [setting]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import nullcontext
 from typing import NamedTuple
 
 import torch
@@ -11,8 +11,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from rans.fast.distributed import ALONE, Processes
-from rans.fast.learn.architecture import ACTIVATIONS, EXTRACTOR, Architecture
-from rans.fast.learn.distributions import Duty, OnOff
+from rans.fast.learn.architecture import ACTIVATIONS, EXTRACTOR, Architecture, Duty, OnOff
 from rans.fast.symmetry import Symmetries
 
 
@@ -21,7 +20,7 @@ class Output(NamedTuple):
 
     policy: OnOff | Duty
     value: Tensor
-    """(N,): value of the state."""
+    """(N,)."""
     core: Tensor
     """(N, features) that the heads saw: what a recurrent network remembers."""
 
@@ -29,13 +28,8 @@ class Output(NamedTuple):
 class Network:
     """K actor-critics with the same architecture; rows belong to the members in equal, contiguous parts.
 
-    One member has plain weights without the axis (K, ...), because a product of two matrices is faster than
-    a batch of one.
-
-    Args:
-        architecture: of all members.
-        tensors: weights and statistics, (K, ...), by their names in SB3's policy; without the axis for one.
-        members: K.
+    Weights and statistics, ``tensors`` by their names in SB3's policy, are (K, ...), but for one member
+    without that axis: a product of two matrices is faster than a batch of one.
     """
 
     def __init__(self, architecture: Architecture, tensors: Mapping[str, Tensor], members: int = 1) -> None:
@@ -58,14 +52,13 @@ class Network:
     def stacked(cls, architecture: Architecture, tables: Sequence[Mapping[str, Tensor]],
                 device: torch.device, dtype: torch.dtype) -> Network:
         """A copy of K members' weights and statistics."""
-        lead = (lambda x: torch.stack(x)) if len(tables) > 1 else (lambda x: x[0].clone())
+        lead = torch.stack if len(tables) > 1 else lambda lone: lone[0].clone()
         return cls(architecture, {name: lead([table[name].detach().to(device, dtype) for table in tables])
                                   for name in tables[0]}, len(tables))
 
     def _chain(self, name: str) -> Iterator[tuple[Tensor, Tensor]]:
-        found = [key.removesuffix(".weight") for key in self.tensors
-                 if key.startswith(f"{EXTRACTOR}{name}.") and key.endswith(".weight")]
-        return map(self._layer, found)
+        return (self._layer(key.removesuffix(".weight")) for key in self.tensors
+                if key.startswith(f"{EXTRACTOR}{name}.") and key.endswith(".weight"))
 
     def _layer(self, name: str) -> tuple[Tensor, Tensor]:
         return self.tensors[f"{name}.weight"], self.tensors[f"{name}.bias"]
@@ -83,18 +76,16 @@ class Network:
 
     def evaluate(self, observation: Tensor, memory: Tensor | None = None,
                  privileged: Tensor | None = None) -> Output:
-        """What every member says about its own rows of observations (N, width).
-
-        Args:
-            observation: in the world frame.
-            memory: (N, m), see `blank`.
-            privileged: (N, p) for the critic; by default those of the nominal spacecraft, ones.
-        """
+        """What every member says about its own rows of observations (N, width), as `shown`."""
         return self.shown(observation, memory, privileged)[0]
 
     def shown(self, observation: Tensor, memory: Tensor | None = None,
               privileged: Tensor | None = None) -> tuple[Output, Tensor]:
-        """The same, and what the network was shown, see `look`."""
+        """What every member says about its rows (N, width) of observations, and what it saw, see `look`.
+
+        Memories (N, m) are as from `blank`. What the critic is told, (N, p), is by default of the nominal
+        spacecraft.
+        """
         seen, place = self.look(observation)
         output = self.evaluate_seen(seen, memory, privileged)
         return output if place is None else output._replace(policy=output.policy.placed(place)), seen
@@ -102,36 +93,29 @@ class Network:
     def look(self, observation: Tensor) -> tuple[Tensor, Tensor | None]:
         """Columns (N, k) in the body frame, and where in that view each thruster is, (N, thrusters).
 
-        They do not depend on weights, so one look serves a whole update. The place is None for spacecraft
-        whose symmetry is not used.
+        They do not depend on weights, so one look serves an update. Without symmetry the place is None.
         """
-        layout = self.architecture.layout
+        layout, views = self.architecture.layout, self._views
         columns = layout.in_body(observation.to(self._mean.dtype).unbind(dim=1))
-        body, views = layout.body, self._views
-        way = body.ahead(columns)
+        way = layout.body.ahead(columns)
         if views is None or way is None:
             return torch.stack(columns, dim=1), None
         which = views.which(way)
-        return torch.stack(views.viewed(body, columns, which), dim=1), views.place[which]
+        return torch.stack(views.viewed(layout.body, columns, which), dim=1), views.place[which]
 
     def evaluate_seen(self, seen: Tensor, memory: Tensor | None = None, privileged: Tensor | None = None,
                       going_on: Tensor | None = None) -> Output:
         """The same of columns (N, k) that `look` returned; thrusters are in the order of that view.
 
-        Args:
-            seen: of one step of N spacecraft; of T steps, one after the other, for a recurrent network that
-                is given ``going_on``.
-            memory: (N, m), those of the first step counting.
-            privileged: (N, p).
-            going_on: (T, N / T), zero where an episode began with that step.
+        A recurrent network that is given ``going_on`` (T, N / T), zero where an episode began with that step,
+        sees T steps one after the other; of its memories those of the first step count.
         """
         return self._heads(*self.features(seen, memory, privileged, going_on))
 
     def features(self, seen: Tensor, memory: Tensor | None = None, privileged: Tensor | None = None,
                  going_on: Tensor | None = None) -> tuple[Tensor, Tensor]:
         """What actor and critic are heads on, by member; the same tensor unless the critic is privileged."""
-        given = self.architecture
-        x = self._looks(self._rows(seen))
+        given, x = self.architecture, self._looks(self._rows(seen))
         if given.history and memory is not None:
             x = torch.cat((x, self._rows(memory)), dim=-1)
         features = self._through(self._trunk, x)
@@ -159,46 +143,40 @@ class Network:
     def _statistic(self, x: Tensor) -> Tensor:
         return x[:, None] if self.members > 1 else x
 
+    def _scale(self) -> Tensor:
+        return torch.rsqrt(self._statistic(self._variance) + 1e-6)
+
     def _normalised(self, x: Tensor) -> Tensor:
         """With zero mean and unit variance over the columns seen in training, clipped."""
-        scale, clip = torch.rsqrt(self._statistic(self._variance) + 1e-6), self.architecture.clip
-        return ((x - self._statistic(self._mean)) * scale).clamp(-clip, clip)
+        clip = self.architecture.clip
+        return ((x - self._statistic(self._mean)) * self._scale()).clamp(-clip, clip)
 
     def _looks(self, seen: Tensor) -> Tensor:
-        """What the trunk is given of columns (..., k): (..., k), or (..., 2 k) zoomed.
+        """What the trunk is given of columns (..., k): normalised, (..., k), or zoomed, (..., 2 k).
 
-        Normalised; then the second look, which is steepest at zero: there is the goal of every column that
-        is no cosine.
+        The second look is steepest at zero: there is the goal of every column that is no cosine.
         """
         x, zoom = self._normalised(seen), self.architecture.zoom
-        if not zoom:
-            return x
-        scale = torch.rsqrt(self._statistic(self._variance) + 1e-6)
-        return torch.cat((x, torch.tanh(seen * (scale * zoom))), dim=-1)
-
-    def _precision(self, x: Tensor) -> AbstractContextManager[object]:
-        bf16 = self.architecture.bf16 and x.is_cuda
-        return torch.autocast("cuda", torch.bfloat16) if bf16 else nullcontext()
+        return torch.cat((x, torch.tanh(seen * (self._scale() * zoom))), dim=-1) if zoom else x
 
     def _through(self, layers: Sequence[tuple[Tensor, Tensor]], x: Tensor) -> Tensor:
-        dtype = x.dtype
-        with self._precision(x):
+        dtype, bf16 = x.dtype, self.architecture.bf16 and x.is_cuda
+        with torch.autocast("cuda", torch.bfloat16) if bf16 else nullcontext():
             for weight, bias in layers:
                 x = self._activation(product(x, weight, bias))
         return x.to(dtype)
 
     def _core(self, x: Tensor, memory: Tensor, going_on: Tensor | None) -> Tensor:
         """A gated recurrent unit (Cho et al., 2014), torch's `GRUCell`; (..., units) after every step."""
-        weights, biases = ([self.tensors[f"{EXTRACTOR}core.{kind}_{of}"] for of in ("ih", "hh")]
-                           for kind in ("weight", "bias"))
-        inputs = product(x, weights[0], biases[0])
+        (given, given_bias), (kept, kept_bias) = ([self.tensors[f"{EXTRACTOR}core.{kind}_{of}"] for kind in
+                                                   ("weight", "bias")] for of in ("ih", "hh"))
         steps = 1 if going_on is None else len(going_on)
-        inputs = inputs.unflatten(-2, (steps, -1))
+        inputs = product(x, given, given_bias).unflatten(-2, (steps, -1))
         state, states = self._rows(memory).unflatten(-2, (steps, -1)).select(-3, 0), []
         for t in range(steps):
             if going_on is not None and t > 0:
                 state = state * self._rows(going_on[t])[..., None]
-            states.append(state := _gated(inputs.select(-3, t), product(state, weights[1], biases[1]), state))
+            states.append(state := _gated(inputs.select(-3, t), product(state, kept, kept_bias), state))
         return torch.stack(states, dim=-3).flatten(-3, -2)
 
     def _heads(self, features: Tensor, critic: Tensor) -> Output:
@@ -210,37 +188,31 @@ class Network:
         weight, bias = self._layer("action_net")
         if not self.architecture.continuous:
             weight, bias = weight[..., 1::2, :] - weight[..., 0::2, :], bias[..., 1::2] - bias[..., 0::2]
+        worth, constant = self._layer("value_net")
         if critic is features:
-            value_weight, value_bias = self._layer("value_net")
-            out = product(features, torch.cat((weight, value_weight), dim=-2),
-                          torch.cat((bias, value_bias), dim=-1))
+            out = product(features, torch.cat((weight, worth), dim=-2), torch.cat((bias, constant), dim=-1))
             action, value = self._flat(out[..., :-1]), self._flat(out[..., -1])
         else:
             action = self._flat(product(features, weight, bias))
-            value = self._flat(product(critic, *self._layer("value_net"))[..., 0])
-        return Output(self._distribution(action), value, self._flat(features))
-
-    def _distribution(self, action: Tensor) -> OnOff | Duty:
+            value = self._flat(product(critic, worth, constant)[..., 0])
         if not self.architecture.continuous:
-            return OnOff(action)
+            return Output(OnOff(action), value, self._flat(features))
         spread = self.tensors["log_std"]
         if self.members > 1:
             spread = spread.repeat_interleave(len(action) // self.members, dim=0)
-        return Duty(action, spread)
+        return Output(Duty(action, spread), value, self._flat(features))
 
     @torch.no_grad()
     def update_statistics(self, seen: Tensor, world: Processes = ALONE) -> None:
         """Merge mean and variance of columns (T, N, k) of every process into the running ones, per member.
 
-        Chan, Golub and LeVeque, "Updating formulae and a pairwise algorithm for computing sample
-        variances", 1979.
+        Chan, Golub and LeVeque, "Updating formulae and a pairwise algorithm for sample variances", 1979.
         """
         rows = seen.unflatten(1, (self.members, -1))
         count = rows.shape[0] * rows.shape[2] * world.size
-        variance, mean = world.pooled(*(x.view_as(self._mean) for x in torch.var_mean(
-            rows, dim=(0, 2), correction=0)))
-        share = count / (self._count + count)
-        share = share[:, None] if self.members > 1 else share
+        found = torch.var_mean(rows, dim=(0, 2), correction=0)
+        variance, mean = world.pooled(*(x.view_as(self._mean) for x in found))
+        share = self._statistic(count / (self._count + count))
         shift = mean - self._mean
         self._mean += shift * share
         self._variance += (variance - self._variance) * share + shift.square() * (share * (1 - share))

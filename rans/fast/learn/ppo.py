@@ -15,37 +15,13 @@ from torch import Tensor
 
 from rans.fast.engine import Engine
 from rans.fast.learn.adam import Adam
-from rans.fast.learn.config import PPOSettings
+from rans.fast.learn.config import Coefficients, PPOSettings
 from rans.fast.learn.graph import fused, graphed
 from rans.fast.learn.network import Network
 from rans.fast.learn.rollout import Acted, Batch, Rollout, gae, minibatches, remember
 
 MIN_LEARNING_RATE = 1e-5
 """Lower bound of the adapted step size, unless training slows down below it."""
-
-
-class Coefficients(NamedTuple):
-    """Hyper-parameters in which members may differ, by their names in `PPOSettings`; each (K,)."""
-
-    learning_rate: Tensor
-    desired_kl: Tensor
-    """NaN: the learning rate is constant."""
-    max_learning_rate: Tensor
-    anneal: Tensor
-    gamma: Tensor
-    gae_lambda: Tensor
-    clip_range: Tensor
-    ent_coef: Tensor
-    vf_coef: Tensor
-    max_grad_norm: Tensor
-    reward_scale: Tensor
-
-    @classmethod
-    def of(cls, settings: Sequence[PPOSettings], like: Tensor) -> Coefficients:
-        """Those of these members, in the dtype and on the device of another tensor."""
-        values = ([getattr(one, name) for one in settings] for name in cls._fields)
-        return cls(*(like.new_tensor([float("nan") if x is None else x for x in column])
-                     for column in values))
 
 
 class Losses(NamedTuple):
@@ -56,8 +32,7 @@ class Losses(NamedTuple):
     value_loss: Tensor
     entropy_loss: Tensor
     approx_kl: Tensor
-    """Estimate of the divergence from the policy that collected (Schulman, "Approximating KL
-    divergence", 2020)."""
+    """Divergence from the policy that collected (Schulman, "Approximating KL divergence", 2020)."""
     clip_fraction: Tensor
 
 
@@ -68,16 +43,13 @@ STATISTICS = (*Losses._fields, "grad_norm")
 class Learner:
     """K trainings with the same architecture and sizes, but their own seeds, coefficients and tasks' numbers.
 
-    Args:
-        engine: with the members' environments, in equal and contiguous parts.
-        network: of the members; changed in place.
-        settings: one a member.
-        generators: one a member, of its actions on a CPU; on a GPU one stream feeds all.
+    Settings and generators are one a member, as are equal, contiguous parts of the engine's environments.
+    The generators are of actions on a CPU; on a GPU one stream feeds all. The network is changed in place.
     """
 
     def __init__(self, engine: Engine, network: Network, settings: Sequence[PPOSettings],
                  generators: Sequence[torch.Generator]) -> None:
-        first, self.members = settings[0], len(settings)
+        first, device, self.members = settings[0], engine.device, len(settings)
         self.engine, self.processes = engine, engine.processes
         self.network, self._generators = network, generators
         self.n_steps, self.n_epochs = first.n_steps, first.n_epochs
@@ -88,27 +60,19 @@ class Learner:
         # In memory that never moves: a CUDA graph reads it.
         self._ceiling = self.coefficients.max_learning_rate.clone()
         self._with_entropy = any(one.ent_coef for one in settings)
-        self._compile(engine.device)
-
-    def _compile(self, device: torch.device) -> None:
         self._act, self._remember, self._gae = fused(act, device), fused(remember, device), fused(gae, device)
         self._show, self._losses = fused(shown, device), fused(losses, device)
         self.collect, self.update = graphed(self._collect, device), graphed(self._update, device)
 
     def slow_down(self, remaining: float) -> None:
-        """Lower the bound of the step sizes, from ``anneal`` before the end on, towards zero at the end.
-
-        Args:
-            remaining: share of the training's steps that is still to come.
-        """
+        """Lower the bound of the step sizes towards zero, where less than ``anneal`` of all steps remains."""
         highest, anneal = self.coefficients.max_learning_rate, self.coefficients.anneal
         self._ceiling.copy_(highest * (remaining / anneal.clamp(min=1e-9)).clamp(max=1.0))
 
     def state(self) -> dict[str, Any]:
         """Everything needed to go on, but for the engine's episodes; all processes must ask."""
-        memory = self.rollout.memory
-        return {"weights": {name: x.detach() for name, x in self.network.tensors.items()},
-                "adam": self.adam.state(),
+        weights, memory = self.network.tensors.items(), self.rollout.memory
+        return {"weights": {name: x.detach() for name, x in weights}, "adam": self.adam.state(),
                 "generators": [generator.get_state() for generator in self._generators],
                 "memory": None if memory is None else self.processes.whole(memory)}
 
@@ -145,9 +109,8 @@ class Learner:
         action = self.rollout.all.action
         if action.is_cuda:
             return self.processes.uniform_like(action)
-        parts = action.chunk(self.members, dim=1)
-        drawn = [self.processes.uniform_like(part, generator)
-                 for part, generator in zip(parts, self._generators, strict=True)]
+        parts = zip(action.chunk(self.members, dim=1), self._generators, strict=True)
+        drawn = [self.processes.uniform_like(part, generator) for part, generator in parts]
         return torch.cat(drawn, dim=1) if len(drawn) > 1 else drawn[0]
 
     def _privileged(self) -> Tensor | None:
@@ -169,15 +132,14 @@ class Learner:
             None if privileged is None else self._beside(privileged, privileged),
         ).value.view(self.members, 2, -1)
         last, beyond = values[:, 0].flatten(), values[:, 1].flatten()
-        gamma, gae_lambda, scale = (self._by_environment(getattr(self.coefficients, name))
-                                    for name in ("gamma", "gae_lambda", "reward_scale"))
+        given = self.coefficients
+        gamma, gae_lambda, scale = map(self._spread, (given.gamma, given.gae_lambda, given.reward_scale))
         reward = kept.reward * scale + gamma * kept.truncated * beyond
         advantage = self._gae(reward, kept.value, kept.ended, last, gamma, gae_lambda)
         seen, action = (x.unflatten(0, reward.shape) for x in self._show(
             self.network, kept.observation.flatten(0, 1), kept.action.flatten(0, 1)))
-        going_on = None
-        if self.network.architecture.units:
-            going_on = 1.0 - torch.cat((torch.zeros_like(kept.ended[:1]), kept.ended[:-1]))
+        going_on = (1.0 - torch.cat((torch.zeros_like(kept.ended[:1]), kept.ended[:-1]))
+                    if self.network.architecture.units else None)
         return Batch(seen, action, kept.log_prob, advantage, advantage + kept.value, kept.memory,
                      kept.privileged, going_on)
 
@@ -186,15 +148,15 @@ class Learner:
         pair = [x.unflatten(0, (self.members, -1)) for x in (first, second) if x is not None]
         return torch.cat(pair, dim=1).flatten(0, 1)
 
-    def _by_environment(self, values: Tensor) -> Tensor:
+    def _spread(self, values: Tensor) -> Tensor:
+        """Each member's over its environments."""
         return values if self.members == 1 else values.repeat_interleave(self.engine.num_envs // self.members)
 
     def _update(self) -> Tensor:
         """Advantages, every minibatch of every epoch, step sizes.
 
-        Returns:
-            A row a member: `STATISTICS`; its step size from now on; how many episodes were cut off by time,
-            ended in all, and were cut off within the task's tolerances; mean reward of a step by term.
+        A row a member: `STATISTICS`; its step size from now on; how many episodes were cut off by time,
+        ended in all, and were cut off within the task's tolerances; mean reward of a step by term.
         """
         batch = self.batch()
         parts = minibatches(batch, self.members, self._minibatches)
@@ -224,8 +186,8 @@ class Learner:
 
     def _adapt(self, divergence: Tensor) -> None:
         rate, desired = self.adam.rate, self.coefficients.desired_kl
-        factor = torch.where(divergence > 2.0 * desired, 1 / 1.5,
-                             torch.where(divergence < 0.5 * desired, 1.5, 1.0))
+        longer = torch.where(divergence < 0.5 * desired, 1.5, 1.0)
+        factor = torch.where(divergence > 2.0 * desired, 1 / 1.5, longer)
         bounded = torch.minimum((rate * factor).clamp(min=MIN_LEARNING_RATE), self._ceiling)
         rate.copy_(torch.where(desired.isnan(), rate, bounded))
 
@@ -244,7 +206,7 @@ def act(network: Network, observation: Tensor, memory: Tensor | None, privileged
 def shown(network: Network, observation: Tensor, action: Tensor) -> tuple[Tensor, Tensor]:
     """Observations (N, width) and actions (N, thrusters) from the sides the network sees them from.
 
-    That costs a fifth of an update in space, and is the same in every epoch.
+    In space that costs a fifth of an update; it is the same in every epoch.
     """
     seen, place = network.look(observation)
     return seen, action if place is None else torch.empty_like(action).scatter(1, place, action)

@@ -14,7 +14,7 @@ from rans.fast.step import Step
 
 
 class Slot(NamedTuple):
-    """Memory of one step of N environments, or with an axis more of T steps."""
+    """Memory of one step of N environments, each field (N, ...), or with an axis more of T steps."""
 
     observation: Tensor
     action: Tensor
@@ -30,16 +30,13 @@ class Slot(NamedTuple):
 
 
 class Acted(NamedTuple):
-    """What a network did in one step."""
+    """What a network did in one step, each field (N, ...)."""
 
     action: Tensor
-    """(N, thrusters)."""
     log_prob: Tensor
-    """(N,)."""
     value: Tensor
-    """(N,)."""
     command: Tensor
-    """(N, thrusters): what the engine is given."""
+    """What the engine is given."""
     memory: Tensor | None
     """What the network remembers after the step, (N, m)."""
 
@@ -62,49 +59,33 @@ class Batch(NamedTuple):
 
 
 class Rollout:
-    """T steps of N environments of K members.
-
-    Args:
-        engine: decides N, width, thrusters, device and dtype.
-        network: decides K and what is remembered.
-        n_steps: T.
-    """
+    """T steps of an engine's N environments, flown by a network's K members."""
 
     def __init__(self, engine: Engine, network: Network, n_steps: int) -> None:
         count, width, thrusters = engine.num_envs, engine.observation_width, len(engine.craft.thrusters)
         given, members = network.architecture, network.members
         new = lambda *shape: torch.zeros(shape, dtype=engine.dtype, device=engine.device)  # noqa: E731
-        scalar = lambda: new(n_steps, count)  # noqa: E731
-        self.all = Slot(new(n_steps, count, width), new(n_steps, count, thrusters), scalar(), scalar(),
-                        new(n_steps, count, given.memory) if given.memory else None,
-                        new(n_steps, count, given.privileged) if given.privileged else None,
-                        scalar(), scalar(), scalar())
-        """Every step's, each field (T, N, ...)."""
+        every = lambda *shape: new(n_steps, count, *shape)  # noqa: E731
+        self.all = Slot(every(width), every(thrusters), every(), every(),
+                        every(given.memory) if given.memory else None,
+                        every(given.privileged) if given.privileged else None, every(), every(), every())
+        """Every step's, (T, N, ...)."""
         self.steps = [Slot._make(None if x is None else x[t] for x in self.all) for t in range(n_steps)]
         self.memory = network.blank(count)
         """What the network remembers now, (N, m)."""
-        self.cut = new(count, width)
-        """Last observation of an episode that time cut off. An episode is no shorter than a rollout,
-        so there is one a rollout at most."""
-        self.cut_memory = network.blank(count)
-        """What the network remembered then."""
-        self.terms = new(members, len(engine.term_names))
-        """Mean over a member's environments of each reward term, summed over the steps."""
-        self.reached = new(members)
-        """Number of a member's episodes cut off by time within the task's tolerances."""
+        self.cut, self.cut_memory = new(count, width), network.blank(count)
+        """Last observation of an episode that time cut off, and what the network remembered then. An episode
+        is no shorter than a rollout, so there is one a rollout at most."""
+        self.terms, self.reached = new(members, len(engine.term_names)), new(members)
+        """Mean over a member's environments of each reward term, summed over the steps; number of a member's
+        episodes cut off by time within the task's tolerances."""
 
 
 def remember(observation: Tensor, acted: Acted, privileged: Tensor | None, step: Step, slot: Slot,
              rollout: Rollout) -> None:
-    """Write one step of all environments into the rollout's memory.
+    """Write into its slot of the rollout what was seen in one step, done, told the critic, and what followed.
 
-    Args:
-        observation: (N, width) acted on.
-        acted: what was done.
-        privileged: (N, p) that the critic was told.
-        step: what followed.
-        slot: where to keep them.
-        rollout: whose `memory`, `cut`, `terms` and `reached` are changed in place.
+    The rollout's `memory`, `cut`, `terms` and `reached` are changed in place.
     """
     memory, cut, cut_memory = rollout.memory, rollout.cut, rollout.cut_memory
     ended = step.truncated | step.terminated
@@ -125,18 +106,11 @@ def remember(observation: Tensor, acted: Acted, privileged: Tensor | None, step:
 
 def gae(reward: Tensor, value: Tensor, ended: Tensor, last_value: Tensor, gamma: Tensor | float,
         gae_lambda: Tensor | float) -> Tensor:
-    """Generalised advantage estimates (Schulman et al., 2016).
+    """Generalised advantage estimates (T, N) (Schulman et al., 2016).
 
-    Args:
-        reward: (T, N).
-        value: (T, N) of the states acted in.
-        ended: (T, N), 1 where the episode ended with this step.
-        last_value: (N,) of the states after the last step.
-        gamma: discount, a number or (N,).
-        gae_lambda: trade-off of bias against variance, a number or (N,).
-
-    Returns:
-        (T, N).
+    Rewards and values of the states acted in are (T, N), as is ``ended``, 1 where the episode ended with this
+    step; ``last_value`` is (N,), of the states after the last one. Discount and trade-off of bias against
+    variance are numbers or (N,).
     """
     going_on = 1.0 - ended
     following = torch.cat((value[1:], last_value[None]))

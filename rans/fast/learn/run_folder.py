@@ -8,17 +8,9 @@ from typing import Any
 
 import torch
 
+from rans import files
 from rans.errors import ConfigError
 from rans.fast.learn.config import TrainConfig, from_table, to_table
-from rans.files import (
-    environment,
-    first_line,
-    read_json,
-    read_json_lines,
-    replace_file,
-    write_json,
-    write_text,
-)
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft, spacecraft_text
 
@@ -40,25 +32,17 @@ class RunFolder:
         self.policy_file = path / "policy.zip"
 
     def begin(self, config: TrainConfig, command: str) -> None:
-        """Write what is known before training.
-
-        Raises:
-            ConfigError: the folder holds another training already.
-        """
+        """Write what is known before training; ConfigError where the folder holds another one already."""
         if self.config_file.exists():
             raise ConfigError(
                 f"{self.path} holds a training already; continue it with --resume {self.path}, or "
                 "choose another folder with --run.")
-        write_text(self.spacecraft_file, spacecraft_text(config.spacecraft))
-        about = {"command": command, "environment": environment()}
-        write_json(self.config_file, to_table(config) | {"about": about})
+        files.write_text(self.spacecraft_file, spacecraft_text(config.spacecraft))
+        about = {"command": command, "environment": files.environment()}
+        files.write_json(self.config_file, to_table(config) | {"about": about})
 
     def config(self) -> TrainConfig:
-        """The training's config.
-
-        Raises:
-            ConfigError: the folder holds no training, or one of another version.
-        """
+        """The training's config; ConfigError where the folder holds none, or one of another version."""
         if not self.config_file.exists():
             raise ConfigError(f"{self.path} is not a run folder: it has no config.json.")
         return read_config(self.config_file)
@@ -68,11 +52,7 @@ class RunFolder:
         return load_spacecraft(self.spacecraft_file)
 
     def append_metrics(self, row: dict[str, Any]) -> None:
-        """Add one row to ``metrics.jsonl``.
-
-        Raises:
-            ConfigError: the disk refused.
-        """
+        """Add one row to ``metrics.jsonl``; ConfigError where the disk refuses."""
         try:
             with self.metrics_file.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(row) + "\n")
@@ -81,36 +61,28 @@ class RunFolder:
 
     def metrics(self) -> list[dict[str, Any]]:
         """Rows so far; a row cut off in the middle of writing is left out."""
-        return read_json_lines(self.metrics_file) if self.metrics_file.exists() else []
+        return files.read_json_lines(self.metrics_file) if self.metrics_file.exists() else []
 
     def forget_after(self, steps: int) -> None:
         """Drop the metrics of steps that a resumed training will take again."""
         rows = [row for row in self.metrics() if row["steps"] <= steps]
-        write_text(self.metrics_file, "".join(json.dumps(row) + "\n" for row in rows))
+        files.write_text(self.metrics_file, "".join(json.dumps(row) + "\n" for row in rows))
 
     def save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         """Write everything needed to go on, or leave the old checkpoint in place."""
-        replace_file(self.checkpoint_file, lambda draft: torch.save(checkpoint, draft))
+        files.replace_file(self.checkpoint_file, lambda draft: torch.save(checkpoint, draft))
 
     def load_checkpoint(self, device: str) -> dict[str, Any]:
-        """The latest checkpoint.
-
-        Raises:
-            ConfigError: it cannot be read or is damaged.
-        """
+        """The latest checkpoint; ConfigError where it cannot be read or is damaged."""
         try:
             return torch.load(self.checkpoint_file, map_location=device, weights_only=True)
         except Exception as error:  # a damaged pickle raises anything
-            raise ConfigError(f"{self.checkpoint_file} is damaged: {first_line(error)}.") from error
+            raise ConfigError(f"{self.checkpoint_file} is damaged: {files.first_line(error)}.") from error
 
 
 def read_config(file: Path) -> TrainConfig:
-    """The config in a JSON file, such as a run's ``config.json``.
-
-    Raises:
-        ConfigError: the file or its content is not what it should be.
-    """
-    table = read_json(file)
+    """The config in a JSON file, such as a run's ``config.json``; ConfigError where it holds none."""
+    table = files.read_json(file)
     if isinstance(table, dict):
         table.pop("about", None)
         if isinstance(timing := table.get("timing"), dict) and timing.get("substeps", 1) is None:

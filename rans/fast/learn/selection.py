@@ -12,7 +12,7 @@ from rans.fast.engine import Engine
 from rans.fast.learn.curriculum import Curriculum
 from rans.fast.learn.graph import fused, graphed
 from rans.fast.learn.network import Network
-from rans.fast.memory import field_dtype
+from rans.fast.step import field_dtype
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.scenario import SELECTION_SEED
@@ -24,12 +24,8 @@ EPISODES = 1024
 class Selection:
     """Flies every member from the same 1,024 starts whenever asked; in a multi-task, of each of its parts.
 
-    Args:
-        network: the agents; their weights may change between flights.
-        craft: the spacecraft.
-        tasks: one a member, as in training without its curriculum; their evaluation starts are used.
-        timing: as in training.
-        device: torch device of the network.
+    The members' weights may change between flights. Tasks, one a member, are those of training without its
+    curriculum; their evaluation starts are used.
     """
 
     def __init__(self, network: Network, craft: Spacecraft, tasks: Sequence[Task], timing: Timing,
@@ -37,10 +33,10 @@ class Selection:
         members, judged = len(tasks), [task.parts() for task in tasks]
 
         def engine(name: str) -> Engine:
-            fixed = Curriculum([each[name].for_evaluation() for each in judged], (), field_dtype(device),
-                               device, EPISODES)
-            return Engine(craft, fixed.task, members * EPISODES, timing, seed=[SELECTION_SEED] * members,
-                          device=device)
+            fixed = [each[name].for_evaluation() for each in judged]
+            task = Curriculum(fixed, (), field_dtype(device), device, EPISODES).task
+            seeds = [SELECTION_SEED] * members
+            return Engine(craft, task, members * EPISODES, timing, seed=seeds, device=device)
 
         self._network, self._engines = network, {name: engine(name) for name in judged[0]}
         self._act, self._flight = fused(likeliest, device), graphed(self._fly, device)
@@ -48,12 +44,10 @@ class Selection:
     def judge(self) -> list[dict[str, float]]:
         """What every member has learnt.
 
-        Returns:
-            "success" is the share of episodes that keep within all tolerances at every step of the last
-            fifth, of a multi-task that of the worst part; "duty" the mean share of open thrusters, and
-            "error/..." the mean errors of the states acted in over the last fifth. An episode that fails
-            counts as not kept, and the one that follows it enters the means. A multi-task's errors are
-            named "error/go-to-pose/position".
+        "success" is the share of episodes that keep within all tolerances at every step of the last fifth, of
+        a multi-task that of the worst part; "duty" the mean share of open thrusters, and "error/..." the mean
+        errors of the states acted in over the last fifth. An episode that fails counts as not kept, and the
+        one that follows it enters the means. A multi-task's errors are named "error/go-to-pose/position".
         """
         return [self._named(values) for values in self._flight().tolist()]
 

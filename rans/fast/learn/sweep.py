@@ -15,13 +15,11 @@ from rans.errors import ConfigError
 from rans.fast.distributed import ALONE, Processes
 from rans.fast.engine import Engine
 from rans.fast.learn.architecture import Architecture
-from rans.fast.learn.config import TrainConfig, from_table, to_table
-from rans.fast.learn.member import Member
-from rans.fast.learn.policy_file import write_policy
-from rans.fast.learn.ppo import Coefficients
+from rans.fast.learn.config import Coefficients, TrainConfig, from_table, to_table
+from rans.fast.learn.member import Member, check_sizes
 from rans.fast.learn.run_folder import RunFolder
-from rans.fast.learn.start import check_sizes
 from rans.fast.learn.trainer import Trainer, check_device
+from rans.fast.policy import write_policy
 from rans.files import read_json, write_json
 from rans.model.spacecraft_file import load_spacecraft
 
@@ -34,17 +32,9 @@ Item = TypeVar("Item")
 class Sweep:
     """Trains members together as far as their configs allow, batch after batch.
 
-    Its folder holds ``configs.json`` and a run folder for each batch, from which it can go on.
-
-    Args:
-        configs: one a member. Those that differ only in seed, in `Coefficients` and in numbers among
-            the task's settings form one batch.
-        path: the folder; nothing is written there before `train`.
-        command: that the user gave.
-        processes: those that share the environments.
-
-    Raises:
-        ConfigError: a config cannot work.
+    Configs, one a member, that differ only in seed, in `Coefficients` and in numbers among the task's
+    settings form one batch; one that cannot work is a ConfigError. The folder, in which nothing is written
+    before `train`, holds ``configs.json`` and a run folder for each batch, from which it can go on.
     """
 
     def __init__(self, configs: Sequence[TrainConfig], path: Path, command: str = "rans sweep",
@@ -54,10 +44,8 @@ class Sweep:
         self._batches = grouped(range(len(configs)), lambda n: _key(configs[n], _is_structure))
         for batch in self._batches:
             check(configs[batch[0]])
-        self.seconds = 0.0
-        """Of training, without compiling."""
-        self.timed_steps = 0
-        """Environment steps of all members in that time."""
+        self.seconds, self.timed_steps = 0.0, 0
+        """Of training without compiling; environment steps of all members in that time."""
         tables = [dict(entries(to_table(member.config))) for member in self.members]
         self.varied = [name for name, value in tables[0].items()
                        if name != "seed" and any(table.get(name) != value for table in tables)]
@@ -65,15 +53,10 @@ class Sweep:
 
     def train(self, report: Callable[[Sequence[Member]], object],
               stop: Callable[[], bool] = lambda: False) -> None:
-        """Train until every member is solved or out of steps, or told to stop.
-
-        Args:
-            report: called with a batch's members after each of their reports.
-            stop: asked after every iteration.
-        """
+        """Train until every member is solved or out of steps, or told to stop, see `Trainer.train`."""
         if self.processes.is_first:
-            write_json(self.path / "configs.json", {
-                "command": self.command, "configs": [to_table(member.config) for member in self.members]})
+            configs = [to_table(member.config) for member in self.members]
+            write_json(self.path / "configs.json", {"command": self.command, "configs": configs})
         for place, batch in enumerate(self._batches):
             run = RunFolder(self.path / "batches" / str(place))
             if not stop() or run.checkpoint_file.exists():
@@ -97,11 +80,7 @@ class Sweep:
         self.timed_steps += trainer.timed_steps
 
     def save(self, member: Member, path: Path) -> None:
-        """Write a member's config, metrics and agent into a new run folder.
-
-        Raises:
-            ConfigError: the disk refused, or the folder holds a training.
-        """
+        """Write a member's config, metrics and agent into a run folder; ConfigError where it is not new."""
         run = RunFolder(path)
         run.begin(member.config, self.command)
         for row in member.rows:
@@ -125,19 +104,13 @@ class Sweep:
 
     def results(self) -> list[dict[str, Any]]:
         """One row a member that has begun: what it is and how it ended; JSON values."""
-        return [self._result(number, member) for number, member in enumerate(self.members) if member.rows]
-
-    def _result(self, number: int, member: Member) -> dict[str, Any]:
-        return {"member": number, "seed": member.config.seed, **self.choice(member),
-                "solved": member.solved, "diverged": member.diverged, **member.rows[-1]}
+        return [{"member": number, "seed": member.config.seed, **self.choice(member), "solved": member.solved,
+                 "diverged": member.diverged, **member.rows[-1]}
+                for number, member in enumerate(self.members) if member.rows]
 
 
 def read_configs(path: Path) -> tuple[list[TrainConfig], str]:
-    """What the sweep that left this folder trains, and the command that began it.
-
-    Raises:
-        ConfigError: the folder holds none, or one of another version.
-    """
+    """What the sweep that left this folder trains, and the command that began it; or a ConfigError."""
     file = path / "configs.json"
     if not file.exists():
         raise ConfigError(f"{path} is not a sweep's folder: it has no configs.json.")
@@ -148,11 +121,7 @@ def read_configs(path: Path) -> tuple[list[TrainConfig], str]:
 
 
 def check(config: TrainConfig) -> Architecture:
-    """Whether a config can work, before anything is trained: the architecture of its network.
-
-    Raises:
-        ConfigError: it cannot.
-    """
+    """The architecture of a config's network; ConfigError where the config cannot work."""
     check_device(config.device)
     engine = Engine(load_spacecraft(config.spacecraft), config.settings, config.ppo.n_envs, config.timing)
     check_sizes(engine, config.ppo, 1)

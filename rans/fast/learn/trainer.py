@@ -15,12 +15,11 @@ from rans.fast.distributed import ALONE, Processes
 from rans.fast.engine import Engine
 from rans.fast.learn.config import TrainConfig
 from rans.fast.learn.curriculum import Curriculum
-from rans.fast.learn.member import Member, statistics
-from rans.fast.learn.policy_file import write_policy
+from rans.fast.learn.member import Member, begin, statistics
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.selection import Selection
-from rans.fast.learn.start import begin
-from rans.fast.memory import field_dtype
+from rans.fast.policy import write_policy
+from rans.fast.step import field_dtype
 from rans.files import replace_file
 from rans.model.spacecraft import Spacecraft
 
@@ -35,33 +34,28 @@ _ARCHITECTURE = ("layers", "activation", "zoom", "symmetric", "memory", "history
 class Trainer:
     """Members that train together, in one run folder. Sets torch's number of threads, for the whole process.
 
-    Args:
-        configs: one a member; they differ in seed, coefficients and numbers among the task's settings only.
-        craft: the spacecraft the configs name.
-        run: where to keep it; nothing is written there before `train`, and only by the first process.
-        processes: those that share the training's environments.
-        goes_on: whether members whose weights become infinite are left alone, as in a sweep.
-
-    Raises:
-        ConfigError: the configs cannot work.
+    Configs, one a member, name the craft and differ in seed, coefficients and numbers among the task's
+    settings only; ConfigError where they cannot work. Nothing is written before `train`, and only by the
+    first of the processes that share the environments. Where training ``goes_on``, as in a sweep, members
+    whose weights become infinite are left alone.
     """
 
     def __init__(self, configs: Sequence[TrainConfig], craft: Spacecraft, run: RunFolder,
                  processes: Processes = ALONE, goes_on: bool = False) -> None:
-        self.members, self.config = [Member(config) for config in configs], configs[0]
-        check_device(self.config.device)
-        torch.set_num_threads(self.config.threads)
+        self.members, self.config = [Member(config) for config in configs], (first := configs[0])
+        check_device(first.device)
+        torch.set_num_threads(first.threads)
         self.run, self.processes, self._goes_on = run, processes, goes_on
         self.seconds, self.warm_up, self.steps = 0.0, 0.0, 0
-        device, tasks = torch.device(self.config.device), [config.settings for config in configs]
-        each = processes.share("n_envs", self.config.ppo.n_envs)
-        self.curriculum = Curriculum(tasks, self.config.curriculum, field_dtype(device), device, each)
-        seeds = [config.seed for config in configs]
-        self.engine = Engine(craft, self.curriculum.task, each * len(configs), self.config.timing, seed=seeds,
+        device, each = torch.device(first.device), processes.share("n_envs", first.ppo.n_envs)
+        tasks, seeds = [config.settings for config in configs], [config.seed for config in configs]
+        self.curriculum = Curriculum(tasks, first.curriculum, field_dtype(device), device, each)
+        self.engine = Engine(craft, self.curriculum.task, each * len(configs), first.timing, seed=seeds,
                              device=device, processes=processes)
         self.learner = begin(self.engine, [config.ppo for config in configs], seeds)
-        self.selection = Selection(self.learner.network, craft, tasks, self.config.timing, device)
+        self.selection = Selection(self.learner.network, craft, tasks, first.timing, device)
         self._said: list[dict[str, float]] = []
+        self._rollout = first.ppo.n_envs * first.ppo.n_steps
         self._begun = self._reported = (0, 0.0)
         # Opened by `train`, so that a start that fails leaves no empty event file.
         self._events: list[TensorBoardOutputFormat] = []
@@ -86,8 +80,7 @@ class Trainer:
         return self._rate_since(self._begun)
 
     def _rate_since(self, then: tuple[int, float]) -> float:
-        steps, seconds = then
-        return (self.steps - steps) / max(self.seconds - seconds, 1e-9)
+        return (self.steps - then[0]) / max(self.seconds - then[1], 1e-9)
 
     @property
     def _ended(self) -> bool:
@@ -97,9 +90,7 @@ class Trainer:
               stop: Callable[[], bool] = lambda: False) -> None:
         """Train until solved, out of steps, or told to stop.
 
-        Args:
-            report: called with the members after every row of metrics.
-            stop: asked after every iteration.
+        After every row of metrics ``report`` is called, after every iteration ``stop`` is asked.
 
         Raises:
             NonFiniteState: a value became NaN; the state was dumped into the run folder.
@@ -109,11 +100,14 @@ class Trainer:
         try:
             self._train(report, stop)
         except WorkerLost as error:
-            raise WorkerLost(f"{error} Continue from the last checkpoint with --resume {self.run.path}."
-                             ) from error
+            advice = f"Continue from the last checkpoint with --resume {self.run.path}."
+            raise WorkerLost(f"{error} {advice}") from error
 
     def _train(self, report: Callable[[Sequence[Member]], object], stop: Callable[[], bool]) -> None:
-        self._open_events()
+        if self.processes.is_first and not self._events:
+            folder, many = self.run.path / "tensorboard", len(self.members) > 1
+            self._events = [TensorBoardOutputFormat(str(folder / str(number) if many else folder))
+                            for number in range(len(self.members))]
         finished = self._ended
         self._warm_up()
         if self._ended and not finished:  # the warm-up took all steps
@@ -123,8 +117,7 @@ class Trainer:
             begun = time.monotonic()
             self._iterate()
             self.seconds += time.monotonic() - begun
-            late = time.monotonic() - saved > _CHECKPOINT_SECONDS
-            stopped, late = self.processes.any(stop(), late)
+            stopped, late = self.processes.any(stop(), time.monotonic() - saved > _CHECKPOINT_SECONDS)
             if stopped or self._ended or self._is_report_due():
                 self._report(report)
             if late:
@@ -146,8 +139,7 @@ class Trainer:
 
     def _is_report_due(self) -> bool:
         """Counted from the first step, so that a resumed training judges the agents it would have."""
-        iteration = self.steps // (self.config.ppo.n_envs * self.config.ppo.n_steps)
-        return iteration % self.config.report_interval == 0
+        return self.steps // self._rollout % self.config.report_interval == 0
 
     def _iterate(self) -> None:
         """One iteration of PPO."""
@@ -155,7 +147,7 @@ class Trainer:
         self.learner.slow_down(max(0.0, 1 - self.steps / self.config.total_timesteps))
         self.learner.collect()
         said = self.learner.update().tolist()
-        self.steps += self.config.ppo.n_envs * self.config.ppo.n_steps
+        self.steps += self._rollout
         try:
             self._said = [statistics(numbers, self.engine, self.steps, self._goes_on) for numbers in said]
         except NonFiniteState as error:
@@ -183,16 +175,9 @@ class Trainer:
                 self._show(number, row)
         report(self.members)
 
-    def _open_events(self) -> None:
-        folder = self.run.path / "tensorboard"
-        if self.processes.is_first and not self._events:
-            folders = [folder / str(n) for n in range(len(self.members))]
-            self._events = [TensorBoardOutputFormat(str(own))
-                            for own in (folders if len(folders) > 1 else [folder])]
-
     def _show(self, number: int, row: dict[str, Any]) -> None:
         """The row in TensorBoard, by the names that SB3 would give."""
-        judged = ("success", "duty", *(key for key in row if key.startswith("error/")))
+        judged = (key for key in row if key in ("success", "duty") or key.startswith("error/"))
         named = {f"evaluation/{key.removeprefix('error/')}": row[key] for key in judged}
         named |= self._said[number] | {"perf/steps_per_s": row["steps_per_s"]}
         self._events[number].write(named, {key: () for key in named}, self.steps)
@@ -210,16 +195,11 @@ class Trainer:
 
     def _checkpoint(self) -> dict[str, Any]:
         cuda = torch.cuda.get_rng_state() if self.config.device.startswith("cuda") else None
-        return {
-            "network": self._network(),
-            "learner": self.learner.state(),
-            "engine": self.engine.save_state(),
-            "cuda_generator": cuda,
-            "steps": self.steps,
-            "seconds": self.seconds,
-            "members": [{"in_a_row": member.in_a_row, "weights": member.weights if member.solved else {}}
-                        for member in self.members],
-        }
+        members = [{"in_a_row": member.in_a_row, "weights": member.weights if member.solved else {}}
+                   for member in self.members]
+        return {"network": self._network(), "learner": self.learner.state(), "cuda_generator": cuda,
+                "engine": self.engine.save_state(), "steps": self.steps, "seconds": self.seconds,
+                "members": members}
 
     def _network(self) -> str:
         """What decides what the weights mean, and nothing that may change while training goes on."""
@@ -228,9 +208,7 @@ class Trainer:
     def resume(self) -> None:
         """Continue from the run's checkpoint, bit-identically on a CPU; without one, from the start.
 
-        Raises:
-            ConfigError: the checkpoint is damaged, or it is of another network; or there is an agent
-                without one, which must not be lost.
+        ConfigError where it is damaged or of another network, or where an agent without one would be lost.
         """
         if self.run.checkpoint_file.exists():
             self._restore(self.run.load_checkpoint(self.config.device))
@@ -245,10 +223,9 @@ class Trainer:
 
     def _restore(self, saved: dict[str, Any]) -> None:
         if isinstance(saved, dict) and "optimizer" in saved:
-            raise ConfigError(
-                f"{self.run.checkpoint_file} was written by an older RANS, whose optimiser kept others; "
-                "its agent, policy.zip, flies as before, but to train on, begin anew with "
-                f"--config {self.run.config_file}.")
+            raise ConfigError(f"{self.run.checkpoint_file} was written by an older RANS, whose optimiser "
+                              "kept others; its agent, policy.zip, flies as before, but to train on, begin "
+                              f"anew with --config {self.run.config_file}.")
         try:
             # Weights of the same shapes may mean something else.
             if (network := saved["network"]) != self._network():
@@ -262,20 +239,15 @@ class Trainer:
                 member.in_a_row, member.weights = kept["in_a_row"], kept["weights"]
         except (RuntimeError, KeyError, ValueError, TypeError, AttributeError) as error:
             reason = " ".join(str(error).split())
-            raise ConfigError(
-                f"{self.run.checkpoint_file} does not fit the run's config: {reason}; the usual cause is "
-                "a config.json edited after training began.") from error
+            raise ConfigError(f"{self.run.checkpoint_file} does not fit the run's config: {reason}; the "
+                              "usual cause is a config.json edited after training began.") from error
 
 
 def check_device(device: str) -> None:
-    """Whether training is possible on this torch device, here and now.
-
-    Raises:
-        ConfigError: it is not.
-    """
+    """Refuse, with a ConfigError, a torch device on which no training is possible here and now."""
     if device not in ("cpu", "cuda"):
-        raise ConfigError(f"device must be cpu or cuda, got {device!r}; which GPU that is, "
-                          "CUDA_VISIBLE_DEVICES decides.")
+        raise ConfigError(
+            f"device must be cpu or cuda, got {device!r}; which GPU that is, CUDA_VISIBLE_DEVICES decides.")
     if device == "cuda" and not torch.cuda.is_available():
         raise ConfigError("device is cuda, but torch sees no CUDA device here; use --device cpu.")
 

@@ -162,7 +162,7 @@ def test_every_kind_learns(kind: dict[str, Any], actuators: Actuators) -> None:
 
 
 def test_a_head_for_duties_opens_in_sb3(tmp_path: Path) -> None:
-    from rans.fast.learn.policy_file import read_policy, write_policy
+    from rans.fast.policy import read_policy, write_policy
     from tests.fast.training import TINY, scatter, tiny_learner
 
     learner = tiny_learner(continuous=True)

@@ -10,10 +10,9 @@ from torch import Tensor
 from rans.errors import ConfigError, NonFiniteState
 from rans.fast.distributed import ALONE
 from rans.fast.engine import Engine
-from rans.fast.learn.member import statistics
+from rans.fast.learn.member import begin, statistics
 from rans.fast.learn.ppo import Learner, losses
 from rans.fast.learn.rollout import minibatches
-from rans.fast.learn.start import begin
 from tests.fast.engines import NEAR, PLATFORM, SHORT, both_crafts
 from tests.fast.test_policy import seen
 from tests.fast.training import TINY, sb3_policy, sb3_twin, scatter, tiny_learner, weights
