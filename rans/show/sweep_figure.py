@@ -20,8 +20,7 @@ _COLOURS = (BLUE, GREEN, PURPLE, SKY, RED, GREY)
 def sweep_figure(sweep: Sweep) -> Figure:
     """Success of every member while it trained, and its steps until it was solved, by config.
 
-    Args:
-        sweep: trained, at least one report long. Its best member is drawn in orange.
+    The sweep is trained, at least one report long. Its best member is drawn in orange.
     """
     configs, best = sweep.configs(), sweep.best()
     figure = Figure(figsize=(11.0, max(3.6, 1.2 + 0.3 * len(configs))), layout="constrained")

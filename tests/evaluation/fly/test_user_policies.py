@@ -15,7 +15,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 
 import rans
 from rans.errors import ConfigError
-from rans.evaluation.fly.user_policies import is_user_policy, user_policy
+from rans.evaluation.fly.controllers import is_user_policy, user_policy
 from rans.model.spacecraft_file import load_spacecraft
 from rans.tasks import GoToPose
 

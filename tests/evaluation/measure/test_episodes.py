@@ -5,8 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from rans.evaluation.fly.contestants import contestant
-from rans.evaluation.fly.episodes import save_episodes
-from rans.evaluation.measure.aggregate import measure
+from rans.evaluation.measure.aggregate import measure, save_episodes
 from rans.flight import fly
 from rans.model.timing import Timing
 from rans.scenario import scenarios
