@@ -129,10 +129,7 @@ def _bars(estimate: Estimate) -> np.ndarray:
 
 @styled
 def gap_histograms(gaps: dict[str, dict[str, np.ndarray]], questions: Sequence[str]) -> Figure:
-    """How far above the certified bounds the flights from each start are: a row of bars a contestant.
-
-    There is a panel for each of these questions of `rans.show.comparison_tables.gaps`.
-    """
+    """How far above the certified bounds flights are: a panel for each of these questions of `gaps`."""
     names = list(dict.fromkeys(name for question in questions for name in gaps[question]))
     figure = Figure(figsize=(12.0, 1.3 + 0.5 * len(names)), layout="constrained")
     grid = figure.subplots(1, len(questions), squeeze=False, sharey=True)[0]

@@ -24,9 +24,8 @@ TEXT = (
     "is when the errors enter their tolerances for good. Thrust-time is force times open time, summed over "
     "the thrusters. Who never gets there counts as infinitely late. Medians and means stand with 95 % "
     "bootstrap intervals over starts, settled and failed with Wilson's, latency with the middle 90 % of the "
-    "actions. Certified bounds hold for every on/off controller at this rate; "
-    "relaxed optima may throttle, know the future and are only locally optimal."
-)
+    "actions. Certified bounds hold for every on/off controller at this rate; relaxed optima may throttle, "
+    "know the future and are only locally optimal.")
 """The protocol in short; docs/comparison.md has all of it."""
 
 
@@ -63,13 +62,13 @@ def _summary(comparison: Comparison) -> Section:
 
 
 def _plane(comparison: Comparison) -> Section:
-    text = (
-        "Left of the line no controller's median can be. The bars are medians of what each start needs at "
-        "least to be there at the marked time: from no start does less suffice, but who is quick from some "
-        "starts and late from others may have a median below a bar. The dotted line only guides the eye."
-    ) if comparison.certified_starts() else ""
-    return Section("Time and thrust", text, (), [Picture.of(
-        figures.plane(comparison), "Time and thrust-time to the goal set, with 95 % intervals.")])
+    text = ("Left of the line no controller's median can be. The bars are medians of what each start needs "
+            "at least to be there at the marked time: from no start does less suffice, but who is quick from "
+            "some starts and late from others may have a median below a bar. The dotted line only guides the "
+            "eye.") if comparison.certified_starts() else ""
+    picture = Picture.of(figures.plane(comparison),
+                         "Time and thrust-time to the goal set, with 95 % intervals.")
+    return Section("Time and thrust", text, (), [picture])
 
 
 def _gaps(comparison: Comparison) -> Iterator[Section]:

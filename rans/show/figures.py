@@ -64,10 +64,7 @@ def episode_figure(flight: Flight, episode: int = 0) -> Figure:
 
 @styled
 def learning_curve(rows: Sequence[Mapping[str, Any]]) -> Figure:
-    """Success and return by term over a training.
-
-    It draws what lines of ``metrics.jsonl`` hold of ``steps``, ``success`` (0 to 1) and ``return/<term>``.
-    """
+    """What lines of ``metrics.jsonl`` hold of ``success`` (0 to 1) and ``return/<term>``, over ``steps``."""
     figure = Figure(figsize=(11.0, 3.6), layout="constrained")
     success, returns = figure.subplots(1, 2)
     _series(success, rows, "success", 100.0, BLUE, "")
@@ -87,10 +84,7 @@ def learning_curve(rows: Sequence[Mapping[str, Any]]) -> Figure:
 
 
 def save_flight_figures(flight: Flight, folder: Path, suffix: str = "") -> None:
-    """Write ``evaluation.svg`` and, of the first episode, ``episode.svg``, the suffix before the dot.
-
-    `ConfigError` if the disk refused.
-    """
+    """Write ``evaluation.svg`` and, of the first episode, ``episode.svg``, the suffix before the dot."""
     for name, draw in (("evaluation", evaluation_figure), ("episode", episode_figure)):
         write_text(folder / f"{name}{suffix}.svg", svg(draw(flight)))
 

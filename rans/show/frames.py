@@ -61,10 +61,7 @@ def save_frames(flight: Flight, episode: int, file: Path) -> None:
 
 
 def require_egl() -> None:
-    """Look for the libraries that drawing off screen needs: without them VTK ends the process.
-
-    `ConfigError` if one is missing.
-    """
+    """`ConfigError` if a library is missing that drawing off screen needs: VTK would end the process."""
     if sys.platform != "linux":
         return
     try:

@@ -106,10 +106,7 @@ def _key_metrics(measured: Metrics) -> Iterator[tuple[str, str]]:
 
 
 def comparison_section(comparison: Mapping[str, Any]) -> Section:
-    """Contestants from the same starts, a line each; compare.html beside the report has the rest.
-
-    For the keys see `rans.show.comparison_tables.outcome`.
-    """
+    """Contestants (see `rans.show.comparison_tables.outcome`), a line each; compare.html has the rest."""
     summary = [(row["contestant"], _outcome(row)) for row in comparison.get("summary", [])]
     texts = [*comparison.get("notes", ()), *(f"{name} {outcome}." for name, outcome in summary)]
     findings = [*(Finding(text, False) for text in comparison["failures"]), *map(Finding, texts)]

@@ -44,10 +44,8 @@ class View:
     """A page that shows flights, again and again, with a slider for the time.
 
     Every episode has a tile of the floor to itself; every flight (one agent) has a row of tiles and a
-    colour of `rans.show.scene.BODIES`. Grid lines are 1 m apart.
-
-    It is on this port of the computer, by default the first free one from 7000 to 7099; `ConfigError` if
-    that is taken.
+    colour of `rans.show.scene.BODIES`. Grid lines are 1 m apart. The port is by default the first free
+    one from 7000 to 7099; `ConfigError` if it is taken.
     """
 
     def __init__(self, port: int | None = None) -> None:
@@ -55,9 +53,8 @@ class View:
         try:
             self._meshcat = Meshcat(MeshcatParams(host="localhost", port=port))
         except RuntimeError as error:
-            raise ConfigError(
-                f"cannot open a page on port {port or '7000 to 7099'} of this computer, it is taken; "
-                "is another viewer running?") from error
+            raise ConfigError(f"cannot open a page on port {port or '7000 to 7099'} of this computer, it is "
+                              "taken; is another viewer running?") from error
         self.url = self._meshcat.web_url()
         for path, name, value in _STAGE:
             self._meshcat.SetProperty(path, name, value)

@@ -115,8 +115,7 @@ def episode(craft: Spacecraft, task: Task, timing: Timing, scenario: Scenario,
             trajectory: Trajectory) -> Flight:
     """A trajectory that was solved, flown by Drake for a whole episode, thrusters shut once it has arrived.
 
-    The timing says how long an episode is; the control period is the trajectory's own. The scenario is of
-    floats.
+    The timing says how long; the control period is the trajectory's own. The scenario is of floats.
     """
     period, planned = trajectory.control_period, len(trajectory.commands)
     steps = max(planned, math.ceil(timing.episode_steps * timing.control_period / period - 1e-9))

@@ -20,10 +20,7 @@ _UNTUNED = "none: default settings"
 
 
 def contest_of(spec: str, episodes: int, seed: int = EVALUATION_SEED, engine: EngineName = "fast") -> Contest:
-    """The conditions of the first contestant, under which all others fly too.
-
-    `ConfigError` if there is no such contestant, it knows no task, or a number is too small.
-    """
+    """The conditions of the first contestant, for all others too; `ConfigError` if it knows no task."""
     if episodes < 1:
         raise ConfigError(f"--episodes must be at least 1, got {episodes}.")
     run = contestant(spec)

@@ -54,10 +54,7 @@ class LoadedRun(NamedTuple):
 
 
 def load_agent(path: Path) -> LoadedRun:
-    """The agent in a run folder.
-
-    `ConfigError` if that holds no run, no policy yet, a damaged one, or one for another spacecraft.
-    """
+    """The agent in a run folder; `ConfigError` if that holds no run, or no policy that fits its craft."""
     run = RunFolder(path)
     config, craft = run.config(), run.spacecraft()
     if not run.policy_file.exists():

@@ -47,10 +47,7 @@ def controller(name: str, setup: Setup) -> Controller:
 
 
 class Guarded:
-    """A controller made elsewhere, by its name in `CONTROLLERS`; each answer is checked before it flies.
-
-    `ConfigError` if it cannot be made, or is no controller.
-    """
+    """A controller made elsewhere, by name; a `ConfigError` says what is wrong with it or its answers."""
 
     def __init__(self, name: str, setup: Setup) -> None:
         self._craft, package = setup.craft, CONTROLLERS.package(name)
@@ -92,10 +89,7 @@ craft's actuators take: zeros and ones, or numbers between."""
 
 
 class UserPolicy:
-    """A function of the observation, each of whose answers is checked before it flies.
-
-    Its name is what `user_policy` knows it by; it is for a spacecraft's thrusters and a task's observations.
-    """
+    """A function of the observation, by its `user_policy` name; each answer is checked before it flies."""
 
     def __init__(self, name: str, policy: Policy, craft: Spacecraft, task: Task) -> None:
         self.name, self._policy, self._craft, self._task = name, policy, craft, task
