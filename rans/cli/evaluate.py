@@ -94,7 +94,7 @@ class Evaluate:
     def _write(self, results: dict[str, Any], flight: Flight) -> Path:
         """Write all files; results of the other engine under the same conditions are kept."""
         from rans.evaluation.fly.contestants import output_folder, picked_task
-        from rans.evaluation.fly.episodes import save_episodes
+        from rans.evaluation.measure.aggregate import save_episodes
         from rans.files import environment, read_json, write_json
         from rans.show.figures import save_flight_figures
 
