@@ -20,7 +20,8 @@ from rans.errors import ConfigError
 from rans.model.dynamics import State
 from rans.model.spacecraft import Spacecraft
 from rans.optimal.certificate.lattice import GoalSet, check_finite
-from rans.optimal.trajectory.guess import inertia, rotation_vector
+from rans.optimal.trajectory.allocation import inertia
+from rans.optimal.trajectory.guess import rotation_vector
 
 _MOST_THRUSTERS = 16
 """Up to which all sets of open thrusters are looked at, 65,536 of them."""

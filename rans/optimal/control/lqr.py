@@ -11,8 +11,8 @@ from rans.model.fields import Heading, Quat, leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.optimal.control.regulator import Deadband, Regulator, Weights
-from rans.optimal.control.rounding import SigmaDelta
-from rans.optimal.trajectory.guess import inertia, rotation_vector
+from rans.optimal.trajectory.allocation import SigmaDelta, inertia
+from rans.optimal.trajectory.guess import rotation_vector
 from rans.tasks.base import Task
 
 _WEIGHTS, _DEADBAND = Weights(), Deadband()
@@ -37,8 +37,7 @@ class LQR:
 
     def __init__(self, craft: Spacecraft, task: Task, timing: Timing, weights: Weights = _WEIGHTS,
                  deadband: Deadband = _DEADBAND) -> None:
-        self._craft, self._task, self._deadband = craft, task, deadband
-        self._inertia = inertia(craft)
+        self._craft, self._task, self._deadband, self._inertia = craft, task, deadband, inertia(craft)
         self._identity = Heading(0.0) if craft.dimension == 2 else Quat(1.0, 0.0, 0.0, 0.0)
         self._regulator = Regulator.of(craft, task, timing, weights)
         self._rounding = SigmaDelta(craft, self._regulator.carried(craft))

@@ -12,7 +12,7 @@ import numpy as np
 from rans.model.dynamics import State
 from rans.model.fields import Attitude, Field, Heading, Quat, leaves, map_leaves, wrap
 from rans.model.spacecraft import Spacecraft
-from rans.optimal.trajectory.allocation import Allocation
+from rans.optimal.trajectory.allocation import Allocation, inertia
 
 _BOW = 0.3
 """Sideways, of the way to go: standard deviation over the further guesses."""
@@ -100,11 +100,6 @@ def _turned(attitude: Any, turn: np.ndarray, pace: Field) -> np.ndarray:
     axis = turn / angle if angle > 0 else turn
     x, y, z = np.outer(axis, np.sin(0.5 * angle * pace))
     return np.array(leaves(attitude.times(Quat(np.cos(0.5 * angle * pace), x, y, z))))
-
-
-def inertia(craft: Spacecraft) -> np.ndarray:
-    """About the axes it can turn about, (1, 1) or (3, 3), kg m^2."""
-    return np.array(craft.inertia if craft.dimension == 3 else [[craft.inertia[2][2]]])
 
 
 def needed_wrenches(craft: Spacecraft, path: Any, period: float) -> np.ndarray:
