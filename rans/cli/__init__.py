@@ -14,7 +14,6 @@ from rans.files import first_line
 
 STARTED = time.monotonic()
 """When this process began to work, s: commands state their wall time from here."""
-
 COMMANDS = ("train", "sweep", "evaluate", "follow", "view", "optimal", "compare",
             "report", "export", "validate", "benchmark", "list")
 

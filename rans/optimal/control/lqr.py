@@ -24,10 +24,9 @@ SWEEP = (0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0)
 class LQR:
     """Linear-quadratic regulator, allocation to the thrusters, sigma-delta rounding.
 
-    Position in W and attitude in B are taken for double integrators, one per axis, which they are for
-    small angles and spins; the gain of each is the discrete-time optimum for the control period. Where
-    the task has no tolerance for the position or the attitude, only the velocity or the spin is brought
-    to the goal's.
+    Position in W and attitude in B are taken for double integrators, one per axis, which they are for small
+    angles and spins; the gain of each is the discrete-time optimum for the control period. Where the task has
+    no tolerance for the position or the attitude, only the velocity or the spin is brought to the goal's.
 
     Raises:
         ConfigError: the thrusters cannot push and turn the spacecraft in every direction.

@@ -146,10 +146,9 @@ class Regulator:
     def carried(self, craft: Spacecraft) -> np.ndarray:
         """Components of a wrench along which `SigmaDelta` must carry what is owed.
 
-        A small thrust that holds a deviation has to add up to a pulse in time. A velocity adds up by
-        itself what was not given: carried on as well, it would be given twice. With it the LQR tracks
-        velocities with the free flyer from 46 of 50 starts and spends 17 N s, without it from all 50
-        and 3.3 N s.
+        A small thrust that holds a deviation has to add up to a pulse in time. A velocity adds up by itself
+        what was not given: carried on as well, it would be given twice. With it the LQR tracks velocities
+        with the free flyer from 46 of 50 starts and spends 17 N s, without it from all 50 and 3.3 N s.
         """
         stiff = [axis.price[0] > 0 for axis in (self.translation, self.rotation)]
         return np.repeat(stiff, [craft.dimension, craft.degrees_of_freedom - craft.dimension])

@@ -10,10 +10,8 @@ from rans.model.spacecraft import Spacecraft, controls_every_direction
 _STEPS = 100
 """Newton steps at most. Opposed pairs of equal thrusters need none, random layouts about ten; where
 thrusters are so nearly dependent that this does not suffice the wrench is met approximately."""
-
 _EXACT = 1e-9
 """Part of a wrench that may be missing."""
-
 _FLIPS = 20
 """Rounds of improvement at most; three are usual."""
 _SATURATED = 0.99
@@ -106,11 +104,10 @@ def inertia(craft: Spacecraft) -> np.ndarray:
 class SigmaDelta:
     """Opens the thrusters that best pay what is owed, and carries the rest to the next period.
 
-    Sigma-delta modulation of the wrench as a vector: what rounding gave too much or too little is
-    carried on, so that over any time the impulse is the wanted one to within a few pulses. What is left
-    over is weighed by the kinetic energy it is worth. Carrying it for every thruster by itself (sum-up
-    rounding: Sager, J. Process Control 19, 2009) lets several thrusters turn the spacecraft in the same
-    period without need.
+    Sigma-delta modulation of the wrench as a vector: what rounding gave too much or too little is carried on,
+    so that over any time the impulse is the wanted one to within a few pulses. What is left over is weighed
+    by the kinetic energy it is worth. Carrying it for every thruster by itself (sum-up rounding: Sager, J.
+    Process Control 19, 2009) lets several thrusters turn the spacecraft in the same period without need.
 
     The rest is carried on along some components of the wrench, (3 or 6,) bool, by default all, even while all
     that is wanted is within reach.
