@@ -29,7 +29,6 @@ _PATIENCE, _GRACE = 1.5, 10.0
 """A flight may take so many times as long as at full speed, and so many seconds more."""
 
 
-@dataclass(frozen=True)
 def _tracker(method: str) -> Any:
     """A method of `Guided` that is the tracker's task's own."""
     return lambda self, *given: getattr(self.task, method)(*given)
