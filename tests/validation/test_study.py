@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pytest
 
 from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading, Vec2
 from rans.model.spacecraft_file import load_spacecraft
-from validation import closed_loop, flights
+from validation import flights
 from validation.checks import Check
-from validation.closed_loop import closed_loop_checks
 from validation.dynamics import acceleration_checks, mass_checks, period_checks, thruster_checks
 from validation.sampling import reach
 from validation.study import LAYERS, Scope
@@ -69,21 +66,3 @@ def test_long_ways_loosen_in_proportion() -> None:
         states = PlanarState(Vec2(way, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
         assert reach(states) == factor
         assert flights._agreement(states) == pytest.approx(1e-9 * factor)
-
-
-def test_the_closed_loop_is_the_same_in_both_engines() -> None:
-    """Four flights of an LQR; of four all of which are solved, Wilson leaves 51 % and more."""
-    checks = [c for c in closed_loop_checks(PLATFORM, 1, 4) if isinstance(c, Check)]
-    assert all(check.passed for check in checks)
-    assert bounds(checks) == {
-        "closed loop, LQR: solved": (pytest.approx(49.0, abs=0.05), "%"),
-        "closed loop, LQR: position error": (pytest.approx(0.1), "cm"),
-        "closed loop, LQR: attitude error": (pytest.approx(0.1), "deg")}
-
-
-def test_a_judge_of_another_mass_breaks_the_closed_loop(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Drake flies a craft of twice the mass with the same controller."""
-    true = closed_loop.fly_in_drake
-    monkeypatch.setattr(closed_loop, "fly_in_drake",
-                        lambda craft, *rest: true(replace(craft, mass=2.0 * craft.mass), *rest))
-    assert not all(check.passed for check in closed_loop_checks(PLATFORM, 1, 4) if isinstance(check, Check))
