@@ -1,5 +1,8 @@
 from __future__ import annotations
 
+from typing import Any
+
+import numpy as np
 import pytest
 
 from rans.model.body import Body
@@ -36,3 +39,19 @@ def test_the_default_step_must_gain_a_decade(monkeypatch: pytest.MonkeyPatch) ->
     assert good.passed
     assert good.tolerance == 0.1
     assert 0.0 < good.value < 1e-6  # exact beside a first-order step
+
+
+def test_the_gain_is_a_ratio_of_medians(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Medians of 0.1 and 2 m: 0.05. The median of the three ratios is 0.1, that of the means 0.4."""
+    errors = {"euler": np.array([1.0, 2.0, 10.0]), "ours": np.array([0.1, 0.02, 5.0])}
+
+    def flown(_craft: Any, _start: Any, _inputs: Any, _period: Any, method: Any, _steps: Any) -> str:
+        return "euler" if method is semi_implicit_euler else "ours"
+
+    monkeypatch.setattr(discretisation, "_flown", flown)
+    monkeypatch.setattr(discretisation, "gaps", lambda who, _: dict.fromkeys(("position", "attitude"),
+                                                                           errors[who]))
+    checks = [c for c in discretisation_checks(load_spacecraft("floating-platform"), 1, 1)
+              if isinstance(c, Check)]
+    assert [(check.value, check.unit) for check in checks] == [(pytest.approx(0.05), "ratio")] * 2
+    assert "over the median" in checks[0].reason

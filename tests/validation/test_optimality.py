@@ -96,8 +96,9 @@ def test_every_start_of_the_evaluation_is_asked_once(jobs: Jobs, capsys: pytest.
     every = scenarios(GoToPose().for_evaluation(), craft, EVALUATION_SEED, 3)
     assert [job[:5] for job in jobs.asked] == [(craft, 0.2, "time", 43, 7.0)] * 3
     assert [job[5].start.p.x for job in jobs.asked] == every.start.p.x.tolist()
+    headings: Any = every.goal.attitude
     assert [job[5].goal.attitude.angle for job in jobs.asked] == pytest.approx(
-        np.broadcast_to(every.goal.attitude.angle, 3).tolist(), abs=0.0)
+        np.broadcast_to(headings.angle, 3).tolist(), abs=0.0)
     assert jobs.workers == 5
     said = capsys.readouterr().out.splitlines()
     assert said[0] == "least time"
