@@ -38,6 +38,8 @@ def test_gaps_against_what_is_promised(quantity: Any, horizon: float, target: fl
     assert (unproven.value, unproven.tolerance, unproven.passed) == (pytest.approx(1 / 3), 0.5, True)
     assert found.settings == {"seconds per start": 3.0}
     assert report(quantity, horizon, [answer(1.0, math.inf)]).passed is False
+    # A tenth of a per mille is a gap, rounding is none.
+    assert report(quantity, horizon, [answer(1.0, 1.0001), answer(1.0, 1.0 + 1e-12)]).checks[1].value == 0.5
     assert report(quantity, horizon, [answer(1.0, 1.01)] * 2 + [answer(1.0, 1.0)]).passed is False
 
 
