@@ -24,7 +24,7 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.reference.flight import fly_in_drake
 from rans.scenario import scenarios
-from rans.show.motion import Motion
+from rans.show.scene import Motion
 from rans.tasks import GoToPose, MultiTask, TrackVelocity, Transition, observation_columns, observation_width
 from rans.tasks.sight import Entry, Scalar, VectorInW
 

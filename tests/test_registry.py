@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import pytest
 
@@ -140,6 +140,13 @@ class Unfinished(SingleTask):
     length: float = 1.0
 
 
+@dataclass(frozen=True)
+class Boundless(Unfinished):
+    """Nothing says when its errors are small enough."""
+
+    sample = sight = errors = reward = failed = cast(Any, None)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Demanding(GoToPose):
     """A setting of it has no default."""
@@ -149,7 +156,8 @@ class Demanding(GoToPose):
 
 @pytest.mark.parametrize(("name", "said"), [
     ("math:sin", "a task must be a dataclass"),
-    ("tests.test_registry:Unfinished", "Unfinished has no errors, failed, reward, sample, sight, tolerances"),
+    ("tests.test_registry:Unfinished", "Unfinished has no errors, failed, reward, sample, sight, which"),
+    ("tests.test_registry:Boundless", "Boundless has no tolerances, which every task must have"),
     ("tests.test_registry:Demanding", "the settings limit of Demanding have no defaults"),
 ])
 def test_what_is_no_task(name: str, said: str) -> None:

@@ -24,7 +24,9 @@ from rans.evaluation.measure.metrics import samples
 from rans.files import environment, write_json, write_text
 from rans.flight import Controller, fly
 from rans.scenario import EVALUATION_SEED, scenarios
+from rans.terminal import Terminal, table
 from validation.agent_rows import ROWS, Goal, Row
+from validation.command import ended
 from validation.time_optimal import time_optimal
 
 _BEGIN, _END = "<!-- table: python -m validation.agents -->", "<!-- end of table -->"
@@ -171,12 +173,12 @@ def with_table(page: str, lines: Iterable[Line]) -> str:
         ConfigError: the page has no place for it.
     """
     rows = [_HEADINGS, ("---",) * len(_HEADINGS), *(line.cells() for line in lines)]
-    table = "\n".join(f"| {' | '.join(cells)} |" for cells in rows)
+    body = "\n".join(f"| {' | '.join(cells)} |" for cells in rows)
     before, begin, rest = page.partition(_BEGIN)
     _, end, after = rest.partition(_END)
     if not (begin and end):
         raise ConfigError(f"the page must have the lines {_BEGIN} and {_END}, between which the table goes.")
-    return f"{before}{_BEGIN}\n{table}\n\n{_SOURCE}\n{_END}{after}"
+    return f"{before}{_BEGIN}\n{body}\n\n{_SOURCE}\n{_END}{after}"
 
 
 def short(names: tuple[str, ...]) -> str:
@@ -190,26 +192,13 @@ def joined(values: Iterable[float]) -> str:
 
 
 def main() -> int:
-    """Print the table; 1 if a target is missed, 2 and a sentence for a user's mistake."""
-    import sys
-
+    """Print the table; 1 if a target is missed."""
     import tyro
-    from rich.console import Console
-    from rich.table import Table
 
-    from rans.errors import RansError
-
-    try:
-        lines = tyro.cli(Agents).run()
-    except RansError as error:
-        print(f"agents: {error}", file=sys.stderr)  # noqa: T201
-        return 2
-    table = Table(*_HEADINGS[:-1])
-    for line in lines:
-        table.add_row(*line.cells()[:-1])
-    Console().print(table)
+    lines = tyro.cli(Agents).run()
+    Terminal().print(table("", _HEADINGS[:-1], [line.cells()[:-1] for line in lines]))
     return 0 if all(line.passed for line in lines) else 1
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    raise SystemExit(ended("agents", main))

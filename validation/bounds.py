@@ -29,6 +29,7 @@ from rans.optimal.certificate.lattice import GoalSet, Lattice
 from rans.scenario import Scenario
 from rans.terminal import Terminal, progress, verdict
 from validation.checks import Check, Skipped, Study
+from validation.command import ended
 
 _PERIOD = 0.2
 _AIMS = (("attitude", "position", "spin", "velocity"), ("position", "velocity"), ("velocity",), ("spin",))
@@ -52,22 +53,32 @@ class Bounds:
     """Of the first; the others follow."""
 
     def run(self) -> Study:
-        """The checks; a flight below its bound is named by its seed."""
+        """The checks; a flight below its bound is named by its seed.
+
+        Raises:
+            ConfigError: nothing is to be flown.
+        """
+        if self.craft < 1:
+            raise ConfigError(f"--craft must be >= 1, got {self.craft}.")
         with progress() as bars:
             ratios = [beaten(seed) for seed in bars.track(range(self.seed, self.seed + self.craft),
                                                           description="flights and their bounds")]
-        checks = []
+        checks, skipped = [], []
         for name in ("least time", "least thrust-time", "dual of the certificate"):
             shares = {k: row[name] for k, row in enumerate(ratios, self.seed) if name in row}
+            if not shares:
+                skipped.append(Skipped(name, "None of these flights has one."))
+                continue
             below = [k for k, share in shares.items() if not share <= 1.0 + _ROUNDING]
-            text = f"Of {len(shares)} flights; highest bound {max(shares.values(), default=0.0):.9f} of one"
+            text = f"Of {len(shares)} flights; highest bound {max(shares.values()):.9f} of one"
             checks.append(Check(f"{name}: flights below", float(len(below)), 0.0, "flights",
                                 f"{text}{f'; seeds {below}' if below else ''}."))
         large = sum("too large" in row for row in ratios)
-        skipped = (Skipped("certificates of large lattices", f"{large} of the flights have a lattice of more "
-                           f"than {_MOST_POINTS:,} points; what they need has no certificate here."),)
-        return Study(f"bounds of {self.craft} random spacecraft", tuple(checks), {},
-                     skipped if large else ())
+        if large:
+            skipped.append(Skipped("certificates of large lattices", f"{large} of the flights have a lattice "
+                                   f"of more than {_MOST_POINTS:,} points; what they need has no certificate "
+                                   "here."))
+        return Study(f"bounds of {self.craft} random spacecraft", tuple(checks), {}, tuple(skipped))
 
 
 def beaten(seed: int) -> dict[str, float]:
@@ -181,9 +192,8 @@ def _dual(craft: Spacecraft, start: Any, goal: Any, spent: float, steps: int, lo
     return lattice.next_fuel(max(found.value, rough.value, 0.0), relaxation.net)
 
 
-if __name__ == "__main__":
-    import sys
-
+def main() -> int:
+    """Print the checks and the verdict; 1 if one failed."""
     import tyro
 
     study, console = tyro.cli(Bounds).run(), Terminal()
@@ -191,4 +201,8 @@ if __name__ == "__main__":
     for said in (*study.checks, *study.skipped):
         console.print(f"{said.name}: {said.reason}")
     console.print(verdict(study.passed))
-    sys.exit(not study.passed)
+    return 0 if study.passed else 1
+
+
+if __name__ == "__main__":
+    raise SystemExit(ended("bounds", main))

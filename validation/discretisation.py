@@ -68,7 +68,8 @@ def discretisation_checks(craft: Spacecraft, seed: int, count: int) -> list[Chec
         results.append(Check(
             f"control at {rate} Hz: default over 50 Hz Euler",
             ours[default]["position"] / euler[50]["position"], 0.1, "ratio",
-            "Median position error after 25 s: the default must gain a decade on the original's step."))
+            "Median position error after 25 s over the median of the original's step: the default must "
+            "gain a decade."))
     return results
 
 

@@ -23,7 +23,9 @@ from rans.optimal.certificate.lattice import Lattice
 from rans.processes import submitted
 from rans.scenario import EVALUATION_SEED, Scenario, scenarios
 from rans.tasks import GoToPose
+from rans.terminal import Terminal
 from validation.checks import Check, Study
+from validation.command import ended
 
 _HEADINGS = "start    dual   lower   upper    gap   nodes  seconds"
 
@@ -79,13 +81,18 @@ def certificate(craft: Spacecraft, period: float, quantity: Literal["fuel", "tim
 
 
 def report(quantity: Literal["fuel", "time"], horizon: float, answers: list[Certificate]) -> Study:
-    """Mean gap and share of starts not proven optimal, against what the project promises."""
+    """Mean gap and share of starts not proven optimal, against what the project promises.
+
+    A gap is a start's own, (best found - bound) / bound, and their mean is not the gap of the means: starts
+    with a small bound count as much as others.
+    """
     gaps = np.array([answer.gap for answer in answers])
     open_share = float(np.mean(gaps > 1e-9))
     target = 0.02 if quantity == "time" else 0.04 if horizon <= 10.0 else 0.1
     checks = (
         Check(f"least {quantity}: mean gap", float(gaps.mean()), target, "-",
-              "Promised: of time, of fuel for 10 s, for 20 s; infinite where no control was found."),
+              "Promised, of every start's own gap: of time, of fuel for 10 s, for 20 s; infinite where no "
+              "control was found."),
         Check(f"least {quantity}: not proven optimal", open_share, 0.5, "share of starts",
               "Promised; more seconds prove more."),
     )
@@ -99,8 +106,14 @@ def _line(index: int, answer: Certificate) -> str:
             f"{100 * answer.gap:5.1f}% {answer.nodes:7d} {answer.seconds:8.1f}")
 
 
-if __name__ == "__main__":
+def main() -> int:
+    """Print the checks; 1 if one failed."""
     import tyro
-    from rich.console import Console
 
-    Console().print(tyro.cli(Optimality).run().table())
+    study = tyro.cli(Optimality).run()
+    Terminal().print(study.table())
+    return 0 if study.passed else 1
+
+
+if __name__ == "__main__":
+    raise SystemExit(ended("optimality", main))

@@ -54,8 +54,8 @@ class Scaling:
         for count in self.processes:
             rate = self._measure_on(count)
             first = first or rate / count
-            Console().print(f"{count} x {self.device}: {rate / 1e6:.2f} M steps/s, {rate / first:.2f} x one "
-                            f"({rate / first / count:.0%} of perfect)")
+            Console().print(f"{count} x {self.device}: {rate / 1e6:.2f} M steps/s (median), "
+                            f"{rate / first:.2f} x one ({rate / first / count:.0%} of perfect)")
 
     def _measure_on(self, count: int) -> float:
         """Steps/s of so many processes, started with torchrun."""

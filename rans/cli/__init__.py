@@ -1,4 +1,4 @@
-"""The command line: ``rans COMMAND``; each command is a dataclass whose fields are its options."""
+"""The command line: ``rans COMMAND``; each is a dataclass, named as its module, whose fields are options."""
 
 from __future__ import annotations
 
@@ -7,14 +7,13 @@ import os
 import sys
 import time
 import warnings
-from typing import Any, Protocol
+from typing import Any
 
 from rans.errors import ConfigError, RansError, legible
 from rans.files import first_line
 
 STARTED = time.monotonic()
 """When this process began to work, s: commands state their wall time from here."""
-
 COMMANDS = ("train", "sweep", "evaluate", "follow", "view", "optimal", "compare",
             "report", "export", "validate", "benchmark", "faults", "list")
 
@@ -22,19 +21,11 @@ _ABOUT = """Train agents that fly thruster-driven spacecraft, verify them with D
 optimal control. `rans COMMAND --help` explains a command, `rans --version` tells the version."""
 
 
-class Command(Protocol):
-    """A parsed command line."""
-
-    def run(self) -> int:
-        """Do it; 0 when all went well, 1 when a check or a run failed."""
-        ...
-
-
 def main(arguments: list[str] | None = None) -> int:
-    """Run one command; a user's mistake ends in one sentence and exit code 2.
+    """Run one command: 0 when all went well, 1 when a check or a run failed.
 
-    Interrupted, the exit code is 130 and nothing but a sentence is shown; it is 1 when the reader of
-    the output has left, as in ``rans list | head -1``.
+    A user's mistake ends in one sentence and exit code 2. Interrupted, the exit code is 130 and nothing but a
+    sentence is shown; it is 1 when the reader of the output has left, as in ``rans list | head -1``.
     """
     arguments = sys.argv[1:] if arguments is None else arguments
     try:
@@ -92,10 +83,8 @@ def _parse(arguments: list[str]) -> Any:
 
     # Not list(COMMANDS): once it is imported, `list` is the module of the command.
     wanted = [c for c in COMMANDS if c in arguments[:1]] or COMMANDS
-    modules = {name: importlib.import_module(f"rans.cli.{name}") for name in wanted}
-    commands = {name: module.COMMAND for name, module in modules.items()}
-    return tyro.extras.subcommand_cli_from_dict(commands, args=arguments, prog="rans",
-                                                 description=_ABOUT)
+    commands = {c: getattr(importlib.import_module(f"rans.cli.{c}"), c.capitalize()) for c in wanted}
+    return tyro.extras.subcommand_cli_from_dict(commands, args=arguments, prog="rans", description=_ABOUT)
 
 
 def _end(sentence: str, code: int) -> int:

@@ -12,9 +12,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rans.errors import ConfigError
+from rans.files import environment, ready_folder, write_json, write_text
+from rans.model.spacecraft_file import load_spacecraft
+from rans.tasks import TASKS
+from rans.terminal import Terminal, table
 
 if TYPE_CHECKING:
-    from rans.terminal import Terminal
     from validation.peers.runner import PeerResult
     from validation.speed.measurement import Measurement
     from validation.speed.ratios import Ratio
@@ -50,12 +53,10 @@ class Benchmark:
         import torch
 
         from rans.fast.learn.trainer import check_device
-        from rans.files import ready_folder
-        from rans.terminal import Terminal, table
 
-        if self.output is not None and self.output.suffix != ".json":
-            raise ConfigError(f"--output must end in .json, got {str(self.output)!r}.")
         if self.output is not None:
+            if self.output.suffix != ".json":
+                raise ConfigError(f"--output must end in .json, got {str(self.output)!r}.")
             ready_folder(self.output.parent)
         device = self.device or ("cuda" if torch.cuda.is_available() else "cpu")
         check_device(device)
@@ -77,8 +78,6 @@ class Benchmark:
         return 0
 
     def _measure(self, console: Terminal, device: str) -> list[Measurement]:
-        from rans.model.spacecraft_file import load_spacecraft
-        from rans.tasks import TASKS
         from validation.speed.suite import effort, measurements
 
         crafts, task, found = [load_spacecraft(name) for name in self.spacecraft], TASKS[self.task](), []
@@ -90,11 +89,8 @@ class Benchmark:
         return found
 
     def _sizes(self, device: str) -> tuple[int, ...]:
-        if self.num_envs:
-            return self.num_envs
-        if self.quick:
-            return (1024,)
-        return (16_384, 262_144, 4_194_304) if device.startswith("cuda") else (1024, 16_384, 262_144)
+        usual = (16_384, 262_144, 4_194_304) if device.startswith("cuda") else (1024, 16_384, 262_144)
+        return self.num_envs or ((1024,) if self.quick else usual)
 
     def _compare(self, console: Terminal, device: str, measured: list[Measurement],
                  ) -> tuple[list[Ratio], list[PeerResult], list[Ratio]]:
@@ -114,7 +110,6 @@ class Benchmark:
 
     def _write(self, file: Path, about: dict[str, str], measured: list[Measurement], shares: list[Ratio],
                peers: list[PeerResult], ratios: list[Ratio]) -> None:
-        from rans.files import write_json, write_text
         from rans.show.figures import svg
         from validation.speed.figure import speed_figure
 
@@ -130,8 +125,6 @@ class Benchmark:
 
 def _about(device: str) -> dict[str, str]:
     import torch
-
-    from rans.files import environment
 
     name = torch.cuda.get_device_name(device) if device.startswith("cuda") else "CPU"
     return environment() | {"device": name, "threads": str(torch.get_num_threads())}
@@ -160,7 +153,3 @@ def _check_compiler() -> None:
     if shutil.which(compiler) is None:
         raise ConfigError(f"the compiled engine needs a C++ compiler, but there is no {compiler} here; "
                           "training works without one, only this measurement does not; --quick does too.")
-
-
-COMMAND = Benchmark
-"""How fast everything is, beside what the memory of the same machine can move."""

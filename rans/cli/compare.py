@@ -10,12 +10,14 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 
 from rans.cli import check_count
+from rans.errors import ConfigError
 from rans.evaluation.fly.controllers import BESIDE, CONTROLLERS
+from rans.files import ready_folder, write_json
 from rans.scenario import EVALUATION_SEED
+from rans.terminal import Terminal, progress, table
 
 if TYPE_CHECKING:
     from rans.evaluation.compare.run import Comparison
-    from rans.terminal import Terminal
 
 
 @dataclass(frozen=True)
@@ -44,12 +46,9 @@ class Compare:
 
     def run(self) -> int:
         """Print the table of scores."""
-        from rans.errors import ConfigError
         from rans.evaluation.compare.roster import contest_of
         from rans.evaluation.compare.run import Comparison, fill
         from rans.evaluation.fly.contestants import output_folder
-        from rans.files import ready_folder
-        from rans.terminal import Terminal, progress
 
         if not self.contestants:
             raise ConfigError("name at least one contestant, for example a run folder.")
@@ -66,17 +65,15 @@ class Compare:
                      folder / "compare-bounds.json",
                      lambda what, count: partial(bars.advance, bars.add_task(what, total=count)))
         finally:  # also after Ctrl-C: what is finished is kept
-            _write(comparison, folder, Terminal())
+            _write(comparison, folder)
         return 1 if comparison.failures else 0
 
 
-def _write(comparison: Comparison, folder: Path, console: Terminal) -> None:
-    from rans.files import write_json
+def _write(comparison: Comparison, folder: Path) -> None:
     from rans.show.comparison_page import TEXT, page
     from rans.show.comparison_tables import scoreboard, to_json
-    from rans.terminal import table
 
-    board = scoreboard(comparison)
+    console, board = Terminal(), scoreboard(comparison)
     write_json(folder / "compare.json", to_json(comparison, TEXT))
     page(comparison).write(folder / "compare.html")
     if board:
@@ -86,6 +83,3 @@ def _write(comparison: Comparison, folder: Path, console: Terminal) -> None:
     for sentence in (*comparison.notes, *comparison.failures):
         console.print(sentence, soft_wrap=True)
     console.print(f"Written to {folder / 'compare.html'} and compare.json.")
-
-
-COMMAND = Compare

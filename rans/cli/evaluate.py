@@ -12,7 +12,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from tyro.conf import Positional, arg
 
 from rans.cli import check_count
+from rans.files import environment, read_json, ready_folder, write_json
 from rans.scenario import EVALUATION_SEED
+from rans.terminal import Terminal, progress
 
 if TYPE_CHECKING:
     from rans.evaluation.fly.agent import LoadedRun
@@ -55,8 +57,6 @@ class Evaluate:
         from rans.evaluation.fly.contestants import contestant, output_folder
         from rans.evaluation.measure.aggregate import ROOM, measure
         from rans.evaluation.measure.agreement import compare_engines
-        from rans.files import ready_folder
-        from rans.terminal import Terminal
 
         run = contestant(self.contestant, self.protocol)
         ready_folder(output_folder(self.contestant))
@@ -77,7 +77,6 @@ class Evaluate:
     def _fly(self, run: LoadedRun) -> dict[str, Flight]:
         """The flights by engine."""
         from rans.evaluation.fly.judge import EngineName, flown
-        from rans.terminal import progress
 
         engines: tuple[EngineName, ...] = ("fast", "drake") if self.engine == "both" else (self.engine,)
         flights = {}
@@ -94,8 +93,7 @@ class Evaluate:
     def _write(self, results: dict[str, Any], flight: Flight) -> Path:
         """Write all files; results of the other engine under the same conditions are kept."""
         from rans.evaluation.fly.contestants import output_folder, picked_task
-        from rans.evaluation.fly.episodes import save_episodes
-        from rans.files import environment, read_json, write_json
+        from rans.evaluation.measure.aggregate import save_episodes
         from rans.show.figures import save_flight_figures
 
         folder, names = output_folder(self.contestant), (picked_task(self.contestant), self.protocol)
@@ -111,6 +109,3 @@ class Evaluate:
         save_episodes(flight, folder / f"episodes{suffix}.npz", self.trajectories)
         save_flight_figures(flight, folder, suffix)
         return file
-
-
-COMMAND = Evaluate

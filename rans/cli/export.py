@@ -9,6 +9,8 @@ from typing import Annotated
 from tyro.conf import Positional, arg
 
 from rans.cli import check_count
+from rans.errors import ConfigError
+from rans.pretrained import pretrained_folder
 
 
 @dataclass(frozen=True)
@@ -28,8 +30,6 @@ class Export:
     def run(self) -> int:
         """Print what was written."""
         from rans.deploy.export import export
-        from rans.errors import ConfigError
-        from rans.pretrained import pretrained_folder
 
         check_count("--episodes", self.episodes)
         kind, _, name = str(self.run_folder).partition(":")
@@ -39,6 +39,3 @@ class Export:
         size = sum(file.stat().st_size for file in self.output.iterdir() if file.is_file())
         print(f"{self.output} holds the agent and its card, {size / 1000:.0f} kB.")
         return 0
-
-
-COMMAND = Export

@@ -54,6 +54,3 @@ def _row(sets: list[FaultSet]) -> tuple[str, str, str]:
     good = [one.margin for one in sets if one.recoverable]
     lost = ["+".join(map(str, one.thrusters)) for one in sets if not one.recoverable]
     return f"{len(good)} of {len(sets)}", f"{min(good):.1%}" if good else "", ", ".join(lost) or "none"
-
-
-COMMAND = Faults

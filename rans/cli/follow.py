@@ -8,7 +8,9 @@ from typing import Annotated, Literal
 from tyro.conf import Positional, arg
 
 from rans.cli import check_count
+from rans.files import ready_folder, write_json, write_text
 from rans.scenario import EVALUATION_SEED
+from rans.terminal import Terminal
 
 
 @dataclass(frozen=True)
@@ -40,10 +42,8 @@ class Follow:
         from rans.evaluation.fly.contestants import contestant, output_folder
         from rans.evaluation.fly.follow import follow
         from rans.evaluation.fly.paths import LookAhead, find_path
-        from rans.files import ready_folder, write_json, write_text
         from rans.show.figures import svg
         from rans.show.path_figures import following_figure
-        from rans.terminal import Terminal
 
         check_count("--flights", self.flights)
         planner = LookAhead(find_path(self.path), self.speed, self.look_ahead)
@@ -55,6 +55,3 @@ class Follow:
         write_text(file.with_suffix(".svg"), svg(following_figure(following)))
         print(f"Written to {file}.")
         return 0
-
-
-COMMAND = Follow

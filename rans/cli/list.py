@@ -10,24 +10,25 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
+from rich.table import Table
 from tyro import conf
 
 from rans.errors import ConfigError
+from rans.evaluation.fly.controllers import CONTROLLERS
+from rans.files import number
+from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft_file import SPACECRAFT, load_spacecraft, spacecraft_names
+from rans.pretrained import pretrained_card, pretrained_folder, pretrained_names
+from rans.registry import Registry, meant
+from rans.tasks import TASKS, gymnasium_ids, observation_columns
 from rans.terminal import Terminal, table
-
-if TYPE_CHECKING:
-    from rich.table import Table
-
-    from rans.model.spacecraft import Spacecraft
-    from rans.registry import Registry
 
 _ARROWS = "→↗↑↖←↙↓↘"
 _TOWARDS, _AWAY = "⊙", "⊗"
 _WIDEST = 3.0
 """The farthest thruster in a picture is so many units away: of the outer radius, or longer ones."""
-_COLUMNS = ("column", "what", "unit", "frame")
 
 
 @dataclass(frozen=True)
@@ -47,11 +48,6 @@ class List:
         return 0
 
     def _parts(self) -> Iterable[str | Table]:
-        from rans.model.spacecraft_file import load_spacecraft, spacecraft_names
-        from rans.pretrained import pretrained_names
-        from rans.registry import meant
-        from rans.tasks import TASKS
-
         crafts, agents = spacecraft_names(), pretrained_names()
         if self.picture is not None and (self.name is None or self.name in TASKS or self.name in agents):
             raise ConfigError(f"--picture {self.picture} draws one spacecraft: name it, for example "
@@ -77,7 +73,6 @@ class List:
         return (*_spacecraft_details(craft), f"Picture: {self.picture}")
 
 
-COMMAND = List
 
 
 def layout_text(craft: Spacecraft) -> str:
@@ -90,9 +85,8 @@ def layout_text(craft: Spacecraft) -> str:
     unit = max(craft.radius, *(math.hypot(x, y) / _WIDEST for x, y, _ in arms))
     cells: dict[tuple[int, int], str] = {}
     for angle in range(0, 360, 6):
-        radius = craft.radius / unit
-        outline = (radius * math.cos(math.radians(angle)), radius * math.sin(math.radians(angle)))
-        cells[_cell(outline, 1.0)] = "·"
+        x, y = (craft.radius / unit * f(math.radians(angle)) for f in (math.cos, math.sin))
+        cells[_cell((x, y), 1.0)] = "·"
     _put(cells, (0.0, 0.0), "+")
     for index, (thruster, (x, y, _)) in enumerate(zip(craft.thrusters, arms, strict=True)):
         dx, dy, dz = thruster.direction
@@ -101,9 +95,9 @@ def layout_text(craft: Spacecraft) -> str:
             mark = _TOWARDS if dz > 0 else _AWAY
         _put(cells, (x / unit + 0.35 * dx, y / unit + 0.35 * dy), f"{index}{mark}")
     rows, columns = zip(*cells, strict=True)
-    return "\n".join(
-        "".join(cells.get((row, column), " ") for column in range(min(columns) - 2, max(columns) + 1))
-        for row in range(min(rows), max(rows) + 1))
+    width = range(min(columns) - 2, max(columns) + 1)
+    return "\n".join("".join(cells.get((row, column), " ") for column in width)
+                     for row in range(min(rows), max(rows) + 1))
 
 
 def _cell(place: Sequence[float], width: float) -> tuple[int, int]:
@@ -121,8 +115,6 @@ def _put(cells: dict[tuple[int, int], str], place: Sequence[float], text: str) -
 
 
 def _all_spacecraft() -> Table:
-    from rans.model.spacecraft_file import SPACECRAFT
-
     def row(name: str) -> tuple[str, ...]:
         c = SPACECRAFT[name].craft
         return _space(c), f"{c.mass:g} kg", f"{len(c.thrusters)} x {_forces(c)}", c.thrust_sharing
@@ -132,19 +124,14 @@ def _all_spacecraft() -> Table:
 
 
 def _all_tasks() -> Table:
-    from rans.tasks import TASKS, gymnasium_ids
-
     def row(name: str) -> tuple[str, ...]:
         return _flag(TASKS[name]), _summary(TASKS[name])
 
     return table("Tasks", ("name, Gymnasium ids", "flag", "what"), [
-        ("\n  ".join((_named(TASKS, name), *gymnasium_ids(name))), *_or_why_not(row, name))
-        for name in TASKS])
+        ("\n  ".join((_named(TASKS, n), *gymnasium_ids(n))), *_or_why_not(row, n)) for n in TASKS])
 
 
 def _all_controllers() -> str:
-    from rans.evaluation.fly.controllers import CONTROLLERS
-
     return f"Controllers (NAME:TASK-2d): {', '.join(_named(CONTROLLERS, name) for name in CONTROLLERS)}"
 
 
@@ -162,9 +149,7 @@ def _or_why_not(row: Callable[[str], tuple[str, ...]], name: str) -> tuple[str, 
 
 
 def _all_agents() -> Table:
-    from rans.pretrained import pretrained_card, pretrained_names
-
-    cards = [pretrained_card(name) for name in pretrained_names()]
+    cards = map(pretrained_card, pretrained_names())
     return table("Agents (pretrained:NAME)", ("name", "spacecraft", "solved"), [
         (card["name"], card["spacecraft"], _solved(card)) for card in cards])
 
@@ -178,8 +163,6 @@ def _solved(card: dict[str, Any]) -> str:
 
 def _agent_details(name: str) -> Iterable[str | Table]:
     from rans.evaluation.measure.statistics import figure
-    from rans.files import number
-    from rans.pretrained import pretrained_card, pretrained_folder
 
     card = pretrained_card(name)
     training = card["training"]
@@ -196,8 +179,7 @@ def _agent_details(name: str) -> Iterable[str | Table]:
 
 
 def _spacecraft_details(craft: Spacecraft) -> Iterable[str | Table]:
-    axes = craft.dimension
-    moments = "\n".join(_vector(row, 4) for row in craft.inertia)
+    axes, moments = craft.dimension, "\n".join(_vector(row, 4) for row in craft.inertia)
     yield table(craft.name, ("property", "value"), [
         ("moves in", _space(craft)),
         ("mass", f"{craft.mass:g} kg"),
@@ -213,8 +195,6 @@ def _spacecraft_details(craft: Spacecraft) -> Iterable[str | Table]:
 
 
 def _task_details(name: str) -> Iterable[str | Table]:
-    from rans.tasks import TASKS, gymnasium_ids, observation_columns
-
     task = TASKS[name]()
     yield f"{name}: {_summary(TASKS[name])}"
     yield f"Gymnasium: {', '.join(gymnasium_ids(name))}; task flag: {_flag(task)}"
@@ -222,16 +202,14 @@ def _task_details(name: str) -> Iterable[str | Table]:
     yield table("Settings", ("name", "default", "meaning"), [
         (f.name, _setting(getattr(task, f.name)), meanings.get(f.name, ""))
         for f in dataclasses.fields(task)])
-    yield table("Observation in the plane", _COLUMNS, _numbered(observation_columns(task, 2)))
-    yield table("Observation in space", _COLUMNS, _numbered(observation_columns(task, 3)))
+    shown = {"the plane": observation_columns(task, 2), "space": observation_columns(task, 3)}
+    for where, columns in shown.items():
+        yield table(f"Observation in {where}", ("column", "what", "unit", "frame"), [
+            (str(index), *column) for index, column in enumerate(columns)])
 
 
 def _flag(task: object) -> str:
     return str(getattr(task, "flag", "drawn"))
-
-
-def _numbered(columns: Iterable[tuple[str, ...]]) -> list[tuple[str, ...]]:
-    return [(str(index), *column) for index, column in enumerate(columns)]
 
 
 def _field_meanings(described: type) -> dict[str, str]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -10,19 +12,17 @@ import tyro
 
 from rans.cli import check_count
 from rans.errors import ConfigError
-from rans.scenario import EVALUATION_SEED
+from rans.files import ready_folder
+from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft_file import load_spacecraft
+from rans.scenario import EVALUATION_SEED, Scenario, scenarios
+from rans.tasks import TASKS, Task
+from rans.terminal import Terminal, progress
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from rans.evaluation.compare.bounds import Bound
     from rans.evaluation.compare.optima import Optimum
-    from rans.model.spacecraft import Spacecraft
     from rans.optimal.trajectory.objectives import Objective
-    from rans.scenario import Scenario
-    from rans.tasks import Task
-
-_COSTS = Literal["fuel", "time", "energy", "tracking", "reward"]
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Optimal:
     """What to do; `rans list` knows the tasks."""
     spacecraft: str = "floating-platform"
     """Name of a spacecraft that comes with RANS, or your own TOML file."""
-    objective: _COSTS = "fuel"
+    objective: Literal["fuel", "time", "energy", "tracking", "reward"] = "fuel"
     """Least thrust-time, time or squared thrust, least squared distance, or the task's greatest reward."""
     ending: Literal["exact", "set"] = "exact"
     """Arrive exactly, or within the task's tolerances; for fuel, time and energy."""
@@ -66,21 +66,16 @@ class Optimal:
     def run(self) -> int:
         """Print a table of the starts."""
         from rans.evaluation.compare.optima import optima, table, write
-        from rans.files import ready_folder
-        from rans.model.spacecraft_file import load_spacecraft
-        from rans.scenario import scenarios
-        from rans.tasks import TASKS
-        from rans.terminal import Terminal
 
         self._check()
         task, craft = TASKS[self.task]().for_evaluation(), load_spacecraft(self.spacecraft)
         objective, starts = self._objective(), scenarios(task, craft, self.seed, self.episodes)
-        folder = ready_folder(
-            self.output or Path("runs") / f"optimal-{self.task}-{craft.name}-{self.objective}")
+        usual = Path("runs") / f"optimal-{self.task}-{craft.name}-{self.objective}"
+        folder = ready_folder(self.output or usual)
         answers = self._with_progress("optimal trajectories", lambda tick: optima(
             craft, task, objective, starts, self.guesses, self.workers, tick))
-        title = f"{objective.name}: {self.task} with {craft.name}, thrust between 0 and 1"
-        Terminal().print(table(title, objective, answers))
+        Terminal().print(table(f"{objective.name}: {self.task} with {craft.name}, thrust between 0 and 1",
+                               objective, answers))
         about: dict[str, Any] = {"task": self.task, "spacecraft": craft.name, "objective": objective.name,
                                  "measure": objective.measure, "ending": objective.ending, "seed": self.seed}
         write(folder, about, answers)  # bounds can take long: an interrupt must not lose these
@@ -120,13 +115,10 @@ class Optimal:
     def _bounds(self, craft: Spacecraft, task: Task, objective: Objective, starts: Scenario,
                 answers: list[Optimum]) -> list[Bound]:
         """Print them too."""
-        import math
-
         from rans.evaluation.compare import bounds
         from rans.optimal.certificate.certificate import Effort
         from rans.optimal.trajectory.arrival import aims
         from rans.optimal.trajectory.pool import each
-        from rans.terminal import Terminal
 
         wanted, period = tuple(sorted(aims(task))), self.control_period
         horizon = None if self.objective == "time" else objective.intervals * period
@@ -141,11 +133,6 @@ class Optimal:
         return found
 
     def _with_progress(self, what: str, work: Callable[[Callable[[], object]], Any]) -> Any:
-        from rans.terminal import progress
-
         with progress() as bars:
             bar = bars.add_task(what, total=self.episodes)
             return work(lambda: bars.advance(bar))
-
-
-COMMAND = Optimal

@@ -4,50 +4,33 @@ from __future__ import annotations
 
 import sys
 import time
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from rich.progress import BarColumn, Progress, TextColumn
 
 from rans.terminal import Terminal
 
-if TYPE_CHECKING:
-    from rans.fast.learn.config import TrainConfig
-
-_PLAIN_SECONDS = 5.0
-"""Between lines when standard error is not a terminal."""
+PLAIN_SECONDS = 5.0
+"""Between plain lines."""
 
 
-class TrainingProgress:
-    """Shows rows of metrics on standard error.
+class TrainingProgress(Progress):
+    """Shows rows of metrics on standard error; the total is the budget of steps."""
 
-    Args:
-        config: gives the budget of steps.
-    """
-
-    def __init__(self, config: TrainConfig) -> None:
-        self._total = config.total_timesteps
+    def __init__(self, total: int) -> None:
         console = Terminal(stderr=True)
-        self._live = Progress(
-            TextColumn("training"), BarColumn(bar_width=20), TextColumn("{task.description}"),
-            console=console, disable=not console.is_terminal)
-        self._bar = self._live.add_task("compiling and warming up ...", total=self._total)
-        self._plain = not console.is_terminal
-        self._last = 0.0
-
-    def __enter__(self) -> TrainingProgress:
-        self._live.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._live.stop()
+        super().__init__(TextColumn("training"), BarColumn(bar_width=20), TextColumn("{task.description}"),
+                         console=console, disable=not console.is_terminal)
+        self._bar, self._total = self.add_task("compiling and warming up ...", total=total), total
+        self._last = -PLAIN_SECONDS
 
     def show(self, row: dict[str, Any]) -> None:
         """Show the newest row."""
-        text = describe(row, self._total)
-        self._live.update(self._bar, completed=row["steps"], description=text)
-        if self._plain and (time.monotonic() - self._last > _PLAIN_SECONDS or row["steps"] >= self._total):
+        text, now = describe(row, self._total), time.monotonic()
+        self.update(self._bar, completed=row["steps"], description=text)
+        if self.disable and (now - self._last > PLAIN_SECONDS or row["steps"] >= self._total):
             print(f"training: {text}", file=sys.stderr, flush=True)
-            self._last = time.monotonic()
+            self._last = now
 
 
 def describe(row: dict[str, Any], total: int) -> str:

@@ -8,6 +8,8 @@ from typing import Annotated
 
 import tyro
 
+from rans.terminal import Terminal
+
 
 @dataclass(frozen=True)
 class Report:
@@ -19,13 +21,9 @@ class Report:
     def run(self) -> int:
         """Write report.html into the run folder and print a summary."""
         from rans.show.report import report_from_run
-        from rans.terminal import Terminal
 
         report, file = report_from_run(self.run_folder), self.run_folder / "report.html"
         report.write(file)
         Terminal().print(report.summary())
         print(f"The report is {file}.")
         return 0
-
-
-COMMAND = Report

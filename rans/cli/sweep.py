@@ -13,21 +13,20 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+from rich.table import Table
 from tyro.conf import Positional, UseAppendAction, arg
 
 from rans.cli import STARTED
+from rans.cli.progress import PLAIN_SECONDS
 from rans.cli.train import StopGently, Train, compile_in_this_process
 from rans.errors import ConfigError
+from rans.files import environment, plain, write_json, write_text
+from rans.terminal import Terminal
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
     from rans.fast.learn.config import TrainConfig
     from rans.fast.learn.member import Member
     from rans.fast.learn.sweep import Sweep as Trainings
-
-_PLAIN_SECONDS = 5.0
-"""Between lines of progress."""
 
 
 @dataclass(frozen=True)
@@ -59,8 +58,6 @@ class Sweep:
 
     def run(self) -> int:
         """Train with progress and print a table; 130 when it was stopped early."""
-        from rans.terminal import Terminal
-
         compile_in_this_process()
         sweep = self._trainings()
         folder, first = sweep.path, sweep.processes.is_first
@@ -72,11 +69,12 @@ class Sweep:
         Terminal().print(_table(sweep))
         solved = sum(member.solved for member in sweep.members)
         rate = sweep.timed_steps / max(sweep.seconds, 1e-9)
-        print(f"{'Stopped' if stop.asked else 'Done'}: {solved} of {len(sweep.members)} members solved, "
-              f"{sweep.seconds:.1f} s of training ({rate:,.0f} steps/s of all together), "
-              f"{time.monotonic() - STARTED:.1f} s in all. The best agent is {folder}/best."
-              + (f" Continue with: {shlex.join(['rans', 'sweep', '--resume', str(folder)])}"
-                 if stop.asked else ""))
+        text = (f"{'Stopped' if stop.asked else 'Done'}: {solved} of {len(sweep.members)} members solved, "
+                f"{sweep.seconds:.1f} s of training ({rate:,.0f} steps/s of all together), "
+                f"{time.monotonic() - STARTED:.1f} s in all. The best agent is {folder}/best.")
+        if stop.asked:
+            text += f" Continue with: {shlex.join(['rans', 'sweep', '--resume', str(folder)])}"
+        print(text)
         return 130 if stop.asked else 0
 
     def _trainings(self) -> Trainings:
@@ -126,7 +124,6 @@ def _changes(text: str) -> list[str]:
 
 
 def _save(sweep: Trainings, folder: Path) -> None:
-    from rans.files import environment, plain, write_json, write_text
     from rans.show.figures import svg
     from rans.show.sweep_figure import sweep_figure
 
@@ -143,8 +140,6 @@ def _save(sweep: Trainings, folder: Path) -> None:
 
 def _table(sweep: Trainings) -> Table:
     """One row a member, the best in bold."""
-    from rich.table import Table
-
     from rans.evaluation.measure.metrics import DISPLAY
     from rans.fast.learn.sweep import short
 
@@ -168,11 +163,11 @@ class _Progress:
     """Plain lines on standard error, now and then."""
 
     def __init__(self, sweep: Trainings) -> None:
-        self._sweep, self._last = sweep, -_PLAIN_SECONDS
+        self._sweep, self._last = sweep, -PLAIN_SECONDS
 
     def show(self, batch: Sequence[Member]) -> None:
         """Say how far a batch is."""
-        if time.monotonic() - self._last > _PLAIN_SECONDS:
+        if time.monotonic() - self._last > PLAIN_SECONDS:
             self._last = time.monotonic()
             print(f"sweep: {describe(self._sweep, batch)}", file=sys.stderr, flush=True)
 
@@ -185,6 +180,3 @@ def describe(sweep: Trainings, batch: Sequence[Member]) -> str:
     return (f"{last['steps'] / 1e6:.2f} M steps each by {len(batch)} members, {solved} of "
             f"{len(sweep.members)} solved, median success {success:.1%}, "
             f"{last['steps_per_s'] * len(batch) / 1e6:.2f} M steps/s")
-
-
-COMMAND = Sweep

@@ -17,8 +17,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 from tyro.conf import Positional, UseAppendAction, arg
 
 from rans.cli import STARTED
+from rans.cli.progress import TrainingProgress
 from rans.errors import ConfigError, RansError
+from rans.files import replace_file
+from rans.model.spacecraft_file import load_spacecraft
 from rans.processes import beside
+from rans.registry import meant
+from rans.tasks import TASKS
 
 if TYPE_CHECKING:
     from rans.fast.learn.config import TrainConfig
@@ -64,7 +69,6 @@ class Train:
         from rans.fast.distributed import join
         from rans.fast.learn.run_folder import RunFolder
         from rans.fast.learn.trainer import Trainer, run_path
-        from rans.model.spacecraft_file import load_spacecraft
 
         if self.resume is not None:
             if replace(self, resume=None, view=False) != Train():
@@ -107,9 +111,6 @@ class Train:
 
         from rans.fast.learn.config import TrainConfig
         from rans.fast.learn.recipes import RECIPES, preset, recipe
-        from rans.model.spacecraft_file import load_spacecraft
-        from rans.registry import meant
-        from rans.tasks import TASKS
 
         task, spacecraft = str(self.task), self.spacecraft or "floating-platform"
         device = self.device or ("cuda" if torch.cuda.is_available() else "cpu")
@@ -124,14 +125,14 @@ class Train:
 
     def run(self) -> int:
         """Train with progress; 130 when it was stopped early."""
-        from rans.cli.progress import TrainingProgress
-
         compile_in_this_process()
         trainer = self._trainer()
         if not trainer.processes.is_first:
-            return _assist(trainer)
+            with StopGently() as stop:
+                trainer.train(lambda _: None, lambda: stop.asked)
+            return 130 if stop.asked else 0
         watched = _watched(trainer.run.path) if self.view else contextlib.nullcontext()
-        with watched, TrainingProgress(trainer.config) as progress, StopGently() as stop:
+        with watched, TrainingProgress(trainer.config.total_timesteps) as progress, StopGently() as stop:
             trainer.train(lambda members: progress.show(members[0].rows[-1]), lambda: stop.asked)
         _draw(trainer.run)
         print(_summary(trainer, stop.asked, time.monotonic() - STARTED))
@@ -147,16 +148,8 @@ def compile_in_this_process() -> None:
     os.environ.setdefault("TORCHINDUCTOR_COMPILE_THREADS", "1")
 
 
-def _assist(trainer: Trainer) -> int:
-    """Train as one of the processes that are not the first, without a word."""
-    with StopGently() as stop:
-        trainer.train(lambda _: None, lambda: stop.asked)
-    return 130 if stop.asked else 0
-
-
 def _draw(run: RunFolder) -> None:
     """The learning curve, with Matplotlib, for which training need not wait."""
-    from rans.files import replace_file
     from rans.show.figures import learning_curve
 
     if rows := run.metrics():
@@ -235,6 +228,3 @@ class StopGently:
         if self.asked:
             raise KeyboardInterrupt
         self.asked = True
-
-
-COMMAND = Train

@@ -6,6 +6,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from rich.text import Text
+
+from rans.files import ready_folder
+from rans.model.spacecraft_file import load_spacecraft
+from rans.terminal import Terminal, progress, verdict
+
 
 @dataclass(frozen=True)
 class Validate:
@@ -24,10 +30,6 @@ class Validate:
 
     def run(self) -> int:
         """Print the table of checks."""
-        from rich.text import Text
-
-        from rans.files import ready_folder
-        from rans.terminal import Terminal, verdict
         from validation.page import page
 
         console = Terminal()
@@ -49,11 +51,8 @@ class Validate:
         return 1 if failed else 0
 
     def _study(self) -> Any:
-        from rans.model.spacecraft_file import load_spacecraft
-        from rans.terminal import progress
         from validation.study import study
 
-        craft = load_spacecraft(self.spacecraft)
         with progress() as bars:
             bar = bars.add_task("validating", total=None)
 
@@ -61,7 +60,4 @@ class Validate:
                 done = bars.tasks[0].completed if bars.tasks[0].total else -1
                 bars.update(bar, total=count, completed=done + 1, description=name)
 
-            return study(craft, self.seed, self.quick, self.layer, show)
-
-
-COMMAND = Validate
+            return study(load_spacecraft(self.spacecraft), self.seed, self.quick, self.layer, show)

@@ -80,6 +80,3 @@ class View:
             open_browser(page.url)
             while True:
                 time.sleep(3600.0)
-
-
-COMMAND = View

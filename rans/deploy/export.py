@@ -27,17 +27,9 @@ _OPTIMISER, _SYSTEM = "policy.optimizer.pth", "system_info.txt"
 def export(run: Path, folder: Path, episodes: int = 1024, seed: int = EVALUATION_SEED) -> dict[str, Any]:
     """Write policy.zip, config.json, spacecraft.toml and card.json of a run into a folder of its own.
 
-    `load_agent` and ``stable_baselines3.PPO.load`` open it as they open the run.
-
-    Args:
-        run: the run folder.
-        folder: to write into; its name is the agent's.
-        episodes: flown for the card, under each of `fitting_protocols` and, by a multi-task agent, with
-            each of its tasks.
-        seed: of their starts.
-
-    Returns:
-        The card.
+    `load_agent` and ``stable_baselines3.PPO.load`` open it as they open the run. The folder's name is the
+    agent's. For the card, which is returned, so many episodes are flown from starts of the seed under each of
+    `fitting_protocols` and, by a multi-task agent, with each of its tasks.
 
     Raises:
         ConfigError: the run holds no agent, the folder is the run, or the disk refused.

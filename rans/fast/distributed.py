@@ -39,11 +39,7 @@ class Processes:
         return self.rank == 0
 
     def share(self, name: str, count: int) -> int:
-        """This process's part of a number of things.
-
-        Raises:
-            ConfigError: it cannot be divided.
-        """
+        """This process's part of a number of things; ConfigError where it cannot be divided."""
         if count % self.size:
             raise ConfigError(f"{name} must be a multiple of the {self.size} processes, got {count}.")
         return count // self.size
@@ -114,10 +110,7 @@ ALONE = Processes()
 def join(device: str) -> Processes:
     """The processes torchrun started, this one among them; `ALONE` where it started none.
 
-    From then on ``cuda`` means this process's own GPU.
-
-    Raises:
-        ConfigError: there are more processes than GPUs.
+    From then on ``cuda`` means this process's own GPU; ConfigError where there are too few.
     """
     size = int(os.environ.get("WORLD_SIZE", "1"))
     if size == 1:
@@ -144,27 +137,22 @@ def leave_when_stuck(patience: float = 15.0) -> None:
     Who waits on the GPU for a process that is gone hears no signal: Python handles them between two lines
     of the main thread, which waits. torchrun would kill such a process without a word.
     """
+    def leave() -> None:
+        ears.recv(1)
+        time.sleep(patience)
+        sys.stderr.write("rans: told to stop while waiting for another process of this training; go on from "
+                         "the last checkpoint with --resume.\n")
+        sys.stderr.flush()
+        os._exit(1)
+
     ears, mouth = socket.socketpair()
     mouth.setblocking(False)
     signal.set_wakeup_fd(mouth.detach())
-    threading.Thread(target=_leave, args=(ears, patience), daemon=True).start()
-
-
-def _leave(ears: socket.socket, patience: float) -> None:
-    ears.recv(1)
-    time.sleep(patience)
-    sys.stderr.write("rans: told to stop while waiting for another process of this training; go on from "
-                     "the last checkpoint with --resume.\n")
-    sys.stderr.flush()
-    os._exit(1)
+    threading.Thread(target=leave, daemon=True).start()
 
 
 def _collective(function: Callable[..., Any], *arguments: Any, **settings: Any) -> None:
-    """Do what all processes must do together.
-
-    Raises:
-        WorkerLost: another process is gone.
-    """
+    """Do what all processes must do together; WorkerLost where another one is gone."""
     try:
         function(*arguments, **settings)
     except RuntimeError as error:

@@ -15,8 +15,17 @@ from rans.episode import World
 from rans.errors import ConfigError
 from rans.fast.distributed import ALONE, Processes
 from rans.fast.kernels.launch import Kernel
-from rans.fast.memory import Place, allocated, field_dtype, known, relative, restore, write
-from rans.fast.step import Step, step_arrays, step_tensors
+from rans.fast.step import (
+    Place,
+    Step,
+    field_dtype,
+    known,
+    relative,
+    restore,
+    step_arrays,
+    step_tensors,
+    write,
+)
 from rans.model.body import Body, in_memory
 from rans.model.conditions import Conditions
 from rans.model.dynamics import NODES
@@ -35,8 +44,8 @@ class Engine:
     """N copies of one spacecraft flying one task.
 
     Args:
-        craft: all alike, but for their bodies.
-        task: all the same.
+        craft: what flies.
+        task: what it flies to.
         num_envs: N.
         timing: control period, accuracy and length of an episode.
         seed: decides all starts and goals, with the episode's number. Several are those of as many members,
@@ -92,12 +101,12 @@ class Engine:
                                     each * processes.size, place.fields)
         self._step = (step_arrays if place.on_numpy else step_tensors if not self.compiled else
                       torch.compile(step_tensors, fullgraph=True, dynamic=False))
-        buffers = self._world, self.body, place, num_envs, draws
-        self._episode, self._kernel = allocated(*buffers, remember), None
+        buffers = self._world, self.body, num_envs, draws
+        self._episode, self._kernel = place.episodes(*buffers, remember), None
         if generated and self.compiled and self.device.type == "cuda":
             self._kernel = Kernel.made(self._world, self._episode, draws, processes, dtype, self.members)
         if self._kernel is None:
-            self._episode = allocated(*buffers, remember=True)
+            self._episode = place.episodes(*buffers, remember=True)
         self.state, self.goal = self._episode.state, self._episode.goal
         """Current ones; fields are views that the next step overwrites, those that never vary floats."""
         self.reset(seeds)
@@ -111,8 +120,7 @@ class Engine:
     def reset(self, seed: int | Sequence[int] | None = None) -> Tensor:
         """Start a new episode everywhere, and observe (N, width).
 
-        Args:
-            seed: episodes count from zero under this seed, or one a member; by default they go on counting.
+        Episodes count from zero under a given seed, or one a member; by default they go on counting.
         """
         world, now = self._world, self._episode
         if seed is None:
@@ -130,8 +138,7 @@ class Engine:
     def stagger(self, *generators: torch.Generator) -> None:
         """Pretend the episodes started at random times, so that they do not all end together.
 
-        Args:
-            generators: of the random times, each of an equal part of the batch; by default torch's own.
+        Each generator is of the times of an equal part of the batch; by default there is only torch's own.
         """
         limit, everywhere = self.timing.episode_steps, self.num_envs * self.processes.size
         parts = generators or (None,)
@@ -165,11 +172,8 @@ class Engine:
     def step(self, action: Tensor) -> Step:
         """Hold the thrusters for one control period.
 
-        Args:
-            action: (N, thrusters), 0 (shut) or 1 (open); any dtype.
-
-        Raises:
-            ConfigError: the action has another shape.
+        Actions (N, thrusters) are 0 (shut) or 1 (open), of any dtype; ConfigError where they have another
+        shape.
         """
         shape = (self.num_envs, len(self.craft.thrusters))
         if tuple(action.shape) != shape:
@@ -187,9 +191,5 @@ class Engine:
                 "episode_steps": self.timing.episode_steps}
 
     def load_state(self, table: dict[str, Any]) -> None:
-        """Continue from what `save_state` gave.
-
-        Raises:
-            ConfigError: it was saved with another number of environments, dimension or length of episodes.
-        """
+        """Continue from what `save_state` gave; ConfigError where it is of other environments or episodes."""
         restore(table, self._world, self._episode, (self._draws.low, self._draws.high), self.processes)

@@ -65,11 +65,7 @@ class NormalisedMlp(BaseFeaturesExtractor):
 
 
 def network_of(policy: ActorCriticPolicy) -> Network:
-    """The network that an SB3 policy is; weights are shared.
-
-    Raises:
-        ConfigError: the policy has another extractor or further layers.
-    """
+    """The network that an SB3 policy is, its weights shared; ConfigError where it has other layers."""
     extractor = policy.features_extractor
     if not isinstance(extractor, NormalisedMlp) or policy.net_arch:
         raise ConfigError("the policy is not one that RANS trained: it has layers of its own; load it with "
@@ -92,29 +88,24 @@ def predict(network: Network, observation: np.ndarray, state: tuple[np.ndarray, 
             deterministic: bool = True) -> tuple[np.ndarray, tuple[np.ndarray, ...] | None]:
     """Commands (N, thrusters) of one member, whole numbers for on/off thrusters, and its memory after them.
 
-    Args:
-        network: of one member.
-        observation: (N, width) or (width,).
-        state: the memory ((N, m),) after the step before; none where all episodes begin.
-        episode_start: (N,) bool, where episodes begin.
-        deterministic: whether to take the likeliest command.
+    Observations are (N, width) or (width,). The state is the memory ((N, m),) after the step before; there is
+    none where all episodes begin, and (N,) bool say where some do.
     """
-    given, seen_by = network.architecture, next(iter(network.tensors.values()))
-    rows = torch.as_tensor(np.asarray(observation), device=seen_by.device).reshape(-1, given.layout.width)
+    given, device = network.architecture, next(iter(network.tensors.values())).device
+    rows = torch.as_tensor(np.asarray(observation), device=device).reshape(-1, given.layout.width)
     memory = network.blank(len(rows))
     if memory is not None and state is not None:
         memory = torch.as_tensor(state[0]).to(memory)
         if episode_start is not None:
             memory = memory * ~torch.as_tensor(episode_start, device=memory.device)[:, None]
     output, seen = network.shown(rows, memory)
-    policy = output.policy
-    command = policy.mode()
+    command = output.policy.mode()
     if not deterministic:
-        command = policy.command(policy.sample(torch.rand_like(command)))
+        command = output.policy.command(output.policy.sample(torch.rand_like(command)))
     memory = network.remember(seen, memory, command, output)
     said = command.cpu().numpy().astype(np.float32 if given.continuous else np.int64)
-    return (said.reshape(*np.shape(observation)[:-1], said.shape[1]),
-            None if memory is None else (memory.cpu().numpy(),))
+    said = said.reshape(*np.shape(observation)[:-1], said.shape[1])
+    return said, None if memory is None else (memory.cpu().numpy(),)
 
 
 class AgentPolicy(ActorCriticPolicy):
@@ -174,35 +165,25 @@ class SavedPolicy(NamedTuple):
     steps: int
     """Environment steps learned from."""
     adam: dict[Any, Any]
-    """State of torch's Adam, as `Adam.member` gives it."""
+    """As `Adam.member` gives it."""
     rate: float
-    """Its step size."""
+    """Adam's step size."""
 
 
 def policy_spaces(architecture: Architecture) -> tuple[spaces.Box, spaces.Space[Any]]:
     """What an agent observes and commands, in Gymnasium's terms."""
     bounds = architecture.bounds or (math.inf,) * architecture.layout.width
     most, count = np.minimum(bounds, np.finfo(np.float32).max).astype(np.float32), architecture.thrusters
-    seen = spaces.Box(-most, most, dtype=np.float32)
-    return seen, (spaces.Box(0.0, 1.0, (count,), np.float32) if architecture.continuous
-                  else spaces.MultiDiscrete([2] * count))
+    duties, switches = spaces.Box(0.0, 1.0, (count,), np.float32), spaces.MultiDiscrete([2] * count)
+    return spaces.Box(-most, most, dtype=np.float32), duties if architecture.continuous else switches
 
 
 def write_policy(file: Path, architecture: Architecture, tensors: Mapping[str, Tensor], settings: PPOSettings,
                  steps: int, adam: dict[Any, Any] | None = None, rate: float | None = None) -> None:
     """Save one agent, and the settings of its training, with which SB3 goes on.
 
-    Args:
-        file: to write.
-        architecture: of its network.
-        tensors: as `Network.member` gives them.
-        settings: of its training.
-        steps: environment steps that it learned from.
-        adam: what `Adam.member` gave; by default Adam begins anew.
-        rate: Adam's step size.
-
-    Raises:
-        ConfigError: the disk refused.
+    Its tensors are as `Network.member` gives them. Adam begins anew without what `Adam.member` gave, and its
+    step size. ConfigError where the disk refuses.
     """
     seen, commanded = policy_spaces(architecture)
     kwargs, rate = policy_kwargs(architecture), rate or settings.learning_rate
@@ -227,11 +208,7 @@ def write_policy(file: Path, architecture: Architecture, tensors: Mapping[str, T
 
 
 def read_policy(file: Path) -> SavedPolicy:
-    """An agent that `rans train` or `rans.PPO` saved, of this version or an older one.
-
-    Raises:
-        ConfigError: the file is damaged, or none of theirs.
-    """
+    """An agent that `rans train` or `rans.PPO` saved, of any version; ConfigError where it is none."""
     try:
         data, params, _ = load_from_zip_file(file, device="cpu")
         if data is None or params is None:

@@ -37,9 +37,9 @@ class Symmetries(NamedTuple):
 
     def viewed(self, layout: Layout, seen: Columns, which: Field) -> list[Field]:
         """The columns in B as the chosen views show them."""
-        turn, hand = self.turn[which], self.hand[which]
+        turn = self.turn[which]
         view = lambda u: [sum(turn[:, i, j] * x for j, x in enumerate(u)) for i in range(len(u))]  # noqa: E731
-        return layout.mirrored(seen, view, hand)
+        return layout.mirrored(seen, view, self.hand[which])
 
 
 def symmetries(craft: Spacecraft) -> Symmetries | None:
@@ -70,10 +70,8 @@ def _candidates(craft: Spacecraft) -> Iterator[np.ndarray]:
 
 def _axes(craft: Spacecraft, thruster: Thruster, hand: float = 1.0) -> np.ndarray:
     """Columns: place and direction of the thruster in B, and in space what is perpendicular to both."""
-    place, direction = _arrow(craft, thruster)
-    if craft.dimension == 2:
-        return np.stack((place, direction), axis=1)
-    return np.stack((place, direction, hand * np.cross(place, direction)), axis=1)
+    arrow = _arrow(craft, thruster)
+    return np.stack(arrow if craft.dimension == 2 else (*arrow, hand * np.cross(*arrow)), axis=1)
 
 
 def _arrow(craft: Spacecraft, thruster: Thruster) -> tuple[np.ndarray, np.ndarray]:

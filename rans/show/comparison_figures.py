@@ -129,12 +129,7 @@ def _bars(estimate: Estimate) -> np.ndarray:
 
 @styled
 def gap_histograms(gaps: dict[str, dict[str, np.ndarray]], questions: Sequence[str]) -> Figure:
-    """How far above the certified bounds the flights from each start are: a row of bars a contestant.
-
-    Args:
-        gaps: see `rans.show.comparison_tables.gaps`.
-        questions: those to draw, a panel each.
-    """
+    """How far above the certified bounds flights are: a panel for each of these questions of `gaps`."""
     names = list(dict.fromkeys(name for question in questions for name in gaps[question]))
     figure = Figure(figsize=(12.0, 1.3 + 0.5 * len(names)), layout="constrained")
     grid = figure.subplots(1, len(questions), squeeze=False, sharey=True)[0]
@@ -207,11 +202,7 @@ def shares_and_latency(board: dict[str, Scores]) -> Figure:
 
 @styled
 def side_by_side(flights: Sequence[tuple[str, Flight, int]]) -> Figure:
-    """Paths and open thrusters of everybody from one start.
-
-    Args:
-        flights: name, flight and the episode in it.
-    """
+    """Paths and open thrusters of everybody from one start: name, flight and the episode in it."""
     figure = Figure(figsize=(max(7.0, 3.0 * len(flights)), 5.4), layout="constrained")
     cells = figure.add_gridspec(2, len(flights), height_ratios=(1.5, 1.0))
     limits = dict(zip(("xlim", "ylim", "zlim"), _common_limits(flights), strict=False))

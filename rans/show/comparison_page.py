@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -23,38 +24,26 @@ TEXT = (
     "is when the errors enter their tolerances for good. Thrust-time is force times open time, summed over "
     "the thrusters. Who never gets there counts as infinitely late. Medians and means stand with 95 % "
     "bootstrap intervals over starts, settled and failed with Wilson's, latency with the middle 90 % of the "
-    "actions. Certified bounds hold for every on/off controller at this rate; "
-    "relaxed optima may throttle, know the future and are only locally optimal."
-)
+    "actions. Certified bounds hold for every on/off controller at this rate; relaxed optima may throttle, "
+    "know the future and are only locally optimal.")
 """The protocol in short; docs/comparison.md has all of it."""
-
-
-class _Script:
-    """Commands given beforehand, for one spacecraft."""
-
-    def __init__(self, name: str, commands: np.ndarray) -> None:
-        self.name, self._commands, self._step = name, commands, 0
-
-    def reset(self, count: int) -> None:
-        self._step = 0
-
-    def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        self._step += 1
-        return self._commands[self._step - 1:self._step]
 
 
 def page(comparison: Comparison) -> Page:
     """Whatever the comparison holds, failures on top."""
     sections, contest = [_summary(comparison)], comparison.contest
     if comparison.entries:
-        sections += [_plane(comparison), *_gaps(comparison), *_starts(comparison),
-                     Section("Final errors", pictures=[Picture.of(
-                         figures.final_error_curves(comparison.entries),
-                         "Distribution of final errors over all starts.")]),
-                     _returns(comparison), *_differences(comparison)]
+        errors = Picture.of(figures.final_error_curves(comparison.entries),
+                            "Distribution of final errors over all starts.")
+        sections += [_plane(comparison), *_gaps(comparison), _starts(comparison),
+                     Section("Final errors", pictures=[errors]), _returns(comparison),
+                     *_differences(comparison)]
     if comparison.relaxed:
-        sections.append(_relaxed(comparison))
-    return Page(f"Comparison: {comparison.contest.title()}", sections, header({
+        columns = ("objective", "solved", "arrival, s", "settling, s", "thrust-time, N s", "return",
+                   "largest replay error, m", "solve time, s")
+        sections.append(Section("Relaxed optima", "Flown in Drake before they are reported; medians.",
+                                [Table(columns, tables.relaxed_rows(comparison))]))
+    return Page(f"Comparison: {contest.title()}", sections, header({
         "task": type(contest.task).__name__, "spacecraft": contest.craft.name, "motion by": contest.engine,
         "environment": environment()}))
 
@@ -73,13 +62,13 @@ def _summary(comparison: Comparison) -> Section:
 
 
 def _plane(comparison: Comparison) -> Section:
-    text = (
-        "Left of the line no controller's median can be. The bars are medians of what each start needs at "
-        "least to be there at the marked time: from no start does less suffice, but who is quick from some "
-        "starts and late from others may have a median below a bar. The dotted line only guides the eye."
-    ) if comparison.certified_starts() else ""
-    return Section("Time and thrust", text, (), [Picture.of(
-        figures.plane(comparison), "Time and thrust-time to the goal set, with 95 % intervals.")])
+    text = ("Left of the line no controller's median can be. The bars are medians of what each start needs "
+            "at least to be there at the marked time: from no start does less suffice, but who is quick from "
+            "some starts and late from others may have a median below a bar. The dotted line only guides the "
+            "eye.") if comparison.certified_starts() else ""
+    picture = Picture.of(figures.plane(comparison),
+                         "Time and thrust-time to the goal set, with 95 % intervals.")
+    return Section("Time and thrust", text, (), [picture])
 
 
 def _gaps(comparison: Comparison) -> Iterator[Section]:
@@ -92,9 +81,9 @@ def _gaps(comparison: Comparison) -> Iterator[Section]:
     bounds = []
     for event in comparison.events():
         lower, upper = (bound.values for bound in comparison.bounds(event))
-        closed = f"{(upper <= lower + 1e-9).sum()} of {len(lower)}"
-        best = float(np.median(upper))
-        bounds.append([event.text, float(np.median(lower)), best if np.isfinite(best) else None, closed])
+        best, closed = float(np.median(upper)), (upper <= lower + 1e-9).sum()
+        bounds.append([event.text, float(np.median(lower)), best if np.isfinite(best) else None,
+                       f"{closed} of {len(lower)}"])
     text = (f"From {len(starts)} starts, times the certified lower bound: 1 cannot be beaten. Thrust-time by "
             "a time counts for flights that are in the goal set at that time, in brackets how many; it is "
             "infinite for the others.")
@@ -112,14 +101,14 @@ def _middle(ratios: np.ndarray | None) -> str | None:
     return f"{figure(float(np.median(ratios)))} ({np.isfinite(ratios).sum()} of {len(ratios)})"
 
 
-def _starts(comparison: Comparison) -> Iterator[Section]:
+def _starts(comparison: Comparison) -> Section:
     """The median and the worst start of the first contestant, with the controls found where there are."""
     candidates = comparison.certified_starts() or list(range(comparison.contest.episodes))
     ranking = sorted(candidates, key=lambda k: comparison.entries[0].arrival[k])
     chosen = dict.fromkeys((ranking[(len(ranking) - 1) // 2], ranking[-1]))
     pictures = [Picture.of(figures.side_by_side([*_flights(comparison, k)]), f"Start {k}.") for k in chosen]
     text = f"The median and the slowest start of {comparison.entries[0].name}, everybody side by side."
-    yield Section("Paths", text, (), pictures)
+    return Section("Paths", text, (), pictures)
 
 
 def _flights(comparison: Comparison, k: int) -> Iterator[tuple[str, Flight, int]]:
@@ -130,9 +119,10 @@ def _flights(comparison: Comparison, k: int) -> Iterator[tuple[str, Flight, int]
     for answer in comparison.certified:
         if answer.start == k and answer.commands is not None and answer.horizon in (None, last):
             name = "least time found" if answer.horizon is None else f"least thrust by {last:g} s found"
-            commands = np.array(answer.commands, dtype=float)
-            until = replace(contest.timing, episode_steps=len(commands))
-            script = _Script(name, commands)
+            steps = iter(np.array(answer.commands, dtype=float)[:, None])
+            script: Any = SimpleNamespace(name=name, reset=lambda _: None,
+                                          act=lambda *_, left=steps: next(left))
+            until = replace(contest.timing, episode_steps=len(answer.commands))
             yield name, fly(contest.craft, contest.task, script, contest.start(k), until), 0
 
 
@@ -143,7 +133,8 @@ def _returns(comparison: Comparison) -> Section:
     if optimum is not None:
         title, known = "Return and latency", np.isfinite(optimum)
         text += (f" The return is the task's own reward, from {known.sum()} of {len(known)} starts; 100 % is "
-                 "its relaxed optimum from there, which may throttle.")
+                 "its relaxed optimum from there, which may throttle; the mean of the former over the mean of "
+                 "the latter.")
     picture = Picture.of(figures.shares_and_latency(tables.scoreboard(comparison)), f"{title}.")
     return Section(title, text, (), [picture])
 
@@ -156,12 +147,4 @@ def _differences(comparison: Comparison) -> Iterator[Section]:
     rows = [[name, *(estimate.text("+.3g") for estimate in row.values())] for name, row in between.items()]
     yield Section("Paired differences", f"Everybody less {first} from the same start: median over starts, "
                   f"with its interval; 0 where neither gets there, never where only {first} does, -never "
-                  f"where only {first} does not.",
-                  [Table(("contestant", *tables.DIFFERENCES), rows)])
-
-
-def _relaxed(comparison: Comparison) -> Section:
-    columns = ("objective", "solved", "arrival, s", "settling, s", "thrust-time, N s", "return",
-               "largest replay error, m", "solve time, s")
-    return Section("Relaxed optima", "Flown in Drake before they are reported; medians.",
-                   [Table(columns, tables.relaxed_rows(comparison))])
+                  f"where only {first} does not.", [Table(("contestant", *tables.DIFFERENCES), rows)])

@@ -35,13 +35,7 @@ DIFFERENCES: dict[str, Callable[[Entry], np.ndarray]] = {
 
 
 def scores(entry: Entry, bootstrap: Bootstrap, optimum: np.ndarray | None = None) -> Scores:
-    """Medians where a flight may never get there, means elsewhere.
-
-    Args:
-        entry: N flights.
-        bootstrap: over N starts.
-        optimum: see `best_returns`.
-    """
+    """Medians where a flight may never get there, means elsewhere; for the optimum see `best_returns`."""
     found = {"settled, %": share(np.isfinite(entry.settling)).scaled(100.0)}
     for name in ("settling time, s", "arrival, s", "thrust-time to arrive, N s"):
         found[name] = bootstrap.median(DIFFERENCES[name](entry))
@@ -55,13 +49,8 @@ def scores(entry: Entry, bootstrap: Bootstrap, optimum: np.ndarray | None = None
         known = np.isfinite(optimum)
         ratio = Bootstrap(int(known.sum())).ratio(entry.returns[known], optimum[known])
         found[RETURN] = ratio.scaled(100.0)
-    found["latency, ms"] = _latency(entry)
-    return found
-
-
-def _latency(entry: Entry) -> Estimate:
-    """Median, and the middle 90 % of the actions."""
-    return Estimate(*(1e3 * float(np.quantile(entry.latencies, q)) for q in (0.5, 0.05, 0.95)))
+    middle = (1e3 * float(np.quantile(entry.latencies, q)) for q in (0.5, 0.05, 0.95))
+    return found | {"latency, ms": Estimate(*middle)}
 
 
 def scoreboard(comparison: Comparison) -> dict[str, Scores]:
@@ -132,22 +121,21 @@ def to_json(comparison: Comparison, text: str) -> dict[str, Any]:
         "contestants": {e.name: {"knows": e.contestant.knows, "tuning": e.contestant.tuning}
                         for e in comparison.entries},
         "certified": {"starts": comparison.certified_starts(), "horizons": comparison.horizons(),
-                      "gaps": {q: {n: list(map(float, v)) for n, v in g.items()}
-                               for q, g in gaps(comparison).items()}},
-        "per_start": {"contestants": {e.name: list(_starts(e)) for e in comparison.entries},
-                      "lqr_weights": {e.name: list(_starts(e)) for e in comparison.curve},
+                      "gaps": {question: {name: ratios.tolist() for name, ratios in found.items()}
+                               for question, found in gaps(comparison).items()}},
+        "per_start": {"contestants": {e.name: [*_starts(e)] for e in comparison.entries},
+                      "lqr_weights": {e.name: [*_starts(e)] for e in comparison.curve},
                       "relaxed": {name: [_relaxed_row(row) for row in rows]
                                   for name, rows in comparison.relaxed.items()},
                       "certified": [asdict(one) for one in comparison.certified]},
-        "environment": environment(),
-    }
+        "environment": environment()}
 
 
 def outcome(comparison: Comparison, board: dict[str, Scores]) -> dict[str, Any]:
     """What `rans.show.report.comparison_section` reads: who got there, and what went wrong."""
-    return {"title": comparison.contest.title(),
-            "summary": [*_summary(comparison, board), *_bound_summary(comparison)],
-            "notes": comparison.notes, "failures": comparison.failures}
+    rows = [*_summary(comparison, board), *_bound_summary(comparison)]
+    return {"title": comparison.contest.title(), "summary": rows, "notes": comparison.notes,
+            "failures": comparison.failures}
 
 
 def _estimates(table: dict[str, Scores]) -> dict[str, dict[str, tuple[float, ...]]]:

@@ -51,12 +51,7 @@ def evaluation_figure(flight: Flight) -> Figure:
 
 @styled
 def episode_figure(flight: Flight, episode: int = 0) -> Figure:
-    """One episode: its path with headings, its errors and reward terms, and when each thruster fired.
-
-    Args:
-        flight: holds the episode.
-        episode: its index in the batch.
-    """
+    """One episode of the batch: its path with headings, its errors, and when each thruster fired."""
     figure = Figure(figsize=(12.0, 5.6), layout="constrained")
     cells = figure.add_gridspec(1, 2, width_ratios=(1.0, 1.3))
     left, right = figure.add_subfigure(cells[0]), figure.add_subfigure(cells[1])
@@ -69,12 +64,7 @@ def episode_figure(flight: Flight, episode: int = 0) -> Figure:
 
 @styled
 def learning_curve(rows: Sequence[Mapping[str, Any]]) -> Figure:
-    """Success and return by term over a training.
-
-    Args:
-        rows: lines of ``metrics.jsonl``; draws what they hold of ``steps``, ``success`` (0 to 1) and
-            ``return/<term>``.
-    """
+    """What lines of ``metrics.jsonl`` hold of ``success`` (0 to 1) and ``return/<term>``, over ``steps``."""
     figure = Figure(figsize=(11.0, 3.6), layout="constrained")
     success, returns = figure.subplots(1, 2)
     _series(success, rows, "success", 100.0, BLUE, "")
@@ -94,11 +84,7 @@ def learning_curve(rows: Sequence[Mapping[str, Any]]) -> Figure:
 
 
 def save_flight_figures(flight: Flight, folder: Path, suffix: str = "") -> None:
-    """Write ``evaluation.svg`` and, of the first episode, ``episode.svg``, the suffix before the dot.
-
-    Raises:
-        ConfigError: the disk refused.
-    """
+    """Write ``evaluation.svg`` and, of the first episode, ``episode.svg``, the suffix before the dot."""
     for name, draw in (("evaluation", evaluation_figure), ("episode", episode_figure)):
         write_text(folder / f"{name}{suffix}.svg", svg(draw(flight)))
 
@@ -112,11 +98,7 @@ def svg(figure: Figure) -> str:
 
 
 def data_uri(picture: str | bytes) -> str:
-    """A picture as the source of an HTML ``img``, so that a page needs no second file.
-
-    Args:
-        picture: text of an SVG file or bytes of a PNG file.
-    """
+    """A picture, text of an SVG file or bytes of a PNG file, as the source of an HTML ``img``."""
     kind, data = ("svg+xml", picture.encode()) if isinstance(picture, str) else ("png", picture)
     return f"data:image/{kind};base64,{base64.b64encode(data).decode()}"
 

@@ -16,17 +16,7 @@ from pathlib import Path
 
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
-from pydrake.geometry import (
-    ClippingRange,
-    ColorRenderCamera,
-    GeometryId,
-    LightParameter,
-    MakeRenderEngineVtk,
-    PerceptionProperties,
-    RenderCameraCore,
-    RenderEngineVtkParams,
-    RenderLabel,
-)
+from pydrake import geometry
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.sensors import CameraInfo, ImageRgba8U
 
@@ -34,9 +24,8 @@ from rans.errors import ConfigError
 from rans.evaluation.measure.metrics import DISPLAY
 from rans.files import replace_file
 from rans.flight import Flight
-from rans.show import shapes
-from rans.show.motion import Motion
-from rans.show.shapes import Part
+from rans.show import scene
+from rans.show.scene import Motion, Part
 
 _ROWS, _COLUMNS = 2, 5
 _WIDTH, _HEIGHT, _SMOOTHING = 480, 420, 2
@@ -44,21 +33,17 @@ _WIDTH, _HEIGHT, _SMOOTHING = 480, 420, 2
 _FIELD_OF_VIEW = math.radians(35.0)
 _DIRECTION = {2: (-0.1, -0.75, 0.65), 3: (-0.35, -0.85, 0.4)}
 """Where the camera stands, seen from what it looks at, by dimension."""
+_LIGHTS = (("camera", 0.9, [0.4, 0.6, 1.0]), ("camera", 0.45, [-0.8, 0.1, 1.0]),
+           ("world", 0.45, [0.0, 0.0, 1.0]))
+"""Parallel ones: from above the viewer's shoulder, from his other side, and from below."""
 
 
 def save_frames(flight: Flight, episode: int, file: Path) -> None:
     """Write the picture: ten instants from the start to shortly after the goal is reached, or the end.
 
     The camera keeps its direction and comes as near as spacecraft and goal allow; grid lines are 1 m
-    apart. Written into every frame are the time and the task's errors.
-
-    Args:
-        flight: holds the episode.
-        episode: its index in the batch.
-        file: of a format that Pillow knows by its name.
-
-    Raises:
-        ConfigError: the libraries of OpenGL are missing, the format is unknown or the disk refused.
+    apart. Written into every frame are the time and the task's errors. `ConfigError` if the libraries of
+    OpenGL are missing, Pillow does not know the format by the file's name, or the disk refused.
     """
     require_egl()
     if file.suffix.lower() not in Image.registered_extensions():
@@ -67,27 +52,24 @@ def save_frames(flight: Flight, episode: int, file: Path) -> None:
     picture = Image.new("RGB", (_COLUMNS * _WIDTH, _ROWS * _HEIGHT), "white")
     for index, k in enumerate(_instants(flight, episode, len(motion.poses))):
         frame = Image.fromarray(_render(motion, k)).reduce(_SMOOTHING)
-        _write(frame, _text(flight, episode, k))
+        draw = ImageDraw.Draw(frame)
+        draw.rectangle((0, 0, _WIDTH - 1, _HEIGHT - 1), outline="#B8C0CA")
+        draw.text((14, 10), _text(flight, episode, k), fill="#1F2933", font=ImageFont.load_default(24))
         row, column = divmod(index, _COLUMNS)
         picture.paste(frame, (column * _WIDTH, row * _HEIGHT))
     replace_file(file, lambda draft: picture.save(draft, optimize=True))
 
 
 def require_egl() -> None:
-    """Look for the libraries that drawing off screen needs: without them VTK ends the process.
-
-    Raises:
-        ConfigError: one is missing.
-    """
+    """`ConfigError` if a library is missing that drawing off screen needs: VTK would end the process."""
     if sys.platform != "linux":
         return
     try:
         for name in ("libEGL.so.1", "libOpenGL.so.0"):
             ctypes.CDLL(name)
     except OSError as error:
-        raise ConfigError(
-            f"rendering needs OpenGL's libraries ({error}); on Debian and Ubuntu: sudo apt-get install -y "
-            "libegl1 libegl-mesa0 libgl1-mesa-dri libopengl0.") from error
+        raise ConfigError(f"rendering needs OpenGL's libraries ({error}); on Debian and Ubuntu: sudo apt-get "
+                          "install -y libegl1 libegl-mesa0 libgl1-mesa-dri libopengl0.") from error
 
 
 def _instants(flight: Flight, episode: int, count: int) -> np.ndarray:
@@ -101,47 +83,42 @@ def _instants(flight: Flight, episode: int, count: int) -> np.ndarray:
 
 def _render(motion: Motion, k: int) -> np.ndarray:
     """The scene at one instant, (height, width, 3) uint8."""
-    engine = MakeRenderEngineVtk(RenderEngineVtkParams(
-        default_clear_color=[1.0, 1.0, 1.0], lights=_lights()))
+    lights = [geometry.LightParameter(type="directional", frame=frame, intensity=intensity, direction=way)
+              for frame, intensity, way in _LIGHTS]
+    engine = geometry.MakeRenderEngineVtk(geometry.RenderEngineVtkParams(
+        default_clear_color=[1.0, 1.0, 1.0], lights=lights))
     for frame, part in _scene(motion, k):
-        material = PerceptionProperties()
+        material = geometry.PerceptionProperties()
         material.AddProperty("phong", "diffuse", part.colour)
-        material.AddProperty("label", "id", RenderLabel.kDontCare)
-        engine.RegisterVisual(GeometryId.get_new_id(), part.shape, material, frame @ part.pose,
+        material.AddProperty("label", "id", geometry.RenderLabel.kDontCare)
+        engine.RegisterVisual(geometry.GeometryId.get_new_id(), part.shape, material, frame @ part.pose,
                               needs_updates=False)
     engine.UpdateViewpoint(_viewpoint(motion, k))
     width, height = _WIDTH * _SMOOTHING, _HEIGHT * _SMOOTHING
-    camera = ColorRenderCamera(RenderCameraCore(
-        "", CameraInfo(width, height, _FIELD_OF_VIEW), ClippingRange(0.05, 200.0), RigidTransform()))
+    camera = geometry.ColorRenderCamera(geometry.RenderCameraCore(
+        "", CameraInfo(width, height, _FIELD_OF_VIEW), geometry.ClippingRange(0.05, 200.0), RigidTransform()))
     image = ImageRgba8U(width, height)
     engine.RenderColorImage(camera, image)
     return np.array(image.data)[:, :, :3]
-
-
-def _lights() -> list[LightParameter]:
-    """Parallel: from above the viewer's shoulder, from his other side, and from below."""
-    return [LightParameter(type="directional", frame="camera", intensity=0.9, direction=[0.4, 0.6, 1.0]),
-            LightParameter(type="directional", frame="camera", intensity=0.45, direction=[-0.8, 0.1, 1.0]),
-            LightParameter(type="directional", frame="world", intensity=0.45, direction=[0.0, 0.0, 1.0])]
 
 
 def _scene(motion: Motion, k: int) -> Iterator[tuple[RigidTransform, Part]]:
     """Everything at one instant, each part with its frame."""
     craft, pose, world = motion.craft, motion.poses[k], RigidTransform()
     low, high = motion.box()
-    yield from ((world, part) for part in shapes.floor_parts(low, high))
+    yield from ((world, part) for part in scene.floor_parts(low, high))
     x, y, _ = pose.translation()
-    yield RigidTransform([x, y, low[2]]), shapes.shadow_part(craft)
-    yield from ((world, part) for end, part in shapes.trail_parts(motion.way) if end <= k)
-    yield from ((pose, part) for part in shapes.craft_parts(craft, shapes.BODIES["grey"]))
-    plumes = shapes.plume_parts(craft)
+    yield RigidTransform([x, y, low[2]]), scene.shadow_part(craft)
+    yield from ((world, part) for end, part in scene.trail_parts(motion.way) if end <= k)
+    yield from ((pose, part) for part in scene.craft_parts(craft, scene.BODIES["grey"]))
+    plumes = scene.plume_parts(craft)
     yield from ((pose, plumes[index]) for index in np.flatnonzero(motion.firing[k]))
-    yield from ((motion.goal_at(k), part) for part in shapes.goal_parts(craft, motion.wanted))
+    yield from ((motion.goal_at(k), part) for part in scene.goal_parts(craft, motion.wanted))
     if "velocity" in motion.wanted:
         for goal, velocity in ((True, motion.goal_velocities[k]), (False, motion.velocities[k])):
-            turn, length = shapes.velocity_arrow(velocity)
+            turn, length = scene.velocity_arrow(velocity)
             arrow = RigidTransform(turn, pose.translation())
-            yield from ((arrow, part) for part in shapes.velocity_parts(goal, length))
+            yield from ((arrow, part) for part in scene.velocity_parts(goal, length))
 
 
 def _viewpoint(motion: Motion, k: int) -> RigidTransform:
@@ -149,7 +126,10 @@ def _viewpoint(motion: Motion, k: int) -> RigidTransform:
     here = motion.poses[k].translation()
     points = np.array([here, motion.goal_at(k).translation()])
     target = points.mean(axis=0)
-    reach = float(np.linalg.norm(points - target, axis=1).max()) + _margin(motion)
+    arrows = [*motion.velocities, *motion.goal_velocities] if "velocity" in motion.wanted else []
+    # What stands out from the spacecraft's centre: axes, plumes and arrows of velocities.
+    margin = max([2.9 * motion.craft.radius, *(scene.velocity_arrow(v)[1] for v in arrows)])
+    reach = float(np.linalg.norm(points - target, axis=1).max()) + margin
     back = np.array(_DIRECTION[motion.craft.dimension])
     back /= np.linalg.norm(back)
     right = np.cross([0.0, 0.0, 1.0], back)
@@ -158,21 +138,8 @@ def _viewpoint(motion: Motion, k: int) -> RigidTransform:
     return RigidTransform(R_WC, target + reach / math.sin(_FIELD_OF_VIEW / 2.0) * back)
 
 
-def _margin(motion: Motion) -> float:
-    """How far things stand out from the spacecraft's centre: axes, plumes and arrows of velocities."""
-    arrows = [*motion.velocities, *motion.goal_velocities] if "velocity" in motion.wanted else []
-    return max([2.9 * motion.craft.radius, *(shapes.velocity_arrow(v)[1] for v in arrows)])
-
-
 def _text(flight: Flight, episode: int, k: int) -> str:
     """Time and errors."""
-    errors = {name: float(error[k, episode]) for name, error in flight.errors().items()}
-    parts = [f"{DISPLAY[name][0] * error:.1f} {DISPLAY[name][1]}" for name, error in errors.items()]
-    return "    ".join([f"{flight.times[k]:.1f} s", *parts])
-
-
-def _write(frame: Image.Image, text: str) -> None:
-    """Put the text into the corner and a line around the frame."""
-    draw = ImageDraw.Draw(frame)
-    draw.rectangle((0, 0, _WIDTH - 1, _HEIGHT - 1), outline="#B8C0CA")
-    draw.text((14, 10), text, fill="#1F2933", font=ImageFont.load_default(24))
+    return "    ".join([f"{flight.times[k]:.1f} s", *(
+        f"{DISPLAY[name][0] * float(error[k, episode]):.1f} {DISPLAY[name][1]}"
+        for name, error in flight.errors().items())])

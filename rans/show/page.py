@@ -112,11 +112,7 @@ class Page:
         return environment.get_template("page.html.j2").render(page=self, written=written)
 
     def write(self, file: Path) -> None:
-        """Write the page; readers see the old page or the new one, never half of one.
-
-        Raises:
-            ConfigError: the file cannot be written.
-        """
+        """Write the page: readers see the old or the new one; `ConfigError` if it cannot be written."""
         write_text(file, self.html())
 
 
@@ -139,5 +135,4 @@ def named(value: Any, name: str = "") -> list[tuple[str, Any]]:
     """The plain values of nested mappings, by dotted name; lists become texts."""
     if not isinstance(value, Mapping):
         return [(name, ", ".join(map(show, value)) if isinstance(value, list) else value)]
-    return [leaf for key, inner in value.items()
-            for leaf in named(inner, f"{name}.{key}" if name else key)]
+    return [leaf for key, inner in value.items() for leaf in named(inner, f"{name}.{key}" if name else key)]

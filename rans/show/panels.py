@@ -49,10 +49,9 @@ def activations(axes: Axes, flight: Flight) -> None:
     seconds = flight.commands.sum(axis=0) * flight.timing.control_period
     parts = axes.boxplot(
         seconds, positions=range(seconds.shape[1]), widths=0.6, whis=(5, 95), showfliers=False,
-        showmeans=True, patch_artist=True, medianprops={"color": INK},
-        boxprops={"facecolor": SKY, "edgecolor": BLUE}, whiskerprops={"color": BLUE},
-        capprops={"color": BLUE}, meanprops={"marker": "o", "markersize": 3.5,
-                                             "markerfacecolor": RED, "markeredgecolor": RED})
+        showmeans=True, patch_artist=True, medianprops={"color": INK}, whiskerprops={"color": BLUE},
+        capprops={"color": BLUE}, boxprops={"facecolor": SKY, "edgecolor": BLUE},
+        meanprops={"marker": "o", "markersize": 3.5, "markerfacecolor": RED, "markeredgecolor": RED})
     axes.legend([parts["boxes"][0], parts["medians"][0], parts["means"][0]],
                 ["middle half (whiskers 5 to 95 %)", "median", "mean"])
     axes.set_ylim(0.0, 1.35 * max(0.1, axes.get_ylim()[1]))
@@ -80,19 +79,13 @@ def errors(every: Axes, summarised: Axes, flight: Flight, rank: int, letters: st
     every.set(xlim=(0.0, flight.times[-1]), ylim=(floor, 1.6 * max(0.1, error.max())), yscale="log")
     every.yaxis.set_major_formatter(PLAIN)
     summary(summarised, flight.times, error, best=np.argmin, worst=np.argmax)
-    parts = zip((every, summarised), letters, ("every episode", "summary"), strict=True)
-    for axes, letter, what in parts:
-        _tolerance(axes, flight, quantity)
+    bound = flight.task.tolerances().get(quantity)
+    for axes, letter, what in zip((every, summarised), letters, ("every episode", "summary"), strict=True):
+        if bound is not None:
+            axes.axhline(factor * bound, color=RED, linestyle="--", linewidth=1.0, label="tolerance")
         if axes.get_legend_handles_labels()[0]:
             axes.legend(loc="upper right")
         label(axes, f"({letter}) {quantity} error, {what}", "time, s", f"{quantity} error, {unit}")
-
-
-def _tolerance(axes: Axes, flight: Flight, quantity: str) -> None:
-    bound = flight.task.tolerances().get(quantity)
-    if bound is not None:
-        axes.axhline(DISPLAY[quantity][0] * bound, color=RED, linestyle="--", linewidth=1.0,
-                     label="tolerance")
 
 
 def summary(axes: Axes, times: np.ndarray, values: np.ndarray, best: Pick, worst: Pick) -> None:

@@ -15,12 +15,7 @@ from rans.show.panels import BLUE, GREEN, GREY, INK, ORANGE, RED, label
 
 @styled
 def following_figure(following: Following, number: int = 0) -> Figure:
-    """Path and trajectories; one flight's velocities with their commands; everybody's distance.
-
-    Args:
-        following: the flights.
-        number: of the flight whose velocities are drawn.
-    """
+    """Path and trajectories; the velocities of flight ``number`` with their commands; all distances."""
     dimension = following.planner.path.dimension
     figure = Figure(figsize=(12.0, 2.0 + 1.6 * dimension), layout="constrained")
     cells = figure.add_gridspec(1, 2, width_ratios=(1.0, 1.35))

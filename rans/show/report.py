@@ -29,21 +29,15 @@ _PROGRESS = (("steps", "environment steps", "{:,}"), ("seconds", "training time"
 def report_from_run(run: Path) -> Page:
     """The report of whatever a run folder holds; what is missing is left out.
 
-    Args:
-        run: may hold ``config.json``, ``validation.json`` (checks), ``metrics.jsonl`` (training),
-            ``evaluation.json`` (one or several `Metrics`), ``evaluation.svg``, ``episode.svg``, the same
-            of protocols and tasks, as ``evaluation-paper.json``, and ``compare.json``.
-
-    Raises:
-        ConfigError: there is no such folder or it holds no results, or a file is damaged.
+    A run may hold ``config.json``, ``validation.json`` (checks), ``metrics.jsonl`` (training),
+    ``evaluation.json`` (one or several `Metrics`), ``evaluation.svg``, ``episode.svg``, the same of
+    protocols and tasks, as ``evaluation-paper.json``, and ``compare.json``. `ConfigError` if there is no
+    such folder or it holds no results, or a file is damaged.
     """
     evaluations = sorted(run.glob("evaluation*.json"), key=lambda file: file.stem)
     builders: dict[str, Callable[[Any], Section]] = {
-        "validation.json": validation_section,
-        "metrics.jsonl": training_section,
-        **{file.name: partial(_evaluation, file) for file in evaluations},
-        "compare.json": comparison_section,
-    }
+        "validation.json": validation_section, "metrics.jsonl": training_section,
+        **{file.name: partial(_evaluation, file) for file in evaluations}, "compare.json": comparison_section}
     sections = [s for name, build in builders.items() if (s := _read(run / name, build))]
     if not sections:
         raise ConfigError(f"{run} holds no results to report; is it a run folder?")
@@ -64,11 +58,10 @@ def _read(file: Path, build: Callable[[Any], Any]) -> Any:
 
 
 def validation_section(study: Mapping[str, Any]) -> Section:
-    """Checks against their tolerances.
+    """Checks against their tolerances, of a study.
 
-    Args:
-        study: ``checks`` (name, value, tolerance, unit, reason, passed) and, if known, ``title`` and
-            ``skipped`` (name, reason).
+    It has ``checks`` (name, value, tolerance, unit, reason, passed) and, if known, ``title`` and
+    ``skipped`` (name, reason).
     """
     checks, skipped, title = study["checks"], study.get("skipped", ()), study.get("title", "Validation")
     failed = [check for check in checks if not check["passed"]]
@@ -77,11 +70,11 @@ def validation_section(study: Mapping[str, Any]) -> Section:
     keys = ("name", "value", "tolerance", "unit", "passed", "reason")
     rows = [[check[key] for key in keys] for check in checks]
     rows += [[one["name"], None, None, None, "not run", one["reason"]] for one in skipped]
-    findings = [Finding(f"{c['name']}: {show(c['value'])} {c['unit']}, tolerance {show(c['tolerance'])}.",
-                        False) for c in failed]
-    findings.append(Finding(f"{title}: {within} checks within tolerance.",
-                            True if checks and not failed else None))
-    findings += [Finding(f"Not run: {one['name']}. {one['reason']}") for one in skipped]
+    findings = [*(Finding(f"{c['name']}: {show(c['value'])} {c['unit']}, tolerance {show(c['tolerance'])}.",
+                          False) for c in failed),
+                Finding(f"{title}: {within} checks within tolerance.",
+                        True if checks and not failed else None),
+                *(Finding(f"Not run: {one['name']}. {one['reason']}") for one in skipped)]
     return Section("Validation", f"{title}. Every value must stay within its tolerance.",
                    [Table(columns, rows)], (), findings, [("checks within tolerance", within)])
 
@@ -99,8 +92,11 @@ def evaluation_section(measured: Sequence[Metrics], pictures: Sequence[Picture] 
     tables = [Table(COLUMNS, [texts for _, texts in m.lines()], m.title()) for m in measured]
     text = ("All episodes fly to their full length and count. Steps are the states after each command. "
             "Intervals are 95 % percentile bootstraps over episodes.")
+    shares = [(m.title(), m["solved"].value) for m in measured]
+    findings = [Finding(f"{title}: {share:.1f} % solved; {SOLVED_SHARE:g} % are wanted.",
+                        share >= SOLVED_SHARE) for title, share in shares]
     summary = [line for m in measured for line in _key_metrics(m)]
-    return Section("Evaluation", text, tables, pictures, [_solved(m) for m in measured], summary)
+    return Section("Evaluation", text, tables, pictures, findings, summary)
 
 
 def _key_metrics(measured: Metrics) -> Iterator[tuple[str, str]]:
@@ -109,23 +105,11 @@ def _key_metrics(measured: Metrics) -> Iterator[tuple[str, str]]:
                 if name in _KEY_METRICS)
 
 
-def _solved(measured: Metrics) -> Finding:
-    share = measured["solved"].value
-    return Finding(f"{measured.title()}: {share:.1f} % solved; {SOLVED_SHARE:g} % are wanted.",
-                   share >= SOLVED_SHARE)
-
-
 def comparison_section(comparison: Mapping[str, Any]) -> Section:
-    """Contestants from the same starts, a line each; compare.html beside the report has the rest.
-
-    Args:
-        comparison: ``title``; ``summary``, see `rans.show.comparison_tables.outcome`; ``failures`` and
-            ``notes``, sentences.
-    """
+    """Contestants (see `rans.show.comparison_tables.outcome`), a line each; compare.html has the rest."""
     summary = [(row["contestant"], _outcome(row)) for row in comparison.get("summary", [])]
-    findings = [*(Finding(text, False) for text in comparison["failures"]),
-                *(Finding(text) for text in comparison.get("notes", ())),
-                *(Finding(f"{name} {outcome}.") for name, outcome in summary)]
+    texts = [*comparison.get("notes", ()), *(f"{name} {outcome}." for name, outcome in summary)]
+    findings = [*(Finding(text, False) for text in comparison["failures"]), *map(Finding, texts)]
     return Section("Comparison", f"{comparison['title']}.", [Table(("contestant", "outcome"), summary)], (),
                    findings, summary, "compare.html")
 

@@ -18,11 +18,7 @@ _COLOURS = (BLUE, GREEN, PURPLE, SKY, RED, GREY)
 
 @styled
 def sweep_figure(sweep: Sweep) -> Figure:
-    """Success of every member while it trained, and its steps until it was solved, by config.
-
-    Args:
-        sweep: trained, at least one report long. Its best member is drawn in orange.
-    """
+    """Success of every member while it trained, and its steps until solved, by config; the best in orange."""
     configs, best = sweep.configs(), sweep.best()
     figure = Figure(figsize=(11.0, max(3.6, 1.2 + 0.3 * len(configs))), layout="constrained")
     curves, ends = figure.subplots(1, 2)

@@ -23,8 +23,8 @@ from pydrake.math import RigidTransform
 from rans.errors import ConfigError
 from rans.files import write_text
 from rans.flight import Flight
-from rans.show import shapes
-from rans.show.motion import Motion
+from rans.show import scene
+from rans.show.scene import Motion
 
 _FRAMES_PER_SECOND = 1000.0
 """Meshcat counts time in frames: as milliseconds they fit every control period."""
@@ -44,13 +44,8 @@ class View:
     """A page that shows flights, again and again, with a slider for the time.
 
     Every episode has a tile of the floor to itself; every flight (one agent) has a row of tiles and a
-    colour of `rans.show.shapes.BODIES`. Grid lines are 1 m apart.
-
-    Args:
-        port: of the page on this computer; None: the first free one from 7000 to 7099.
-
-    Raises:
-        ConfigError: the port is taken.
+    colour of `rans.show.scene.BODIES`. Grid lines are 1 m apart. The port is by default the first free
+    one from 7000 to 7099; `ConfigError` if it is taken.
     """
 
     def __init__(self, port: int | None = None) -> None:
@@ -58,22 +53,17 @@ class View:
         try:
             self._meshcat = Meshcat(MeshcatParams(host="localhost", port=port))
         except RuntimeError as error:
-            raise ConfigError(
-                f"cannot open a page on port {port or '7000 to 7099'} of this computer, it is taken; "
-                "is another viewer running?") from error
+            raise ConfigError(f"cannot open a page on port {port or '7000 to 7099'} of this computer, it is "
+                              "taken; is another viewer running?") from error
         self.url = self._meshcat.web_url()
         for path, name, value in _STAGE:
             self._meshcat.SetProperty(path, name, value)
 
     def show(self, flights: Sequence[Flight]) -> list[str]:
-        """Replace what is shown by all episodes of these flights.
-
-        Returns:
-            The colour of each flight's spacecraft, a key of `rans.show.shapes.BODIES`.
-        """
+        """Replace what is shown by all episodes of these flights, and return each one's key of `BODIES`."""
         self._meshcat.Delete("/flights")
         self._animation = MeshcatAnimation(_FRAMES_PER_SECOND)
-        colours = list(islice(cycle(shapes.BODIES), len(flights)))
+        colours = list(islice(cycle(scene.BODIES), len(flights)))
         rows = [[Motion.of(flight, k) for k in range(flight.commands.shape[1])] for flight in flights]
         boxes = [motion.box() for row in rows for motion in row]
         low, high = np.min(boxes, axis=0)[0], np.max(boxes, axis=0)[1]
@@ -82,23 +72,19 @@ class View:
             for k, motion in enumerate(row):
                 path = f"/flights/{r} {motion.controller.replace('/', '-')}/episode {k}"
                 self._meshcat.SetTransform(path, RigidTransform(pitch * (k, r, 0)))
-                self._add(motion, path, shapes.BODIES[colour], float(low[2]))
+                self._add(motion, path, scene.BODIES[colour], float(low[2]))
         high = high + pitch * (max(map(len, rows)) - 1, 0, 0)
         low = low + pitch * (0, len(rows) - 1, 0)
-        self._put("/flights/floor", shapes.floor_parts(low, high))
+        self._put("/flights/floor", scene.floor_parts(low, high))
         self._look_at(low, high, steep=all(flight.craft.dimension == 2 for flight in flights))
         self._meshcat.SetAnimation(self._animation)
         return colours
 
     def save(self, file: Path) -> None:
-        """Write the page with everything it needs: it replays offline.
-
-        Raises:
-            ConfigError: the disk refused.
-        """
+        """Write the page with everything it needs: it replays offline; `ConfigError` if the disk refused."""
         write_text(file, self._meshcat.StaticHtml())
 
-    def _put(self, path: str, parts: Sequence[shapes.Part]) -> None:
+    def _put(self, path: str, parts: Sequence[scene.Part]) -> None:
         for part in parts:
             self._meshcat.SetObject(f"{path}/{part.name}", part.shape, part.colour)
             self._meshcat.SetTransform(f"{path}/{part.name}", part.pose)
@@ -106,9 +92,9 @@ class View:
     def _add(self, motion: Motion, path: str, body: Rgba, floor: float) -> None:
         """One spacecraft with everything that belongs to it."""
         craft, frames = motion.craft, np.rint(motion.times * _FRAMES_PER_SECOND).astype(int)
-        self._put(f"{path}/craft", [*shapes.craft_parts(craft, body), *shapes.plume_parts(craft)])
-        self._put(path, [shapes.shadow_part(craft)])
-        self._put(f"{path}/goal", shapes.goal_parts(craft, motion.wanted))
+        self._put(f"{path}/craft", [*scene.craft_parts(craft, body), *scene.plume_parts(craft)])
+        self._put(path, [scene.shadow_part(craft)])
+        self._put(f"{path}/goal", scene.goal_parts(craft, motion.wanted))
         for k, frame in enumerate(frames):
             x, y, _ = motion.way[k]
             self._animation.SetTransform(frame, f"{path}/craft", motion.poses[k])
@@ -116,7 +102,7 @@ class View:
             self._animation.SetTransform(frame, f"{path}/goal", motion.goal_at(k))
         for index, firing in enumerate(motion.firing.T):
             self._switch(frames, f"{path}/craft/plume {index}", firing)
-        for k, part in shapes.trail_parts(motion.way):
+        for k, part in scene.trail_parts(motion.way):
             self._put(f"{path}/trail", [part])
             self._switch(frames, f"{path}/trail/{part.name}", np.arange(len(frames)) >= k)
         if "velocity" in motion.wanted:
@@ -126,9 +112,9 @@ class View:
     def _add_arrow(self, motion: Motion, frames: np.ndarray, path: str, velocities: np.ndarray,
                    goal: bool) -> None:
         """From the body's centre, as long as a velocity."""
-        self._put(path, shapes.velocity_parts(goal))
+        self._put(path, scene.velocity_parts(goal))
         for frame, place, velocity in zip(frames, motion.way, velocities, strict=True):
-            turn, scale = shapes.velocity_arrow(velocity)
+            turn, scale = scene.velocity_arrow(velocity)
             self._animation.SetTransform(frame, path, RigidTransform(turn, place))
             self._animation.SetProperty(frame, path, "scale", [scale] * 3)
 

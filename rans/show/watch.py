@@ -26,14 +26,7 @@ def watch(run: Path, port: int) -> None:
 
     It only looks whether the trainer has replaced ``policy.zip``, so the trainer need not know of it. A new
     agent flies four episodes in a batch, a fraction of a second of work; the browser then plays them at
-    real time without help.
-
-    Args:
-        run: the training's folder.
-        port: of the page on this computer.
-
-    Raises:
-        ConfigError: the port is taken, or the run folder is damaged.
+    real time without help. `ConfigError` if the port is taken, or the run folder damaged.
     """
     torch.set_num_threads(1)  # of small networks; more would disturb the training
     view, file, shown = View(port), RunFolder(run).policy_file, 0

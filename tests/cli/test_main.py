@@ -63,7 +63,7 @@ def test_every_command_explains_its_options(command: str, monkeypatch: pytest.Mo
     monkeypatch.setenv("COLUMNS", "500")  # beside one another, columns would mix
     assert code_of([command, "--help"]) == 0
     printed = " ".join(capsys.readouterr().out.replace("│", " ").replace("`", "").split())
-    described = importlib.import_module(f"rans.cli.{command}").COMMAND
+    described = getattr(importlib.import_module(f"rans.cli.{command}"), command.capitalize())
     assert f"usage: rans {command}" in printed
     for explanation in re.findall(r'\n    """(.*?)"""', inspect.getsource(described), re.DOTALL)[1:]:
         assert " ".join(explanation.replace("`", "").split()) in printed

@@ -111,7 +111,7 @@ def test_an_agent_in_detail(monkeypatch: pytest.MonkeyPatch) -> None:
             "training": {"seed": 3, "steps": 2_000_000, "seconds": 4.25, "device": "cuda"},
             "evaluation": {"own": {"": {"settling time": [None, 2.5, "inf", "s"],
                                         "duty": [7.25, 7.0, 7.5, "%"]}}}}
-    monkeypatch.setattr("rans.pretrained.pretrained_card", lambda _: card)
+    monkeypatch.setattr("rans.cli.list.pretrained_card", lambda _: card)
     title, made, table = _agent_details("go-to-pose-2d")
     assert str(title).startswith("go-to-pose-2d: go-to-pose with x, in ")
     assert made == ("Trained with seed 3 for 2,000,000 steps in 4.2 s on cuda; judged on 1,024 episodes of "

@@ -12,7 +12,7 @@ from rans.evaluation.compare.bounds import Bound
 from rans.evaluation.compare.contest import Contest, Contestant, Entry
 from rans.evaluation.compare.relaxed import Relaxed
 from rans.evaluation.compare.run import Comparison
-from rans.optimal.trajectory.objectives import MinimumTime
+from rans.optimal.trajectory.objectives import MaximumReward, MinimumTime
 from rans.show.comparison_page import page
 from rans.show.comparison_tables import RETURN, gaps, relaxed_rows, scoreboard, to_json
 from tests.evaluation.flights import flight_of
@@ -75,6 +75,22 @@ def test_gaps_leave_out_what_has_no_bound() -> None:
     assert found["time"]["agent"].tolist() == [2.0, 4.0]
     assert found["time"]["best found"].tolist() == [2.0, 2.0]
     assert all(len(ratios["agent"]) == 1 for question, ratios in found.items() if question != "time")
+
+
+def test_the_return_is_a_ratio_of_means(monkeypatch: pytest.MonkeyPatch) -> None:
+    """1, 3 and 4 of at most 1, 6 and 13 are 8 of 20; the mean of 100, 50 and 31 % would be 60 %."""
+    monkeypatch.setattr(Entry, "returns", np.array([1.0, 3.0, 4.0]))
+    rows = [Relaxed(MaximumReward(), k, "solved", True, 0.1, 4.0, 3.0, 7.0, total, 1e-4)
+            for k, total in enumerate((1.0, 6.0, 13.0))]
+    found = comparison(relaxed={"return": rows})
+    assert scoreboard(found)["agent"][RETURN].value == pytest.approx(40.0)
+
+
+def test_a_multiple_of_the_bound_is_the_median_of_multiples() -> None:
+    """1 s over 0.25 s and 2 s over 1 s: 4 and 2; the medians of both, 1.5 s over 0.625 s, would give 2.4."""
+    bounds = [replace(b, hull=0.1, lower=1.0 if b.start else 0.25, upper=9.0) for b in certified(0.1)]
+    rows = tables_of(page(comparison(certified=bounds)))["Median multiple of the bound"]
+    assert rows[0][:2] == ["agent", "3 (2 of 2)"]
 
 
 def tables_of(shown: Any) -> dict[str, list[list[Any]]]:

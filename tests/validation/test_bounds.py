@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from rans.errors import ConfigError
 from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading, Vec2
 from rans.optimal.certificate import hull
@@ -48,8 +49,9 @@ def test_a_lattice_too_large_is_left_out_and_counted(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(bounds, "_MOST_POINTS", 1000)
     report = Bounds(40, seed=100).run()
     assert report.passed
-    (skipped,) = report.skipped
-    assert int(skipped.reason.split()[0]) == sum("too large" in beaten(seed) for seed in range(100, 140)) > 0
+    reasons = {skipped.name: skipped.reason for skipped in report.skipped}
+    large = sum("too large" in beaten(seed) for seed in range(100, 140))
+    assert int(reasons["certificates of large lattices"].split()[0]) == large > 0
 
 
 def test_random_craft_are_of_every_kind() -> None:
@@ -68,3 +70,31 @@ def test_flights_that_need_nothing() -> None:
     assert bounds._share(0.1, 0.0) == np.inf
     assert bounds._share(1.0, 2.0) == 0.5
     assert any("dual of the certificate" in beaten(seed) for seed in range(30))
+
+
+def test_what_no_flight_has_is_not_passed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without a certificate there is no check of certificates, and a study of nothing is refused."""
+    monkeypatch.setattr(bounds, "beaten", lambda _: {"least time": 0.5, "least thrust-time": 1.0})
+    report = Bounds(3).run()
+    assert [check.name for check in report.checks] == ["least time: flights below",
+                                                       "least thrust-time: flights below"]
+    assert [(s.name, s.reason) for s in report.skipped] == [
+        ("dual of the certificate", "None of these flights has one.")]
+    with pytest.raises(ConfigError, match="--craft must be >= 1, got 0"):
+        Bounds(0).run()
+
+
+@pytest.mark.parametrize("share", [1.0 + 1e-8, np.inf, np.nan])
+def test_the_command_names_what_flew_below_its_bound(share: float, monkeypatch: pytest.MonkeyPatch,
+                                                     capsys: pytest.CaptureFixture[str]) -> None:
+    """Of seeds 5, 6 and 7 the second; a hundred-millionth is more than rounding."""
+    monkeypatch.setattr(bounds, "beaten", lambda seed: {"least time": share if seed == 6 else 1.0})
+    monkeypatch.setattr("sys.argv", ["bounds", "--craft", "3", "--seed", "5"])
+    assert bounds.main() == 1
+    shown = " ".join(capsys.readouterr().out.split())
+    assert "least time: flights below: Of 3 flights" in shown
+    assert "; seeds [6]." in shown
+    assert shown.endswith("FAIL")
+    monkeypatch.setattr(bounds, "beaten", lambda _: {"least time": 1.0 + 1e-10})
+    assert bounds.main() == 0
+    assert capsys.readouterr().out.rstrip().endswith("pass")

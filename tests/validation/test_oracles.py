@@ -9,8 +9,6 @@ import pytest
 
 from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading, Vec2
-from validation.discretisation import semi_implicit_euler
-from validation.invariants import _silence
 from validation.oracles import spinning_up, tumbling
 from validation.sampling import random_states
 
@@ -44,19 +42,3 @@ def test_the_top_keeps_energy_and_momentum_and_starts_where_it_should(least, lar
     # I2 w2' = (I3 - I1) w3 w1, by the difference of two close moments.
     early = tumbling(moments, np.array([least]), np.array([largest]), 1e-6)
     assert early[1, 0] / 1e-6 == pytest.approx((0.5 - 0.2) / 0.3 * least * largest, rel=1e-6)
-
-
-def test_the_originals_scheme_by_hand() -> None:
-    """One step of 0.5 s, 2 kg pushed by 4 N: velocity first (1 m/s), then position with it (0.5 m)."""
-    from rans.model.body import Body
-    from rans.model.dynamics import Wrench
-
-    start = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
-    end = semi_implicit_euler(start, Wrench(Vec2(4.0, 0.0), 0.25), Body(2.0, (0.5,)), 0.5, 1)
-    assert (end.p.x, end.v.x, end.w, end.attitude.angle) == (0.5, 1.0, 0.25, 0.125)
-    coasting = random_states(3, 4, 0)
-    sphere = Body(1.0, (1.0, 0.0, 0.0, 1.0, 0.0, 1.0))
-    turned = semi_implicit_euler(coasting, _silence(coasting), sphere, 2.0, 3)
-    # Without torque a sphere turns by |w| t, up to rounding.
-    angle = coasting.attitude.to(turned.attitude).magnitude()
-    assert angle == pytest.approx(2.0 * coasting.w.norm(), abs=1e-13)

@@ -20,7 +20,7 @@ _CRAFTS = ("floating-platform", "free-flyer")
 
 @dataclass(frozen=True)
 class Ratio:
-    """Two figures of one machine, divided."""
+    """Two figures of one machine, divided: medians of their repeats, or of one training each."""
 
     name: str
     value: float
@@ -73,18 +73,18 @@ def over_trainer(peer: PeerResult, rate: float, device: str) -> Ratio:
     """Trained steps/s of ours over a peer's, on the same task, network and settings."""
     theirs = peer.figures["trained_steps_per_s"]
     return Ratio(f"trained steps/s, over {peer.package}", rate / theirs,
-                 f"{rate:,.4g} over {theirs:,.4g}; same task, network and settings; aimed at: "
+                 f"{rate:,.4g} over {theirs:,.4g}, medians; same task, network and settings; aimed at: "
                  f"{100 if device.startswith('cuda') else 5} or more")
 
 
 def until_solved(peer: PeerResult, ours: Success) -> Ratio:
     """Seconds of training of a peer over ours, until the same judge finds the same task solved."""
     theirs = peer.figures
-    unsolved = "" if theirs["solved"] else ", and was not solved by then: the ratio is a lower bound"
+    unsolved = "" if theirs["solved"] else "; theirs did not solve it: the ratio is a lower bound"
     seconds = theirs["seconds_to_success"]
     return Ratio(f"seconds until solved, of {peer.package} over ours", seconds / ours.seconds,
                  f"{seconds:.1f} s of {theirs['steps_to_success']:,} steps over {ours.seconds:.1f} s of "
-                 f"{ours.steps:,}{unsolved}")
+                 f"{ours.steps:,}; one training each{unsolved}")
 
 
 def _over_simulator(peer: PeerResult, spend: Effort) -> Iterator[Ratio]:
@@ -94,8 +94,8 @@ def _over_simulator(peer: PeerResult, spend: Effort) -> Iterator[Ratio]:
         ours = engine_rate(load_spacecraft(name), GoToPose(), num_envs, spend.clock, compiled=spend.compiled)
         rate = _per_second(ours)
         yield Ratio(f"environment steps/s, {name} over {peer.package}", rate / theirs,
-                    f"{rate:,.4g} over {theirs:,.4g}, {num_envs:,} environments; theirs flies another task: "
-                    f"{peer.figures['task']}")
+                    f"{rate:,.4g} over {theirs:,.4g}, medians; {num_envs:,} environments; theirs flies "
+                    f"another task: {peer.figures['task']}")
 
 
 def _per_second(measured: Measurement) -> float:

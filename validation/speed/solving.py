@@ -16,7 +16,10 @@ _KIND = "optimal control"
 
 
 def solver_rate(craft: Spacecraft, task: Task, starts: int) -> Iterator[Measurement]:
-    """Milliseconds a solve and solves per second of relaxed least time, in this process, on one core."""
+    """Relaxed least time in this process, on one core: the median solve, and solves per second.
+
+    The latter are all solves over all their seconds, of which the slow ones take most.
+    """
     name = f"least time, {craft.name}"
     try:
         from rans.optimal.trajectory.objectives import MinimumTime
@@ -35,4 +38,4 @@ def solver_rate(craft: Spacecraft, task: Task, starts: int) -> Iterator[Measurem
     note = f"{solved} of {starts} solved, {iterations:g} iterations, {MinimumTime().intervals} intervals"
     seconds = [trajectory.seconds for trajectory in found]
     yield Measurement(_KIND, f"{name}, median", 1e3 * statistics.median(seconds), "ms a solve", warm_up, note)
-    yield Measurement(_KIND, name, starts / sum(seconds), "solves/s", warm_up, note)
+    yield Measurement(_KIND, f"{name}, all together", starts / sum(seconds), "solves/s", warm_up, note)

@@ -6,7 +6,6 @@ Run as ``python -m validation.speed.tradeoff``; minutes on a GPU, about five on 
 from __future__ import annotations
 
 import statistics
-import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -18,7 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullLocator
 from rich.console import Console
 
-from rans.errors import ConfigError, RansError
+from rans.errors import ConfigError
 from rans.fast.learn.config import PPOSettings, TrainConfig
 from rans.fast.learn.recipes import preset
 from rans.fast.learn.trainer import check_device
@@ -26,6 +25,7 @@ from rans.files import environment, ready_folder, write_json, write_text
 from rans.model.spacecraft_file import load_spacecraft
 from rans.show.figures import styled, svg
 from rans.show.panels import BLUE, GREY, INK, label
+from validation.command import ended
 from validation.speed.training import Success, train_until_solved
 
 _MINIBATCHES = 4
@@ -135,16 +135,10 @@ def _against_size(axes: Axes, trained: Sequence[Trained], values: Sequence[float
 
 
 def main() -> int:
-    """Run the study; 2 if it could not, 130 if it was interrupted, which loses no training that ended."""
-    try:
-        tyro.cli(Tradeoff).run()
-    except RansError as error:
-        print(f"tradeoff: {error}", file=sys.stderr)  # noqa: T201
-        return 2
-    except KeyboardInterrupt:
-        return 130
+    """Run the study; an interrupt loses no training that ended."""
+    tyro.cli(Tradeoff).run()
     return 0
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    raise SystemExit(ended("tradeoff", main))

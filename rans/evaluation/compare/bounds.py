@@ -88,8 +88,7 @@ class Bound:
 def goal_set(task: Task) -> GoalSet:
     """A task's tolerances, and rest where it has a place; what it leaves open is not looked at.
 
-    Raises:
-        ConfigError: something pulls at the spacecraft, or the goal moves: the bounds would be wrong.
+    `ConfigError` if something pulls at the spacecraft, or the goal moves: the bounds would be wrong.
     """
     if task.drift != FREE or type(task).next_goal is not Task.next_goal:
         raise ConfigError("bounds hold for free flight to a goal that stands still; "
@@ -102,10 +101,7 @@ def goal_set(task: Task) -> GoalSet:
 def no_certificate(craft: Spacecraft, wanted: Collection[str], period: float) -> str:
     """Why on/off controllers have no bound of their own here; nothing if they do.
 
-    Args:
-        craft: what flies.
-        wanted: see `rans.optimal.trajectory.arrival.aims`.
-        period: for which commands are held, s.
+    Of what is wanted see `rans.optimal.trajectory.arrival.aims`; commands are held for a period (s).
     """
     try:
         if not {"position", "attitude"} <= set(wanted):
@@ -119,16 +115,13 @@ def no_certificate(craft: Spacecraft, wanted: Collection[str], period: float) ->
 
 def bounds(questions: Sequence[Question], starts: Sequence[int], workers: int | None = None,
            progress: Callable[[], object] = lambda: None) -> Iterator[tuple[int, Bound]]:
-    """The answers as they are found, each with the number of its question.
+    """The answers as they are found, each with the number of its question; `RansError` if a process died.
 
     Args:
         questions: what is asked.
         starts: number of the scenario of each.
         workers: processes, by default one per processor; 1 works in this process.
         progress: called once per answer.
-
-    Raises:
-        RansError: a process died.
     """
     jobs = list(zip(starts, questions, strict=True))
     if workers == 1 or not jobs:
@@ -143,8 +136,8 @@ def bounds(questions: Sequence[Question], starts: Sequence[int], workers: int | 
                 yield numbers[future], future.result()
                 progress()
         except BrokenProcessPool as error:
-            raise RansError("a process that searched for bounds died; the usual cause is too little "
-                            "memory.") from error
+            raise RansError("a process that searched for bounds died; the usual cause is too little memory."
+                            ) from error
 
 
 class Event(NamedTuple):
@@ -190,18 +183,18 @@ def whole_periods(horizon: float, period: float) -> int:
     """Control periods that a horizon is made of; `ConfigError` if it is not."""
     check_period(period)
     count = round(horizon / period) if math.isfinite(horizon) else 0
-    if count < 1 or abs(count * period - horizon) > 1e-9 * horizon:
-        raise ConfigError(f"a bound of thrust-time needs a horizon of whole control periods of {period:g} s, "
-                          f"got {horizon:g} s.")
-    return count
+    if count >= 1 and abs(count * period - horizon) <= 1e-9 * horizon:
+        return count
+    raise ConfigError(f"a bound of thrust-time needs a horizon of whole control periods of {period:g} s, got "
+                      f"{horizon:g} s.")
 
 
 def bound(start: int, question: Question) -> Bound:
     """One answer, infinite where nothing can arrive by the horizon; `ConfigError` for what is not finite."""
     craft, wanted, goals, period, horizon, effort, scenario = question
-    check_period(period)
     begin: Any = scenario.start
     end: Any = scenario.goal
+    check_period(period)
     if horizon is None:
         ask, steps, unit = least_time, max(1, round(_LONGEST / period)), period
         least = hull.least_time(craft, wanted, begin, end, goals)
@@ -225,13 +218,9 @@ def bound(start: int, question: Question) -> Bound:
 
 
 def table(sentence: str, measure: str, answers: Sequence[Bound], found: Sequence[float]) -> Table:
-    """A row per start.
+    """A row per start, of its bound and the cost found for its relaxed trajectory, NaN where there is none.
 
-    Args:
-        sentence: what the bounds hold for.
-        measure: what is bounded, with its unit.
-        answers: the bounds.
-        found: cost of the relaxed trajectory from each start, NaN where there is none.
+    The sentence says what the bounds hold for; the measure is what is bounded, with its unit.
     """
     def row(answer: Bound, cost: float) -> tuple[str, ...]:
         lower, upper = answer.lower, answer.upper
@@ -239,6 +228,6 @@ def table(sentence: str, measure: str, answers: Sequence[Bound], found: Sequence
         certain = ["-"] * 2 if lower is None else [f"{lower:.3f}", f"{upper:.3f}"]
         return str(answer.start), f"{answer.hull:.3f}", figure(cost, ".3f"), *certain, gap
 
-    columns = ("start", "hull bound", "relaxed", "certified", "on/off found", "gap")
-    return terminal.table(f"What nothing can beat: {measure}", columns, map(row, answers, found), sentence,
-                          "right")
+    return terminal.table(f"What nothing can beat: {measure}",
+                          ("start", "hull bound", "relaxed", "certified", "on/off found", "gap"),
+                          map(row, answers, found), sentence, "right")

@@ -20,8 +20,6 @@ from rans.optimal.trajectory.pool import each
 _EFFORT = Effort(seconds=20.0, nozzle_seconds=2.0, levels=4)
 """Most questions take two processor seconds. Less of it, or a busy machine, leaves wider gaps but changes
 no bound's truth."""
-
-
 _VERSION = 2
 """Of the proofs: bounds kept from other versions are searched anew."""
 
@@ -30,6 +28,8 @@ def certify(contest: Contest, count: int, horizons: tuple[float, ...], cache: Pa
             workers: int | None = None, progress: Callable[[], object] = lambda: None) -> Iterator[Bound]:
     """Bounds from the first starts, as they are found: the least time, and the least thrust-times.
 
+    `RansError` if a process died, or the cache is damaged or cannot be written.
+
     Args:
         contest: gives the starts.
         count: of starts.
@@ -37,9 +37,6 @@ def certify(contest: Contest, count: int, horizons: tuple[float, ...], cache: Pa
         cache: JSON file that keeps the bounds for the next time.
         workers: see `bounds`.
         progress: called once per bound.
-
-    Raises:
-        RansError: a process died, or the cache is damaged or cannot be written.
     """
     known = _read(cache) if cache and cache.exists() else {}
     common = (contest.craft, tuple(sorted(aims(contest.task))), goal_set(contest.task),
@@ -54,21 +51,17 @@ def certify(contest: Contest, count: int, horizons: tuple[float, ...], cache: Pa
             progress()
         else:
             asked.append((key, start, question))
-    searched = bounds([question for *_, question in asked], [start for _, start, _ in asked], workers,
-                      progress)
-    for k, answer in searched:
-        known[asked[k][0]] = answer
+    keys, starts, questions = zip(*asked, strict=True) if asked else ((), (), ())
+    for k, answer in bounds(questions, starts, workers, progress):
+        known[keys[k]] = answer
         if cache:
             write_json(cache, {key: asdict(one) for key, one in known.items()})
         yield answer
 
 
-_NUMBERS = ("hull", "lower", "upper")
-
-
 def _revived(row: dict[str, Any]) -> Bound:
-    numbers: dict[str, Any] = {key: number(row[key]) for key in _NUMBERS if row[key] is not None}
-    return Bound(**row | numbers)
+    known: Any = {key: number(row[key]) for key in ("hull", "lower", "upper") if row[key] is not None}
+    return Bound(**row | known)
 
 
 def _read(cache: Path) -> dict[str, Bound]:

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from rans.errors import ConfigError
 from rans.evaluation.compare.bounds import REST_SPEED, REST_SPIN, Amounts, Event, whole_periods
 from rans.evaluation.fly.judge import EngineName, Flown, flown
 from rans.evaluation.fly.protocols import Setup
-from rans.evaluation.measure.metrics import final_errors, forces, settling_times
+from rans.evaluation.measure.metrics import final_errors, forces, returns, settling_times
 from rans.flight import Controller, Flight, fly
 from rans.model.fields import map_leaves
 from rans.model.spacecraft import Spacecraft
@@ -70,11 +71,19 @@ class Contest:
         That is its wall time on an idle core; wall time itself would count what else the machine does.
         Of the first fifth of an episode from a few starts: later on who rests need not think.
         """
-        watch = _Stopwatch(controller)
+        seconds: list[float] = []
+
+        def act(*seen: Any) -> np.ndarray:
+            begun = time.process_time()
+            command = controller.act(*seen)
+            seconds.append(time.process_time() - begun)
+            return command
+
+        timed: Any = SimpleNamespace(name=controller.name, reset=controller.reset, act=act)
         short = replace(self.timing, episode_steps=max(1, self.timing.episode_steps // 5))
         for k in range(min(_TIMED_STARTS, self.episodes)):
-            fly(self.craft, self.task, watch, self.start(k), short)
-        return np.array(watch.seconds)
+            fly(self.craft, self.task, timed, self.start(k), short)
+        return np.array(seconds)
 
     def title(self) -> str:
         """What is compared, in one line."""
@@ -82,32 +91,11 @@ class Contest:
                 f"{1.0 / self.timing.control_period:g} Hz")
 
 
-class _Stopwatch:
-    """A controller whose every action is timed."""
-
-    def __init__(self, controller: Controller) -> None:
-        self.name, self.seconds = controller.name, []
-        self._controller = controller
-
-    def reset(self, count: int) -> None:
-        self._controller.reset(count)
-
-    def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        begun = time.process_time()
-        command = self._controller.act(state, goal, observation)
-        self.seconds.append(time.process_time() - begun)
-        return command
-
-
 def arrived(task: Task, states: Any, goals: Any) -> np.ndarray:
     """Whether states are in the goal set: within the task's tolerances, and at rest where it has a place.
 
-    The set is that of `rans.evaluation.compare.bounds.goal_set`.
-
-    Args:
-        task: its tolerances; where `aims` adds velocity or spin, those are `REST_SPEED` and `REST_SPIN`.
-        states: fields (T + 1, N).
-        goals: fields (N,).
+    The set is that of `rans.evaluation.compare.bounds.goal_set`: where `aims` adds velocity or spin, their
+    tolerances are `REST_SPEED` and `REST_SPIN`. States have fields (T + 1, N), goals (N,).
     """
     inside, added = task.reached(states, goals), aims(task) - task.tolerances().keys()
     if "velocity" in added:
@@ -203,7 +191,7 @@ class Entry:
     @cached_property
     def returns(self) -> np.ndarray:
         """Sum of the task's rewards, (N,)."""
-        return np.sum(list(self.flight.rewards().values()), axis=(0, 1))
+        return returns(self.flight)
 
     @property
     def _period(self) -> float:

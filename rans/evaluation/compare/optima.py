@@ -12,7 +12,7 @@ import numpy as np
 from rich.table import Table
 
 from rans import terminal
-from rans.evaluation.fly.episodes import save_arrays
+from rans.evaluation.measure.aggregate import save_arrays
 from rans.evaluation.measure.metrics import DISPLAY
 from rans.files import environment, write_json
 from rans.flight import Flight
@@ -38,13 +38,10 @@ _SENTENCES = {
 }
 """How the optimiser ended, in words."""
 
-
 _AS_PLANNED = Timing(episode_steps=1)
 
-_LEAVES = {
-    6: ("p.x", "p.y", "heading", "v.x", "v.y", "w"),
-    13: ("p.x", "p.y", "p.z", "q.w", "q.x", "q.y", "q.z", "v.x", "v.y", "v.z", "w.x", "w.y", "w.z"),
-}
+_LEAVES = {6: "p.x p.y heading v.x v.y w",
+           13: "p.x p.y p.z q.w q.x q.y q.z v.x v.y v.z w.x w.y w.z"}
 """Names of a state's values, by how many it has."""
 
 
@@ -81,14 +78,14 @@ class Optimum:
         found = 1.0 if path.solved else math.nan
         return {"start": self.start, "status": path.status, "good": self.good, "sentence": self.sentence,
                 "cost": found * path.cost, "time": found * path.control_period * len(path.commands),
-                "replay_error": self.replay_error, "seconds": path.seconds,
-                "iterations": path.iterations, "attempts": path.attempts, "errors": self.errors}
+                "replay_error": self.replay_error, "seconds": path.seconds, "iterations": path.iterations,
+                "attempts": path.attempts, "errors": self.errors}
 
 
 def optima(craft: Spacecraft, task: Task, objective: Objective, starts: Scenario, guesses: int = 1,
            workers: int | None = None, progress: Callable[[], object] = lambda: None,
            timing: Timing = _AS_PLANNED) -> list[Optimum]:
-    """Solve from every start and fly what was found in Drake.
+    """Solve from every start and fly what was found in Drake: one answer per start, solved or not.
 
     Args:
         craft: what flies.
@@ -99,9 +96,6 @@ def optima(craft: Spacecraft, task: Task, objective: Objective, starts: Scenario
         workers: see `rans.optimal.trajectory.pool.solve_all`.
         progress: called once per solved problem.
         timing: how long flights last, see `episode`; by default as long as their trajectories.
-
-    Returns:
-        One per start, solved or not, in their order.
     """
     [found] = solve_all(craft, task, [objective], starts, workers, progress, guesses)
     return [_judged(k, trajectory, episode(craft, task, timing, scenario, trajectory))
@@ -119,14 +113,9 @@ def _judged(start: int, trajectory: Trajectory, flight: Flight) -> Optimum:
 
 def episode(craft: Spacecraft, task: Task, timing: Timing, scenario: Scenario,
             trajectory: Trajectory) -> Flight:
-    """A trajectory flown by Drake for a whole episode, thrusters shut once it has arrived.
+    """A trajectory that was solved, flown by Drake for a whole episode, thrusters shut once it has arrived.
 
-    Args:
-        craft: what flies.
-        task: what for.
-        timing: how long an episode is; the control period is the trajectory's own.
-        scenario: where it begins, of floats.
-        trajectory: that was solved.
+    The timing says how long; the control period is the trajectory's own. The scenario is of floats.
     """
     period, planned = trajectory.control_period, len(trajectory.commands)
     steps = max(planned, math.ceil(timing.episode_steps * timing.control_period / period - 1e-9))
@@ -145,8 +134,8 @@ def table(title: str, objective: Objective, answers: Sequence[Optimum]) -> Table
             lost.setdefault(answer.sentence, []).append(str(answer.start))
     notes = [f"Start {', '.join(starts)}: {sentence}." for sentence, starts in lost.items()]
     names = list(next((answer.errors for answer in answers if answer.errors), {}))
-    columns = ("start", objective.measure, *(f"{n} {DISPLAY[n][1]}" for n in names), "replay mm", "steps",
-               "ms", "")
+    errors = [f"{name} {DISPLAY[name][1]}" for name in names]
+    columns = ("start", objective.measure, *errors, "replay mm", "steps", "ms", "")
     result = terminal.table(title, columns, (), "\n".join(notes), "right")
     for answer in answers:
         path, good = answer.trajectory, answer.good
@@ -159,13 +148,10 @@ def table(title: str, objective: Objective, answers: Sequence[Optimum]) -> Table
 
 
 def write(folder: Path, about: dict[str, Any], answers: Sequence[Optimum]) -> None:
-    """Write optimal.json, the answers, and optimal.npz, the trajectories, into a folder.
+    """Write optimal.json, the answers, and optimal.npz, the trajectories; `ConfigError` if the disk refused.
 
     The arrays of optimal.npz: ``states`` (N, T + 1, leaves) in the order that ``leaves`` names,
     ``commands`` (N, T, thrusters) and ``control_period`` (N,); NaN where a problem was not solved.
-
-    Raises:
-        ConfigError: the disk refused.
     """
     paths = [answer.trajectory for answer in answers]
     known = np.array([1.0 if p.solved else np.nan for p in paths])[:, None, None]
@@ -173,6 +159,6 @@ def write(folder: Path, about: dict[str, Any], answers: Sequence[Optimum]) -> No
         "states": known * np.stack([np.stack(leaves(p.states), axis=-1) for p in paths]),
         "commands": known * np.stack([p.commands for p in paths]),
         "control_period": np.array([p.control_period for p in paths]),
-        "leaves": np.array(_LEAVES[len(leaves(paths[0].states))])})
-    rows = [answer.to_json() for answer in answers]
-    write_json(folder / "optimal.json", {**about, "environment": environment(), "starts": rows})
+        "leaves": np.array(_LEAVES[len(leaves(paths[0].states))].split())})
+    write_json(folder / "optimal.json", {**about, "environment": environment(),
+                                         "starts": [answer.to_json() for answer in answers]})

@@ -11,11 +11,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from rans.evaluation.compare.contest import Contest
 from rans.evaluation.compare.optima import Optimum, optima
-from rans.evaluation.measure.metrics import impulses, settling_times
+from rans.evaluation.measure.metrics import impulses, returns, settling_times
 from rans.optimal.trajectory.objectives import MaximumReward, MinimumFuel, MinimumTime, Objective
 
 _GUESSES = 2
@@ -55,14 +53,7 @@ def objectives(contest: Contest, horizons: Sequence[float]) -> list[Objective]:
 
 def solve(contest: Contest, objective: Objective, workers: int | None = None,
           progress: Callable[[], object] = lambda: None) -> list[Relaxed]:
-    """The optimum from every start.
-
-    Args:
-        contest: gives the starts.
-        objective: what to minimise.
-        workers: processes, by default one per processor.
-        progress: called once per start.
-    """
+    """The optimum from every start of a contest; see `optima` for workers and progress."""
     guesses = _GUESSES if isinstance(objective, MaximumReward) else 1
     found = optima(contest.craft, contest.task, objective, contest.starts, guesses, workers, progress,
                    contest.timing)
@@ -75,8 +66,6 @@ def _scored(contest: Contest, objective: Objective, one: Optimum) -> Relaxed:
     if flight is None or not one.good:
         return Relaxed(*head)
     same_rate = math.isclose(trajectory.control_period, contest.timing.control_period)
-    total = float(np.sum(list(flight.rewards().values())))
-    return Relaxed(
-        *head, arrival=len(trajectory.commands) * trajectory.control_period,
-        settling=float(settling_times(flight)[0]), thrust=float(impulses(flight)[0]),
-        total=total if same_rate else math.nan, replay_error=one.replay_error)
+    return Relaxed(*head, len(trajectory.commands) * trajectory.control_period,
+                   float(settling_times(flight)[0]), float(impulses(flight)[0]),
+                   float(returns(flight)[0]) if same_rate else math.nan, one.replay_error)

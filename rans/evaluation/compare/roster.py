@@ -6,11 +6,9 @@ from pathlib import Path
 
 from rans.errors import ConfigError
 from rans.evaluation.compare.contest import Contest, Contestant
-from rans.evaluation.fly.agent import LoadedRun
 from rans.evaluation.fly.contestants import contestant, is_controller
-from rans.evaluation.fly.controllers import CONTROLLERS, controller
+from rans.evaluation.fly.controllers import CONTROLLERS, controller, is_user_policy
 from rans.evaluation.fly.judge import EngineName
-from rans.evaluation.fly.user_policies import is_user_policy
 from rans.fast.learn.run_folder import RunFolder
 from rans.files import read_json
 from rans.pretrained import pretrained_folder
@@ -22,11 +20,7 @@ _UNTUNED = "none: default settings"
 
 
 def contest_of(spec: str, episodes: int, seed: int = EVALUATION_SEED, engine: EngineName = "fast") -> Contest:
-    """The conditions of the first contestant, under which all others fly too.
-
-    Raises:
-        ConfigError: there is no such contestant, it knows no task, or a number is too small.
-    """
+    """The conditions of the first contestant, for all others too; `ConfigError` if it knows no task."""
     if episodes < 1:
         raise ConfigError(f"--episodes must be at least 1, got {episodes}.")
     run = contestant(spec)
@@ -36,18 +30,8 @@ def contest_of(spec: str, episodes: int, seed: int = EVALUATION_SEED, engine: En
 
 
 def enlist(spec: str, contest: Contest) -> Contestant:
-    """The contestant of this name, if it is for the same task and spacecraft.
-
-    Raises:
-        ConfigError: there is none, or it is for another task, spacecraft or control rate.
-    """
+    """The contestant of this name; `ConfigError` if none is for the same task, craft and control rate."""
     run = contestant(spec, lent=contest.setup)
-    _check_same(spec, run, contest)
-    simple = is_controller(spec)
-    return Contestant(run.controller.name, run.controller, _MODEL if simple else _OBSERVATION, _tuning(spec))
-
-
-def _check_same(spec: str, run: LoadedRun, contest: Contest) -> None:
     if type(run.task) is not type(contest.task):
         raise ConfigError(f"{spec} is for the task {type(run.task).__name__}, but the first contestant for "
                           f"{type(contest.task).__name__}; compare them separately.")
@@ -58,6 +42,8 @@ def _check_same(spec: str, run: LoadedRun, contest: Contest) -> None:
     if periods[0] != periods[1]:
         raise ConfigError(f"{spec} acts every {periods[0]:g} s, but the first contestant every "
                           f"{periods[1]:g} s; compare them separately.")
+    knows = _MODEL if is_controller(spec) else _OBSERVATION
+    return Contestant(run.controller.name, run.controller, knows, _tuning(spec))
 
 
 def _tuning(spec: str) -> str:
@@ -81,11 +67,7 @@ def _tuning(spec: str) -> str:
 
 
 def simple_controller(name: str, contest: Contest) -> Contestant:
-    """A controller of `CONTROLLERS` with its default settings.
-
-    Raises:
-        ConfigError: it cannot fly this spacecraft.
-    """
+    """A controller of `CONTROLLERS` with its default settings; `ConfigError` if it cannot fly this craft."""
     made = controller(name, contest.setup)
     return Contestant(made.name, made, _MODEL, _UNTUNED)
 

@@ -21,12 +21,7 @@ from rans.tasks import Task, observation_width
 
 
 class Agent:
-    """A policy that gives the commands it finds likeliest.
-
-    Args:
-        network: of one member, on the CPU.
-        name: what to call it in tables.
-    """
+    """A policy that gives the commands it finds likeliest: a network of one member, on the CPU."""
 
     def __init__(self, network: Network, name: str) -> None:
         self.name, self._network = name, network
@@ -59,12 +54,7 @@ class LoadedRun(NamedTuple):
 
 
 def load_agent(path: Path) -> LoadedRun:
-    """The agent in a run folder.
-
-    Raises:
-        ConfigError: the folder holds no run, no policy yet, a damaged one, or one for another
-            spacecraft.
-    """
+    """The agent in a run folder; `ConfigError` if that holds no run, or no policy that fits its craft."""
     run = RunFolder(path)
     config, craft = run.config(), run.spacecraft()
     if not run.policy_file.exists():

@@ -7,9 +7,8 @@ from pathlib import Path
 
 from rans.errors import ConfigError
 from rans.evaluation.fly.agent import LoadedRun, load_agent
-from rans.evaluation.fly.controllers import CONTROLLERS, controller
+from rans.evaluation.fly.controllers import CONTROLLERS, controller, is_user_policy, user_policy
 from rans.evaluation.fly.protocols import ProtocolName, Setup, under_protocol
-from rans.evaluation.fly.user_policies import is_user_policy, user_policy
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.pretrained import pretrained_folder, pretrained_names
@@ -34,13 +33,9 @@ def contestant(spec: str, protocol: ProtocolName = "own", lent: Setup | None = N
             with a name of `CONTROLLERS` or MODULE:NAME, which fly the floating platform or the free flyer,
             or another spacecraft as in ``CONTROLLER:go-to-pose-2d@floating-platform-shared``. ``#TASK`` at
             the end picks one of the tasks of a multi-task agent. Policies made elsewhere (see
-            `rans.evaluation.fly.user_policies`) know no task of their own.
+            `user_policy`) know no task of their own: `ConfigError` if they are lent none.
         protocol: see `rans.evaluation.fly.protocols.under_protocol`.
         lent: somebody's setup, in which policies made elsewhere fly.
-
-    Raises:
-        ConfigError: there is no such contestant, the protocol is not for its spacecraft, or a policy made
-            elsewhere was lent none.
     """
     if is_user_policy(spec):
         if lent is None:
@@ -57,11 +52,7 @@ def contestant(spec: str, protocol: ProtocolName = "own", lent: Setup | None = N
 
 
 def judged_separately(spec: str) -> list[str]:
-    """The contestant itself, or where it is a multi-task agent, it with each of its tasks.
-
-    Raises:
-        ConfigError: there is no such contestant.
-    """
+    """The contestant itself, or where it is a multi-task agent, it with each of its tasks."""
     return [f"{spec}#{name}" if name else spec for name in contestant(spec).task.parts()]
 
 
@@ -115,10 +106,8 @@ def _named_setup(name: str, spec: str) -> Setup:
 
 def _picked(setup: Setup, part: str, spec: str) -> Setup:
     """The setup with one of the tasks of a multi-task."""
-    if not part:
-        return setup
     parts = setup.task.parts()
-    if part not in parts:
+    if part and part not in parts:
         raise ConfigError(f"{spec!r} picks the task {part!r}, but there is only "
                           f"{', '.join(parts) or 'one task'}.")
-    return setup._replace(task=parts[part])
+    return setup._replace(task=parts[part]) if part else setup

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from rich.table import Table
@@ -13,6 +13,7 @@ from rans.errors import ConfigError
 from rans.evaluation.fly.judge import EngineName, flown
 from rans.evaluation.fly.paths import SPACING, LookAhead
 from rans.evaluation.fly.protocols import Setup
+from rans.evaluation.measure.metrics import Sample
 from rans.flight import Controller, Flight
 from rans.model.drift import Drift
 from rans.model.dynamics import State
@@ -20,13 +21,17 @@ from rans.model.fields import Field
 from rans.model.random import Random
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
-from rans.tasks import Task, Transition
-from rans.tasks.sight import Entry
+from rans.tasks import Task
 
 START_SPREAD = 0.2
 """Farthest that a flight starts from the path's first point, m."""
 _PATIENCE, _GRACE = 1.5, 10.0
 """A flight may take so many times as long as at full speed, and so many seconds more."""
+
+
+def _tracker(method: str) -> Any:
+    """A method of `Guided` that is the tracker's task's own."""
+    return lambda self, *given: getattr(self.task, method)(*given)
 
 
 @dataclass(frozen=True)
@@ -40,14 +45,13 @@ class Guided(Task):
     """The tracker's."""
     planner: LookAhead
 
+    flag_of, sight, errors = map(_tracker, ("flag_of", "sight", "errors"))
+    tolerances, reward, failed = map(_tracker, ("tolerances", "reward", "failed"))
+
     @property
     def drift(self) -> Drift:
-        """See `Task`."""
+        """The tracker's."""
         return self.task.drift
-
-    def flag_of(self, goal: State) -> Field:
-        """See `Task`."""
-        return self.task.flag_of(goal)
 
     def sample(self, random: Random) -> tuple[State, State]:
         """Start at rest near the path's first point, and the first command."""
@@ -64,36 +68,6 @@ class Guided(Task):
         progress, _, command = self.planner.plan(position, goal.notes[0].astype(int))
         return replace(goal, v=type(goal.v)(*command.T), notes=(progress,))
 
-    def sight(self, state: State, goal: State) -> tuple[Entry, ...]:
-        """See `Task`."""
-        return self.task.sight(state, goal)
-
-    def errors(self, state: State, goal: State) -> dict[str, Field]:
-        """See `Task`."""
-        return self.task.errors(state, goal)
-
-    def tolerances(self) -> dict[str, float]:
-        """See `Task`."""
-        return self.task.tolerances()
-
-    def reward(self, transition: Transition) -> dict[str, Field]:
-        """See `Task`."""
-        return self.task.reward(transition)
-
-    def failed(self, state: State, goal: State) -> Field:
-        """See `Task`."""
-        return self.task.failed(state, goal)
-
-
-class Quantity(NamedTuple):
-    """One measured quantity of every flight."""
-
-    name: str
-    meaning: str
-    unit: str
-    values: np.ndarray
-    """(N,)."""
-
 
 @dataclass(frozen=True)
 class Following:
@@ -106,6 +80,7 @@ class Following:
     planner: LookAhead
     flight: Flight
     """Everybody's motion for the full time, however early they arrived."""
+
     @property
     def progress(self) -> np.ndarray:
         """(T, N) path point each flight had come to when it was given a command."""
@@ -147,59 +122,59 @@ class Following:
         period = self.flight.timing.control_period
         return np.where(waited < len(self.progress), waited * period, np.inf)
 
-    def quantities(self) -> tuple[Quantity, ...]:
+    def quantities(self) -> tuple[Sample, ...]:
         """How well each flight followed."""
-        counts, reached = self.measured, self.velocities[1:]
-        mean = lambda x: (x * counts).sum(axis=0) / counts.sum(axis=0)  # noqa: E731
+        counts, reached, aim = self.measured, self.velocities[1:], self.planner.speed
+
+        def mean(values: np.ndarray) -> np.ndarray:
+            return (values * counts).sum(axis=0) / counts.sum(axis=0)
+
         distance, speed = self.cross_track, np.linalg.norm(reached, axis=2)
         missed = np.linalg.norm(reached - self.commands, axis=2)
         lap = "the approach and one lap" if self.planner.path.closed else "the path"
-        return (
-            Quantity("cross-track RMS", "root mean square distance from the path", "cm",
-                     100.0 * np.sqrt(mean(distance**2))),
-            Quantity("cross-track maximum", "largest distance from the path", "cm",
-                     100.0 * (distance * counts).max(axis=0)),
-            Quantity("velocity error", "mean distance from the command one period later", "cm/s",
-                     100.0 * mean(missed)),
-            Quantity("speed error", f"mean difference from {self.planner.speed:g} m/s", "cm/s",
-                     100.0 * mean(np.abs(speed - self.planner.speed))),
-            Quantity("duration", f"time for {lap}", "s", self.durations),
-            Quantity("duty", "mean share of thrusters open", "%",
-                     100.0 * mean(self.flight.commands.mean(axis=2))),
-        )
+        return tuple(Sample("path", *row) for row in (
+            ("cross-track RMS", "root mean square distance from the path", "cm",
+             100.0 * np.sqrt(mean(distance**2))),
+            ("cross-track maximum", "largest distance from the path", "cm",
+             100.0 * (distance * counts).max(axis=0)),
+            ("velocity error", "mean distance from the command one period later", "cm/s",
+             100.0 * mean(missed)),
+            ("speed error", f"mean difference from {aim:g} m/s", "cm/s", 100.0 * mean(np.abs(speed - aim))),
+            ("duration", f"time for {lap}", "s", self.durations),
+            ("duty", "mean share of thrusters open", "%", 100.0 * mean(self.flight.commands.mean(axis=2)))))
 
     def title(self) -> str:
         """What was flown, in one line."""
-        arrived = int(np.isfinite(self.durations).sum())
-        path = self.planner.path
+        arrived, path = int(np.isfinite(self.durations).sum()), self.planner.path
         return (f"{self.flight.controller} along {path.name} ({path.length:.1f} m): {arrived} of "
                 f"{len(self.durations)} flights arrive")
 
     def table(self) -> Table:
         """For the terminal."""
-        table = Table("quantity", "mean", "worst flight", "meaning", title=self.title(),
-                      title_justify="left")
-        for name, meaning, unit, values in self.quantities():
-            table.add_row(name, *(_text(x, unit) for x in (values.mean(), values.max())), meaning)
+        table = Table("quantity", "mean", "worst flight", "meaning", title=self.title(), title_justify="left")
+        for _, name, meaning, unit, values, _ in self.quantities():
+            ends = values.mean(), values.max()
+            table.add_row(name, *(f"{x:.3g} {unit}" if math.isfinite(x) else "never" for x in ends), meaning)
         return table
 
     def to_json(self) -> dict[str, Any]:
         """For `rans.files.write_json`; infinite is the duration of a flight that never arrived."""
-        planner = self.planner
+        path, flight = self.planner.path, self.flight
         rows = [{"name": name, "meaning": meaning, "unit": unit, "mean": float(values.mean()),
                  "worst": float(values.max()), "flights": values.tolist()}
-                for name, meaning, unit, values in self.quantities()]
-        return {"title": self.title(), "path": planner.path.name, "length": planner.path.length,
-                "closed": planner.path.closed, "speed": planner.speed, "look_ahead": planner.radius,
-                "spacecraft": self.flight.craft.name,
-                "control_period": self.flight.timing.control_period, "quantities": rows}
+                for _, name, meaning, unit, values, _ in self.quantities()]
+        return {"title": self.title(), "path": path.name, "length": path.length, "closed": path.closed,
+                "speed": self.planner.speed, "look_ahead": self.planner.radius,
+                "spacecraft": flight.craft.name, "control_period": flight.timing.control_period,
+                "quantities": rows}
 
 
 def follow(craft: Spacecraft, task: Task, tracker: Controller, planner: LookAhead, timing: Timing,
            seed: int, count: int, engine: EngineName = "fast") -> Following:
     """Fly along a path, in float64.
 
-    Flights start at rest with any attitude, up to `START_SPREAD` from the path's first point.
+    Flights start at rest with any attitude, up to `START_SPREAD` from the path's first point. `ConfigError`
+    if the tracker does not track velocities or not such fast ones, or the path leaves a craft's plane.
 
     Args:
         craft: what flies.
@@ -210,31 +185,20 @@ def follow(craft: Spacecraft, task: Task, tracker: Controller, planner: LookAhea
         seed: of the starts.
         count: number of flights.
         engine: what computes the motion.
-
-    Raises:
-        ConfigError: the tracker does not track velocities or not such fast ones, or the path leaves
-            the plane of a planar spacecraft.
     """
     speeds: Any = getattr(task, "target_speed", None)
     if speeds is None or task.tolerances().keys() != {"velocity"}:
         raise ConfigError("only an agent trained for track-velocity can follow a path, but "
                           f"{tracker.name} was trained for another task.")
     if planner.speed > speeds[1]:
-        raise ConfigError(f"the speed must be at most the {speeds[1]:g} m/s that "
-                          f"{tracker.name} was trained for, got {planner.speed:g}.")
+        raise ConfigError(f"the speed must be at most the {speeds[1]:g} m/s that {tracker.name} was trained "
+                          f"for, got {planner.speed:g}.")
     if planner.path.dimension > craft.dimension:
         raise ConfigError(f"the path {planner.path.name} is spatial, but {craft.name} moves in a plane; "
                           "give a path of x and y only, such as the circle.")
     if planner.path.dimension < craft.dimension:
         planner = replace(planner, path=planner.path.in_space())
-    setup = Setup(craft, Guided(task, planner), _long_enough(planner, timing))
-    return Following(planner, flown(tracker, setup, seed, count, engine).flight)
-
-
-def _long_enough(planner: LookAhead, timing: Timing) -> Timing:
     seconds = _PATIENCE * planner.end * SPACING / planner.speed + _GRACE
-    return replace(timing, episode_steps=math.ceil(seconds / timing.control_period))
-
-
-def _text(value: float, unit: str) -> str:
-    return f"{value:.3g} {unit}" if math.isfinite(value) else "never"
+    long_enough = replace(timing, episode_steps=math.ceil(seconds / timing.control_period))
+    setup = Setup(craft, Guided(task, planner), long_enough)
+    return Following(planner, flown(tracker, setup, seed, count, engine).flight)

@@ -6,6 +6,7 @@ import pickle
 from collections.abc import Callable
 from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
+from dataclasses import replace
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -33,10 +34,9 @@ class Flown(NamedTuple):
     """Times that the controller's solver found nothing; 0 of a controller without one."""
 
 
-def flown(controller: Controller, setup: Setup, seed: int, episodes: int,
-          engine: EngineName = "fast", workers: int | None = None,
-          progress: Callable[[int], object] = lambda _: None) -> Flown:
-    """Fly from the task's starts.
+def flown(controller: Controller, setup: Setup, seed: int, episodes: int, engine: EngineName = "fast",
+          workers: int | None = None, progress: Callable[[int], object] = lambda _: None) -> Flown:
+    """Fly from the task's starts; `RansError` if Drake refuses the mass properties, or a process died.
 
     Args:
         controller: can be pickled; one that is slow has a true attribute ``slow``.
@@ -46,10 +46,6 @@ def flown(controller: Controller, setup: Setup, seed: int, episodes: int,
         engine: what computes the motion.
         workers: processes (see `rans.processes.submitted`); by default one per processor.
         progress: called with the number of episodes that were flown since the last call.
-
-    Raises:
-        ConfigError: Drake refuses the spacecraft's mass properties.
-        RansError: a worker process died.
     """
     slow = getattr(controller, "slow", False)
     share = _SLOW_SHARE if slow else _SHARE if engine == "drake" else episodes
@@ -103,10 +99,8 @@ def _joined(parts: list[Flown]) -> Flown:
     def join(*fields: Any) -> np.ndarray:
         return np.concatenate(fields, axis=-1)
 
-    first, *others = (part.flight for part in parts)
-    flight = Flight(first.craft, first.task, first.timing,
-                    map_leaves(join, first.states, *(f.states for f in others)),
-                    map_leaves(join, first.goals, *(f.goals for f in others)),
-                    np.concatenate([first.commands, *(f.commands for f in others)], axis=1),
-                    first.controller, first.engine)
-    return Flown(flight, sum(part.stopped for part in parts))
+    flights = [part.flight for part in parts]
+    joined = replace(flights[0], states=map_leaves(join, *(f.states for f in flights)),
+                     goals=map_leaves(join, *(f.goals for f in flights)),
+                     commands=np.concatenate([f.commands for f in flights], axis=1))
+    return Flown(joined, sum(part.stopped for part in parts))

@@ -67,12 +67,9 @@ class Path:
         return replace(self, points=np.pad(self.points, ((0, 0), (0, 3 - self.dimension))))
 
     def cross_track(self, position: np.ndarray, progress: np.ndarray, reach: float) -> np.ndarray:
-        """Distance from the path near the point each flight has come to, (N,) m.
+        """Distance of positions (N, d) from the path near the point each flight has come to, (N,) m.
 
-        Args:
-            position: (N, d), m.
-            progress: (N,) index of that point.
-            reach: how far before and beyond it to look, m of path.
+        The progress (N,) is the index of that point; the reach is how far before and beyond it to look, m.
         """
         count = math.ceil(reach / SPACING)
         around = self.at(progress[:, None] + np.arange(-count, count + 1))
@@ -123,17 +120,12 @@ def _around(turns: float, inner: float, outer: float) -> np.ndarray:
 
 
 PATHS: dict[str, Callable[[], Path]] = {
-    "circle": circle, "spiral": spiral, "square": square, "lemniscate": lemniscate, "helix": helix,
-}
+    make.__name__: make for make in (circle, spiral, square, lemniscate, helix)}
 """Every path by the name the command line uses."""
 
 
 def find_path(name: str) -> Path:
-    """The path of this name, or the one in this CSV file.
-
-    Raises:
-        ConfigError: there is neither, or the file is no path.
-    """
+    """The path of this name, or the one in this CSV file; `ConfigError` if there is none."""
     if name in PATHS:
         return PATHS[name]()
     if name.lower().endswith(".csv"):
@@ -145,10 +137,8 @@ def find_path(name: str) -> Path:
 def read_path(file: FilePath) -> Path:
     """A path from a CSV file: one point x,y or x,y,z (m) a line, with or without a header line.
 
-    Points are joined by straight lines. The path is closed if its last point repeats its first.
-
-    Raises:
-        ConfigError: the file cannot be read or holds no path; the message names the line.
+    Points are joined by straight lines. The path is closed if its last point repeats its first. If the
+    file cannot be read or holds no path, a `ConfigError` names the line.
     """
     try:
         rows = list(csv.reader(file.read_text("utf-8-sig").splitlines()))
@@ -174,8 +164,8 @@ def read_path(file: FilePath) -> Path:
 def _point(file: FilePath, line: int, row: list[str], first: list[str]) -> tuple[float, ...]:
     """The numbers of one line."""
     if len(row) not in (2, 3) or len(row) != len(first):
-        alike = f"{len(first)} values, as in the first point"
-        wanted = alike if len(first) in (2, 3) else "x,y or x,y,z"
+        usual = len(first) in (2, 3)
+        wanted = f"{len(first)} values, as in the first point" if usual else "x,y or x,y,z"
         raise ConfigError(f"{file}, line {line}: expected {wanted}, got {len(row)}.")
     for cell in row:
         if not _is_number(cell) or not abs(float(cell)) <= _FARTHEST:
@@ -203,18 +193,14 @@ class LookAhead:
     the point farthest along the path within the radius and a window beyond the progress. The original
     system does the like with a list that it rolls on and of which it sees the first 60 points.
 
-    Args:
-        path: what to fly along.
-        speed: length of the velocity command, m/s (paper: 0.25).
-        radius: look-ahead, m (paper: 0.25).
-
-    Raises:
-        ConfigError: the speed is not a finite number > 0, or the radius not one from 0.01 m.
+    `ConfigError` if the speed is not a finite number > 0, or the radius not one from 0.01 m.
     """
 
     path: Path
     speed: float = 0.25
+    """Length of the velocity command, m/s (paper: 0.25)."""
     radius: float = 0.25
+    """Look-ahead, m (paper: 0.25)."""
 
     def __post_init__(self) -> None:
         if not 0 < self.speed < math.inf:
@@ -247,15 +233,10 @@ class LookAhead:
         return self.path.last + (self.approach if self.path.closed else 0)
 
     def plan(self, position: np.ndarray, progress: np.ndarray) -> tuple[np.ndarray, ...]:
-        """What to fly now.
+        """The new progress (N,), the target's index (N,), and what to fly: a velocity (N, d), m/s.
 
-        Args:
-            position: (N, d), m.
-            progress: (N,) whole numbers: point each flight has come to, counted on over closed paths.
-
-        Returns:
-            The new progress (N,); the target's index (N,); the velocity command (N, d), m/s, which is
-            zero once the end is reached.
+        The position is (N, d), m; the progress is the point each flight has come to, counted on over closed
+        paths. The velocity is zero once the end is reached.
         """
         ahead, distance = self._look(position, progress)
         closest = ahead[np.arange(len(ahead)), distance.argmin(axis=1)]

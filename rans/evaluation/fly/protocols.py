@@ -13,8 +13,7 @@ from rans.tasks import Task
 
 ProtocolName = Literal["own", "paper", "original"]
 
-_SPACECRAFT: dict[ProtocolName, str] = {
-    "paper": "floating-platform", "original": "floating-platform-shared"}
+_SPACECRAFT: dict[ProtocolName, str] = {"paper": "floating-platform", "original": "floating-platform-shared"}
 _STEPS = 250
 """50 s at 5 Hz (original system's evaluations)."""
 _START = (3.0, 4.0)
@@ -36,10 +35,7 @@ def under_protocol(protocol: ProtocolName, own: Setup) -> Setup:
     "own" changes nothing. "paper" is the floating platform of 5.32 kg with 1 N a thruster, 250 steps of
     0.2 s and, where a task starts away from its goal, starts 3 to 4 m away (paper, section 4.1).
     "original" is the same with a total thrust of 1 N that the open thrusters share, as the published
-    code of the original system flies it.
-
-    Raises:
-        ConfigError: only planar spacecraft with eight thrusters fly under "paper" and "original".
+    code of the original system flies it. Both raise `ConfigError` unless the craft is planar and has eight.
     """
     if protocol == "own":
         return own

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+import io
 import itertools
 import math
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,13 +18,16 @@ from rich.text import Text
 
 from rans.evaluation.measure.metrics import samples
 from rans.evaluation.measure.statistics import Bootstrap, figure
-from rans.files import number
+from rans.files import number, replace_file
 from rans.flight import Flight
+from rans.model.fields import leaves
 
 COLUMNS = ("metric", "value", "95 % interval", "meaning")
 """Headings of `Metrics.lines`."""
 ROOM = 110
 """Columns of a terminal in which all of these stand without broken words."""
+_STATES = {2: "x y heading v_x v_y w_z", 3: "x y z q_w q_x q_y q_z v_x v_y v_z w_x w_y w_z"}
+"""Position in W (m), heading (rad) or attitude quaternion R_WB, velocity in W (m/s), spin in B (rad/s)."""
 
 
 @dataclass(frozen=True)
@@ -35,12 +40,9 @@ class Metric:
     meaning: str
     unit: str
     value: float
-    """Mean over episodes, or their median where the meaning says so; infinite where most episodes
-    never get there."""
+    """Mean over episodes, or their median where the meaning says so; infinite where most never get there."""
     low: float
-    """Lower end of the interval."""
     high: float
-    """Upper end of the interval."""
 
 
 @dataclass(frozen=True)
@@ -57,11 +59,6 @@ class Metrics:
     rows: tuple[Metric, ...]
 
     def __getitem__(self, name: str) -> Metric:
-        """The metric of this name.
-
-        Raises:
-            KeyError: the flight's task has none of this name.
-        """
         return {row.name: row for row in self.rows}[name]
 
     def to_json(self) -> dict[str, Any]:
@@ -77,9 +74,8 @@ class Metrics:
 
     def title(self) -> str:
         """What was measured, in one line."""
-        duration = self.steps * self.control_period
-        return (f"{self.controller}: {self.episodes} episodes of {duration:g} s with {self.spacecraft} "
-                f"({self.engine} engine)")
+        return (f"{self.controller}: {self.episodes} episodes of {self.steps * self.control_period:g} s with "
+                f"{self.spacecraft} ({self.engine} engine)")
 
     def lines(self) -> Iterator[tuple[str, tuple[str, str, str, str]]]:
         """Group and texts of `COLUMNS`, as tables show them.
@@ -92,9 +88,9 @@ class Metrics:
     def table(self, width: int = ROOM) -> Table:
         """A table for a terminal of so many columns; a narrow one is not told what each metric means."""
         shown = COLUMNS if width >= ROOM else COLUMNS[:-1]
-        table = Table(*shown, title=self.title(), title_justify="left", caption_justify="left")
-        if len(shown) < len(COLUMNS):
-            table.caption = f"A terminal of {ROOM} columns or more shows what each of them means."
+        hint = f"A terminal of {ROOM} columns or more shows what each of them means."
+        table = Table(*shown, title=self.title(), title_justify="left", caption_justify="left",
+                      caption=None if width >= ROOM else hint)
         for column in table.columns[1:3]:
             column.no_wrap = True
         for group, lines in itertools.groupby(self.lines(), lambda line: line[0]):
@@ -109,17 +105,14 @@ def measure(flight: Flight) -> Metrics:
     """Measure a batch of episodes of any task; equal flights have equal intervals."""
     steps, episodes, _ = flight.commands.shape
     bootstrap = Bootstrap(episodes)
-    rows = tuple(Metric(s.group, s.name, s.meaning, s.unit,
-                        *dataclasses.astuple(bootstrap.of(s.centre, np.asarray(s.values))))
-                 for s in samples(flight))
+    rows = [Metric(*s[:4], *dataclasses.astuple(bootstrap.of(s.centre, s.values))) for s in samples(flight)]
     return Metrics(flight.controller, flight.engine, flight.craft.name, episodes, steps,
-                   flight.timing.control_period, rows)
+                   flight.timing.control_period, tuple(rows))
 
 
 def _line(rows: Sequence[Metric]) -> tuple[str, str, str, str]:
     first = rows[0]
-    bounds = (re.sub(r"^\D*", "", row.name) for row in rows[1:])
-    name = " / ".join((first.name, *bounds))
+    name = " / ".join((first.name, *(re.sub(r"^\D*", "", row.name) for row in rows[1:])))
     unit = first.unit if math.isfinite(first.value) else ""
     value = f"{' / '.join(figure(row.value) for row in rows)} {unit}".strip()
     interval = f"{figure(first.low)} to {figure(first.high)}"
@@ -128,3 +121,26 @@ def _line(rows: Sequence[Metric]) -> tuple[str, str, str, str]:
         interval = f"up to ± {figure(widest)}"
     return name, value, interval, first.meaning
 
+
+def save_episodes(flight: Flight, file: Path, trajectories: bool = False) -> None:
+    """Write every single episode of N into one ``.npz`` file, float32; `ConfigError` if the disk refused.
+
+    - one array (N,) per metric, in its unit, named as in the tables with "_" for spaces: ``PT5``,
+      ``reach_2_cm``, ``settling_time`` (infinite if never), ``position_error``, ...
+    - ``start`` and ``goal`` (N, k), and ``columns`` (k,), what each column is;
+    - with trajectories: ``times`` (T + 1,) s, ``states`` (T + 1, N, k) and ``commands`` (T, N, thrusters).
+    """
+    arrays: dict[str, Any] = {s.name.replace(" ", "_"): s.values for s in samples(flight)}
+    states = np.stack(leaves(flight.states), axis=-1)
+    arrays |= {"start": states[0], "goal": np.stack(leaves(flight.goals), axis=-1)}
+    if trajectories:
+        arrays |= {"times": flight.times, "states": states, "commands": flight.commands}
+    packed = {key: np.asarray(value, dtype=np.float32) for key, value in arrays.items()}
+    save_arrays(file, packed | {"columns": np.array(_STATES[flight.craft.dimension].split())})
+
+
+def save_arrays(file: Path, arrays: dict[str, Any]) -> None:
+    """Write arrays that `numpy.load` opens; `ConfigError` if the disk refused."""
+    content = io.BytesIO()
+    np.savez_compressed(content, **arrays)
+    replace_file(file, lambda draft: draft.write_bytes(content.getvalue()))

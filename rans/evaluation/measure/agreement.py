@@ -6,7 +6,6 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 from rich.table import Table
 from rich.text import Text
 
@@ -15,8 +14,8 @@ from rans.evaluation.measure.statistics import RESAMPLES, SEED, Bootstrap, Estim
 from rans.flight import Flight
 from rans.terminal import table, verdict
 
-MEDIAN_BOUNDS = {"position": 1e-3, "attitude": math.radians(0.1), "velocity": 1e-3,
-                 "spin": math.radians(0.1)}
+MEDIAN_BOUNDS = {"position": 1e-3, "attitude": math.radians(0.1),
+                 "velocity": 1e-3, "spin": math.radians(0.1)}
 """Largest difference of median final errors that counts as the same: 1 mm, 0.1 degree, 1 mm/s,
 0.1 degree/s; a fiftieth of what tasks tolerate."""
 
@@ -61,10 +60,10 @@ class EngineComparison:
 
     def to_json(self) -> dict[str, Any]:
         """For `rans.files.write_json`."""
-        pairs = [{"name": p.name, "meaning": p.meaning, "unit": p.unit, "fast": p.fast.value,
-                  "fast_interval": (p.fast.low, p.fast.high), "drake": p.drake.value,
-                  "drake_interval": (p.drake.low, p.drake.high), "difference": p.difference,
-                  "bound": p.bound, "passed": p.passed} for p in self.pairs]
+        pairs = [{"name": p.name, "meaning": p.meaning, "unit": p.unit,
+                  "fast": p.fast.value, "fast_interval": (p.fast.low, p.fast.high),
+                  "drake": p.drake.value, "drake_interval": (p.drake.low, p.drake.high),
+                  "difference": p.difference, "bound": p.bound, "passed": p.passed} for p in self.pairs]
         return {"title": self.title, "passed": self.passed, "same_commands": self.same_commands,
                 "bootstrap": {"resamples": RESAMPLES, "seed": SEED}, "pairs": pairs}
 
@@ -76,19 +75,16 @@ class EngineComparison:
 
 
 def compare_engines(fast: Flight, drake: Flight) -> EngineComparison:
-    """Compare flights of the same controller from the same starts.
+    """Compare flights of the same controller from the same starts, by our equations and by Drake.
 
-    The solved share must lie within the fast engine's 95 % interval, the medians within
-    `MEDIAN_BOUNDS`.
-
-    Args:
-        fast: N episodes, moved by the shared equations.
-        drake: the same episodes, moved by Drake.
+    Drake's solved share must lie within the fast engine's 95 % interval, its medians within
+    `MEDIAN_BOUNDS` of the fast engine's.
     """
     episodes = fast.commands.shape[1]
     median = Bootstrap(episodes).median
-    pairs = [_shares("solved", "within all tolerances at every step of the last fifth",
-                     solved(fast), solved(drake))]
+    ours, drakes = (share(solved(flight)).scaled(100.0) for flight in (fast, drake))
+    pairs = [Pair("solved", "within all tolerances at every step of the last fifth", "%", ours, drakes,
+                  (min(0.0, ours.low - ours.value), max(0.0, ours.high - ours.value)))]
     theirs = final_errors(drake)
     for name, error in final_errors(fast).items():
         factor, unit = DISPLAY[name]
@@ -98,15 +94,9 @@ def compare_engines(fast: Flight, drake: Flight) -> EngineComparison:
     pairs.append(Pair("settling time", "median time to enter and stay", "s", median(settling_times(fast)),
                       median(settling_times(drake)), None))
     same = (fast.commands == drake.commands).all(axis=2).mean()
-    title = (f"{fast.controller}: the same {episodes} episodes of "
-             f"{fast.times[-1]:g} s with {fast.craft.name} in both engines")
+    title = (f"{fast.controller}: the same {episodes} episodes of {fast.times[-1]:g} s with "
+             f"{fast.craft.name} in both engines")
     return EngineComparison(title, tuple(pairs), float(same))
-
-
-def _shares(name: str, meaning: str, fast: np.ndarray, drake: np.ndarray) -> Pair:
-    ours, theirs = share(fast).scaled(100.0), share(drake).scaled(100.0)
-    return Pair(name, meaning, "%", ours, theirs,
-                (min(0.0, ours.low - ours.value), max(0.0, ours.high - ours.value)))
 
 
 def _texts(pair: Pair) -> tuple[str | Text, ...]:

@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from rans.flight import Flight
 from rans.model.dynamics import thrust
@@ -49,7 +48,7 @@ class Sample(NamedTuple):
     meaning: str
     """Equal for metrics that differ in the bound in their name only: tables show them in one line."""
     unit: str
-    values: ArrayLike
+    values: np.ndarray
     """(N,), one per episode."""
     centre: Callable[..., Any] = np.mean
 
@@ -93,6 +92,11 @@ def final_errors(flight: Flight) -> dict[str, np.ndarray]:
     return {name: last_fifth(error).mean(axis=0) for name, error in flight.errors().items()}
 
 
+def returns(flight: Flight) -> np.ndarray:
+    """Sum of the task's rewards of each full episode, (N,)."""
+    return np.sum(list(flight.rewards().values()), axis=(0, 1))
+
+
 def solved(flight: Flight) -> np.ndarray:
     """(N,) whether each episode is within all tolerances at every step of the last fifth."""
     return np.asarray(last_fifth(flight.task.reached(flight.states, flight.goals)).all(axis=0))
@@ -112,8 +116,7 @@ def _success(flight: Flight) -> Iterator[Sample]:
             ("settled", "enters all tolerances and stays", np.isfinite(settling))):
         yield Sample("success", name, meaning, "%", 100.0 * inside)
     yield Sample("success", "settling time", "median time to enter and stay", "s", settling, np.median)
-    yield Sample("success", "failed", "declared failed by the task at any time", "%",
-                 100.0 * flight.failed())
+    yield Sample("success", "failed", "declared failed by the task at any time", "%", 100.0 * flight.failed())
 
 
 def _held(flight: Flight) -> Iterator[Sample]:
@@ -136,8 +139,8 @@ def _accuracy(flight: Flight, quantity: str, error: np.ndarray) -> Iterator[Samp
                      "%", 100.0 * (factor * after < bound).mean(axis=0))
     threshold, whole, half, margin = _REACH[quantity]
     for bound, text in ((threshold, whole), (threshold / 2, half)):
-        yield Sample(quantity, f"reach {text}", "ever closer than that", "%",
-                     100.0 * (after < bound).any(axis=0))
+        ever: Any = (after < bound).any(axis=0)
+        yield Sample(quantity, f"reach {text}", "ever closer than that", "%", 100.0 * ever)
     yield Sample(quantity, f"stay {margin}", f"once closer than {whole}, never farther than that", "%",
                  100.0 * _stays(after, threshold))
     yield Sample(quantity, f"{quantity} error", "mean over the last fifth", unit,
@@ -160,7 +163,7 @@ def _stays(error: np.ndarray, threshold: float) -> np.ndarray:
 
 def _motion(flight: Flight) -> Iterator[Sample]:
     after = map_leaves(lambda x: x[1:], flight.states)
-    spin = np.linalg.norm(after.spin(), axis=0)
+    spin: Any = np.linalg.norm(after.spin(), axis=0)
     yield Sample("motion", "speed", "mean linear speed (ALV)", "m/s", after.v.norm().mean(axis=0))
     yield Sample("motion", "spin", "mean angular speed (AAV)", "rad/s", spin.mean(axis=0))
     yield Sample("motion", "spin at rest", "the same over the last fifth", "rad/s",
@@ -170,12 +173,11 @@ def _motion(flight: Flight) -> Iterator[Sample]:
 def _effort(flight: Flight) -> Iterator[Sample]:
     opened = np.diff(flight.commands, axis=0, prepend=0.0).clip(min=0.0).sum(axis=(0, 2))
     last = flight.commands[-max(1, len(flight.commands) // 5):]
-    rewards = np.sum(list(flight.rewards().values()), axis=(0, 1))
     for name, meaning, unit, values in (
             ("duty", "mean share of thrusters open (AAC)", "%", 100.0 * flight.commands.mean(axis=(0, 2))),
             ("duty at rest", "the same over the last fifth", "%", 100.0 * last.mean(axis=(0, 2))),
             ("openings", "times a thruster opens, an episode", "", opened),
             ("on-time", "thruster-seconds an episode", "s", on_times(flight)),
             ("impulse", "thrust spent an episode", "N s", impulses(flight)),
-            ("return", "sum of rewards of the full episode", "", rewards)):
+            ("return", "sum of rewards of the full episode", "", returns(flight))):
         yield Sample("effort", name, meaning, unit, values)

@@ -51,10 +51,7 @@ class Bootstrap:
 
     All estimates of one evaluation or comparison draw the same episodes, so that they stay paired. An
     interval has no width where all episodes agree; N of N successes then still leave about 3/N of failures
-    possible at 95 % (rule of three).
-
-    Args:
-        count: of episodes; equal counts draw the same.
+    possible at 95 % (rule of three). Equal counts of episodes draw the same.
     """
 
     def __init__(self, count: int) -> None:

@@ -15,12 +15,10 @@ MOST_THRUSTERS = 10
 
 
 class DiscreteThrusters(gymnasium.ActionWrapper[np.ndarray, np.int64, np.ndarray]):
-    """An environment of on/off thrusters whose action is one number, as DQN wants it.
+    """An environment of one spacecraft with on/off thrusters whose action is one number, as DQN wants it.
 
-    Bit i of the number, the lowest first, opens thruster i: 5 opens thrusters 0 and 2.
-
-    Args:
-        env: an environment of one spacecraft, such as ``gymnasium.make("rans/GoToPose2D-v0")``.
+    Such as ``gymnasium.make("rans/GoToPose2D-v0")``. Bit i of the number, the lowest first, opens thruster i:
+    5 opens thrusters 0 and 2.
 
     Raises:
         ConfigError: its thrusters are not on/off ones, or more than `MOST_THRUSTERS`.

@@ -68,7 +68,7 @@ class SB3VecEnv(VecEnv):
 
     def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
         """The attribute of the batch, once per environment asked for."""
-        return [getattr(self, attr_name)] * self._count(indices)
+        return [getattr(self, attr_name) for _ in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
         """Set an attribute of the whole batch; single environments do not exist."""
@@ -77,14 +77,12 @@ class SB3VecEnv(VecEnv):
     def env_method(self, method_name: str, *method_args: Any, indices: VecEnvIndices = None,
                    **method_kwargs: Any) -> list[Any]:
         """Call a method of the batch, its result once per environment asked for."""
-        return [getattr(self, method_name)(*method_args, **method_kwargs)] * self._count(indices)
+        result = getattr(self, method_name)(*method_args, **method_kwargs)
+        return [result for _ in self._get_indices(indices)]
 
     def env_is_wrapped(self, wrapper_class: type, indices: VecEnvIndices = None) -> list[bool]:
         """Single environments do not exist, so none is wrapped."""
-        return [False] * self._count(indices)
-
-    def _count(self, indices: VecEnvIndices) -> int:
-        return len(list(self._get_indices(indices)))
+        return [False for _ in self._get_indices(indices)]
 
 
 def _float32(tensor: Tensor) -> np.ndarray:

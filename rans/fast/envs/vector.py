@@ -33,13 +33,11 @@ class SpacecraftVectorEnv(VectorEnv[Tensor, Tensor, Tensor]):
     Made by ``gymnasium.make_vec("rans/GoToPose2D-v0", num_envs=4096)``. For wrappers that want NumPy
     arrays use ``gymnasium.wrappers.vector.ArrayConversion(env, torch, numpy)``.
 
-    One seed serves the whole batch: environment i flies episodes i, i + N, i + 2 N, ... of it, and
-    episode k is the same whatever N is, here and in `SpacecraftEnv`.
-
-    Episodes restart in the step that ends them (``AutoresetMode.SAME_STEP``). Nothing waits for the
-    device, so every step's ``info`` has the same keys, tensors whose masks say where they count:
-    "final_obs" (N, width) and "final_info" {"is_success": (N,)} under "_final_obs" and "_final_info",
-    and "reward_terms" {name: (N,)} everywhere.
+    One seed serves the whole batch: environment i flies episodes i, i + N, i + 2 N, ... of it, and episode k
+    is the same whatever N is, here and in `SpacecraftEnv`. Episodes restart in the step that ends them
+    (``AutoresetMode.SAME_STEP``). Nothing waits for the device, so every step's ``info`` has the same keys,
+    tensors whose masks say where they count: "final_obs" (N, width) and "final_info" {"is_success": (N,)}
+    under "_final_obs" and "_final_info", and "reward_terms" {name: (N,)} everywhere.
 
     Args:
         num_envs: N, number of spacecraft stepped together.
@@ -47,10 +45,7 @@ class SpacecraftVectorEnv(VectorEnv[Tensor, Tensor, Tensor]):
         dimension: 2 (plane) or 3 (space).
         spacecraft: name, TOML file or object; None: the usual one of this dimension.
         task: settings; None: the defaults.
-        timing: control period, accuracy and length of an episode.
-        device: torch device of every tensor.
-        dtype: torch.float32, or torch.float64 for comparisons.
-        compiled: see `Engine`.
+        timing: see `Engine`, as device, dtype and compiled.
         render_mode: None; "rgb_array": `render` gives a frame of every environment; "human": every `reset`
             and `step` shows the first 16 in the browser, at real time (see `rans.window.Window`).
 
@@ -83,12 +78,8 @@ class SpacecraftVectorEnv(VectorEnv[Tensor, Tensor, Tensor]):
               options: dict[str, Any] | None = None) -> tuple[Tensor, dict[str, Any]]:
         """Start a new episode everywhere; the observation is (N, width).
 
-        Args:
-            seed: count episodes from 0 under it; by default go on counting, or at first under a random one.
-            options: there are none.
-
-        Raises:
-            ConfigError: the seed is a list, or there are options.
+        Episodes count from 0 under a given seed; by default they go on counting, or at first under a random
+        one. ConfigError where the seed is a list, or there are options.
         """
         if options:
             raise ConfigError(f"reset has no options here, got {options!r}.")
@@ -128,11 +119,7 @@ class SpacecraftVectorEnv(VectorEnv[Tensor, Tensor, Tensor]):
         return step.observation, step.reward, step.terminated, step.truncated, info
 
     def render(self) -> Any:
-        """A frame (240, 320, 3) uint8 of every environment in the mode "rgb_array".
-
-        Raises:
-            gymnasium.error.ResetNeeded: there was no `reset` yet.
-        """
+        """A frame (240, 320, 3) uint8 of every environment in the mode "rgb_array"; first comes `reset`."""
         self._require_reset()
         return self._film.frames() if self._film is not None and self.render_mode == "rgb_array" else None
 
@@ -151,14 +138,12 @@ class Film:
 
     def __init__(self, engine: Engine, render_mode: str) -> None:
         from rans.drawing import Scene
+        from rans.window import Window
 
-        self._engine = engine
-        self._count = engine.num_envs if render_mode == "rgb_array" else min(engine.num_envs, _SHOWN)
-        self._scene, self._window = Scene(engine.craft, engine.task, _WIDTH, _HEIGHT), None
-        if render_mode == "human":
-            from rans.window import Window
-
-            self._window = Window(1.0 / engine.timing.control_period)
+        shown = render_mode == "human"
+        self._engine, self._count = engine, min(engine.num_envs, _SHOWN) if shown else engine.num_envs
+        self._scene = Scene(engine.craft, engine.task, _WIDTH, _HEIGHT)
+        self._window = Window(1.0 / engine.timing.control_period) if shown else None
 
     def restart(self) -> None:
         """New episodes began everywhere."""

@@ -67,12 +67,7 @@ class Function:
 
 @cache
 def compiled(text: str, capability: tuple[int, int]) -> bytes:
-    """Machine code of CUDA C++ for a device of this capability (major, minor); needs none.
-
-    Raises:
-        OSError: there is no runtime compiler.
-        CudaError: the text does not compile.
-    """
+    """Machine code of CUDA C++ for a device of this capability (major, minor); needs none."""
     compiler, program = _compiler(), c_void_p()
     options = [f"--gpu-architecture=sm_{capability[0]}{capability[1]}", *_OPTIONS]
     array = (c_char_p * len(options))(*(option.encode() for option in options))
@@ -105,10 +100,8 @@ class Kernel:
 
     It may be recorded in a CUDA graph once it is compiled: episodes and the two words of the seed lie in
     memory that never moves. Of several members, each counts the episodes of an equal part of the spacecraft.
-
-    Raises:
-        TypeError: the task's functions do more than arithmetic on fields, or a curriculum's numbers are of
-            another dtype or device.
+    TypeError where the task does more than arithmetic on fields, or a curriculum's numbers lie elsewhere or
+    are of another dtype.
     """
 
     def __init__(self, world: World, episode: Episode, draws: Draws, processes: Processes,
@@ -145,12 +138,7 @@ class Kernel:
                       self._together, self._members > 1)
 
     def function(self, action: torch.dtype) -> Function:
-        """The compiled kernel for such actions.
-
-        Raises:
-            OSError: CUDA's runtime compiler or driver is missing.
-            CudaError: they refuse.
-        """
+        """The compiled kernel for such actions; errors are those of `Function`."""
         if action not in self._functions:
             with torch.cuda.device(self._device):  # a compiled kernel belongs to one device
                 capability = torch.cuda.get_device_capability()

@@ -111,11 +111,7 @@ class Program:
 
 
 def trace(world: World, episode: Episode, dtype: Any) -> Program:
-    """Run one step of these episodes on symbols; the program's reals are of this dtype.
-
-    Raises:
-        TypeError: the task's functions do more than arithmetic on fields.
-    """
+    """Run one step of these episodes on symbols; TypeError where a task does more than arithmetic on them."""
     settings: list[Input] = []
     world = dataclasses.replace(world, task=_with_symbols(world.task, settings))
     memory, inputs = _remembered(episode)

@@ -35,13 +35,9 @@ def source(program: Program, thrusters: int, action: Action, real: Real, togethe
     flags, the memory, the settings; the number of spacecraft and of those of a member, the rank of this
     process, the number of processes, and how many blocks ahead memory is fetched.
 
-    Args:
-        program: what to compute.
-        thrusters: number of columns of an action, whose rows follow one another.
-        action: what it holds.
-        real: what reals are.
-        together: spacecraft of one thread. Their number, and every array's start, is a multiple of it.
-        members: whether several share the spacecraft, each with a seed of its own.
+    Rows of an action have so many thrusters and follow one another. A thread steps one spacecraft or several
+    ``together``: their number, and every array's start, is a multiple of it. Several members share the
+    spacecraft, each with a seed of its own.
     """
     arguments = (
         f"const {action}* action", "const int* low_at", "const int* high_at",

@@ -49,8 +49,7 @@ class Adam:
     def descend(self, loss: Tensor, max_norm: Tensor, world: Processes) -> Tensor:
         """One step down a sum of the members' losses, with gradients no longer than ``max_norm`` (K,).
 
-        Returns:
-            The norms (K,) of their gradients, which processes exchange as one message.
+        Returns the norms (K,) of their gradients, which processes exchange as one message.
         """
         with torch.no_grad():
             gradients = torch.autograd.grad(loss, self._leaves)

@@ -73,14 +73,13 @@ class Architecture:
     def of(cls, engine: Engine, settings: PPOSettings) -> Architecture:
         """Of a network with these settings for an engine's task and spacecraft."""
         craft = engine.craft
-        return cls(
-            engine.layout, len(craft.thrusters), tuple(settings.layers), settings.activation, settings.zoom,
-            symmetries(craft) if settings.symmetric else None, settings.matmul == "bf16",
-            craft.actuators.is_continuous,
-            settings.history if settings.memory == "history" else 0,
-            settings.recurrent_units if settings.memory == "recurrent" else 0,
-            engine.privileged_width if settings.privileged_critic else 0,
-            bounds=example(engine.task, craft.dimension).bounds())
+        views = symmetries(craft) if settings.symmetric else None
+        return cls(engine.layout, len(craft.thrusters), tuple(settings.layers), settings.activation,
+                   settings.zoom, views, settings.matmul == "bf16",
+                   craft.actuators.is_continuous, settings.history if settings.memory == "history" else 0,
+                   settings.recurrent_units if settings.memory == "recurrent" else 0,
+                   engine.privileged_width if settings.privileged_critic else 0,
+                   bounds=example(engine.task, craft.dimension).bounds())
 
     @property
     def seen(self) -> int:
@@ -89,7 +88,7 @@ class Architecture:
 
     @property
     def memory(self) -> int:
-        """Numbers a spacecraft that the network remembers from step to step."""
+        """Numbers that the network remembers of a spacecraft from step to step."""
         return self.units or self.history * (self.seen + self.thrusters)
 
     @property
@@ -113,18 +112,14 @@ class Architecture:
 
     def statistics(self) -> dict[str, Tensor]:
         """Those of observations before any was made."""
-        width = self.seen
-        return {"mean": torch.zeros(width), "variance": torch.ones(width), "count": torch.zeros(())}
+        return {"mean": torch.zeros(self.seen), "variance": torch.ones(self.seen), "count": torch.zeros(())}
 
     def initial(self, seed: int, duty: float) -> tuple[dict[str, Tensor], torch.Generator]:
         """Weights and statistics of one member that has learnt nothing, and its random numbers from then on.
 
         They are what SB3's policy draws with this seed: torch's layers, the trunk's before the heads, then
-        orthogonal weights with gains of sqrt(2), 0.01 and 1 and zero biases.
-
-        Args:
-            seed: of torch's random numbers, whose state outside is left as it was.
-            duty: probability that a thruster is open, or mean share of the period for which it is.
+        orthogonal weights with gains of sqrt(2), 0.01 and 1 and zero biases. Torch's own random numbers are
+        left as they were. See `expect_duty` for the duty.
         """
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
@@ -147,7 +142,7 @@ class Architecture:
 
 @torch.no_grad()
 def expect_duty(tensors: Mapping[str, Tensor], duty: float) -> None:
-    """Let untrained weights open each thruster with this probability, not every other time."""
+    """Let untrained weights open each thruster with this probability, or for this share of the period."""
     bias = tensors["action_net.bias"]
     if "log_std" in tensors:
         bias.fill_(duty)

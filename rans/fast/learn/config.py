@@ -24,11 +24,7 @@ Precision = Literal["float32", "tf32", "bf16"]
 
 @dataclass(frozen=True)
 class PPOSettings:
-    """Hyper-parameters of `rans.PPO`, by their names in Stable-Baselines3.
-
-    Raises:
-        ConfigError: a value is out of its range.
-    """
+    """Hyper-parameters of `rans.PPO`, by their names in SB3; ConfigError where one is out of its range."""
 
     n_envs: int = 128
     """Spacecraft flown together."""
@@ -134,11 +130,7 @@ def _require(config: object, bound: str, holds: Callable[[Any], bool], *names: s
 
 @dataclass(frozen=True)
 class TrainConfig:
-    """One training: the same config and seed give the same agent, bit by bit on a CPU.
-
-    Raises:
-        ConfigError: a value is out of its range.
-    """
+    """One training, checked: the same config and seed give the same agent, bit by bit on a CPU."""
 
     task: str
     """Name of the task."""
@@ -181,11 +173,7 @@ def to_table(config: TrainConfig) -> dict[str, Any]:
 
 
 def from_table(table: dict[str, Any]) -> TrainConfig:
-    """The config that `to_table` gave, with whatever the user changed in it.
-
-    Raises:
-        ConfigError: an unknown key, a value of the wrong type or out of its range.
-    """
+    """The config that `to_table` gave, with what the user changed in it; ConfigError where that is wrong."""
     if not isinstance(table, dict) or not isinstance(table.get("task"), str):
         raise ConfigError("a training config must name its task: {\"task\": \"go-to-pose\", ...}.")
     settings = structure(table.get("settings", {}), TASKS[table["task"]], "settings")

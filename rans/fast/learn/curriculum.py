@@ -20,15 +20,10 @@ _STEEPNESS = 4.5
 
 @dataclass(frozen=True)
 class Ramp:
-    """One setting on its way to the value the task gives it.
-
-    Raises:
-        ConfigError: a value is out of its range.
-    """
+    """One setting on its way to the value the task gives it; ConfigError where it cannot be."""
 
     setting: str
-    """Name of a number or range among the task's settings; of a task within a multi-task:
-    go_to_pose.spawn_distance."""
+    """Of the task, a number or range; of a task within a multi-task: go_to_pose.spawn_distance."""
     start: Range
     """Its value until the ramp begins."""
     duration: int
@@ -67,11 +62,10 @@ class Ramp:
 
 
 def check_ramps(task: Task, ramps: Sequence[Ramp]) -> None:
-    """Refuse ramps that the task cannot follow.
+    """Refuse, with a ConfigError, ramps that the task cannot follow.
 
-    Raises:
-        ConfigError: a setting is unknown or ramped twice, a start is no number or range as the setting is, a
-            geometric ramp ends at 0, or the task refuses the values when a ramp begins or ends.
+    A setting is unknown or ramped twice, a start is no number or range as the setting is, a geometric ramp
+    ends at 0, or the task refuses the values when a ramp begins or ends.
     """
     known = _numbers_of(task)
     for ramp in ramps:
@@ -104,12 +98,8 @@ class Curriculum:
     So no step is compiled again to read them, and no CUDA graph recorded again. A number in which members
     differ is a field, with a value for each of their environments.
 
-    Args:
-        tasks: one a member, with the settings that the ramps end at; they differ in numbers only.
-        ramps: see `check_ramps`.
-        dtype: of the engine's fields, NumPy's or torch's.
-        device: of torch's.
-        each: environments of a member.
+    Tasks, one a member, have the settings that the ramps end at, and differ in numbers only; each member has
+    ``each`` environments. The dtype is that of the engine's fields, NumPy's or torch's.
     """
 
     def __init__(self, tasks: Sequence[Task], ramps: Sequence[Ramp], dtype: Any, device: Any = None,
@@ -118,7 +108,7 @@ class Curriculum:
         memory, ends = dict[str, Any](), [_numbers_of(task) for task in tasks]
         for ramp in ramps:
             own = [end[ramp.setting] for end in ends]
-            numbers = [_memory(column[:1] if _same(own) else column, each, dtype, device)
+            numbers = [_memory(column[:1] if len({*own}) == 1 else column, each, dtype, device)
                        for column in _columns(ramp, own, 0)]
             self._moving.append((ramp, own, numbers))
             memory |= zip(_places(ramp.setting, ends[0]), numbers, strict=True)
@@ -126,7 +116,7 @@ class Curriculum:
         def number(name: str, *values: Any) -> Any:
             if name in memory:
                 return memory[name]
-            return values[0] if _same(values) else _memory(values, each, dtype, device)
+            return values[0] if len({*values}) == 1 else _memory(values, each, dtype, device)
 
         self.task = map_settings(number, *tasks)
         """To fly and learn."""
@@ -138,10 +128,6 @@ class Curriculum:
                 parts = number.reshape(len(values), -1) if number.shape else [number]
                 for part, value in zip(parts, values, strict=False):
                     part[...] = value
-
-
-def _same(values: Sequence[Any]) -> bool:
-    return all(value == values[0] for value in values)
 
 
 def _columns(ramp: Ramp, ends: Sequence[Range], steps: int) -> list[tuple[float, ...]]:

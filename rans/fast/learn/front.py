@@ -14,7 +14,6 @@ from rans.fast.engine import Engine
 from rans.fast.envs.sb3 import SB3VecEnv
 from rans.fast.learn.config import PPOSettings
 from rans.fast.learn.member import begin, statistics
-from rans.fast.learn.network import Network
 from rans.fast.policy import predict, read_policy, write_policy
 
 _KNOWN = PPOSettings.__dataclass_fields__.keys() - {"n_envs"}
@@ -51,21 +50,16 @@ class PPO:
         quarter = rollout // 4 if count % 4 == 0 else rollout
         self.settings = PPOSettings(**{"n_envs": count, "batch_size": quarter} | settings)
         self.learner, self.num_timesteps = begin(self.engine, [self.settings], [seed]), 0
+        self.network = self.learner.network
+        """Actor and critic."""
         self.log: dict[str, float] = {}
         """What the last iteration said, by SB3's names."""
-
-    @property
-    def network(self) -> Network:
-        """Actor and critic."""
-        return self.learner.network
 
     def learn(self, total_timesteps: int, report: Callable[[PPO], object] = lambda _: None) -> PPO:
         """Learn from so many more environment steps, rounded up to whole rollouts.
 
-        After every iteration ``report`` is called; `log` and `num_timesteps` say how it went.
-
-        Raises:
-            NonFiniteState: a value became NaN or infinite.
+        After every iteration ``report`` is called; `log` and `num_timesteps` say how it went. NonFiniteState
+        where a value became NaN or infinite.
         """
         begun, rollout = self.num_timesteps, self.settings.n_envs * self.settings.n_steps
         while self.num_timesteps - begun < total_timesteps:
@@ -84,32 +78,27 @@ class PPO:
         return predict(self.network, observation, state, episode_start, deterministic)
 
     def save(self, file: str | Path) -> None:
-        """Write ``policy.zip``.
-
-        Raises:
-            ConfigError: the disk refused.
-        """
+        """Write ``policy.zip``; ConfigError where the disk refuses."""
         adam = self.learner.adam
         write_policy(Path(file), self.network.architecture, self.network.member(0), self.settings,
                      self.num_timesteps, adam.member(0), float(adam.rate))
 
     @classmethod
     def load(cls, file: str | Path, env: Engine | SB3VecEnv, **settings: Any) -> PPO:
-        """Go on with a saved agent, on an engine for its spacecraft.
+        """Go on with an agent that `rans train` or `save` wrote, on an engine for its spacecraft.
 
-        Args:
-            file: a ``policy.zip`` of `rans train` or `save`.
-            env: as in the constructor.
-            **settings: others than it was trained with.
-
-        Raises:
-            ConfigError: the file is damaged, or not for this engine.
+        Settings are as in the constructor, where they are others than it was trained with; ConfigError where
+        the file is damaged, or not for this engine.
         """
         saved, count = read_policy(Path(file)), _engine_of(env).num_envs
         kept = {name: value for name, value in saved.settings.items() if name in _KNOWN}
         if saved.settings.get("n_envs") != count:
             kept.pop("batch_size", None)
-        model = cls(env, **kept | _of_network(saved.network) | settings)
+        # An older file's settings do not say what its network is.
+        given = saved.network.architecture
+        network = {"layers": given.layers, "activation": given.activation, "zoom": given.zoom,
+                   "symmetric": given.symmetries is not None}
+        model = cls(env, **kept | network | settings)
         model.num_timesteps = saved.steps
         try:
             with torch.no_grad():
@@ -120,13 +109,6 @@ class PPO:
             raise ConfigError(f"{file} is not an agent for {model.engine.craft.name} with these settings: "
                               f"{' '.join(str(error).split())}.") from error
         return model
-
-
-def _of_network(network: Network) -> dict[str, Any]:
-    """Settings that the network itself knows, also where its file is an older one."""
-    given = network.architecture
-    return {"layers": given.layers, "activation": given.activation, "zoom": given.zoom,
-            "symmetric": given.symmetries is not None}
 
 
 def _engine_of(env: Any) -> Engine:

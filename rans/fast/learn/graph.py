@@ -42,7 +42,11 @@ class _Graphed:
         if self._recorded is None and self._calls < self._WARM_UP:
             self._calls += 1
             return self._on_side_stream()
-        graph, result = self._recorded = self._recorded or self._record()
+        if self._recorded is None:
+            graph = torch.cuda.CUDAGraph()
+            with _no_garbage_collection(), torch.cuda.graph(graph):
+                self._recorded = graph, self._function()
+        graph, result = self._recorded
         graph.replay()
         return result
 
@@ -53,12 +57,6 @@ class _Graphed:
             result = self._function()
         torch.cuda.current_stream().wait_stream(stream)
         return result
-
-    def _record(self) -> tuple[torch.cuda.CUDAGraph, Tensor]:
-        graph = torch.cuda.CUDAGraph()
-        with _no_garbage_collection(), torch.cuda.graph(graph):
-            result = self._function()
-        return graph, result
 
 
 @contextmanager

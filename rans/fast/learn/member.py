@@ -24,10 +24,8 @@ SOLVED_IN_A_ROW = 2
 def begin(engine: Engine, settings: Sequence[PPOSettings], seeds: Sequence[int]) -> Learner:
     """Members that have learnt nothing, on an engine whose episodes then began at random times.
 
-    Settings and seeds, of weights, actions and those times, are one a member.
-
-    Raises:
-        ConfigError: the settings do not fit the engine.
+    Settings and seeds, of weights, actions and those times, are one a member; ConfigError where they do not
+    fit the engine.
     """
     for one in settings:
         check_sizes(engine, one, len(settings))
@@ -43,33 +41,23 @@ def begin(engine: Engine, settings: Sequence[PPOSettings], seeds: Sequence[int])
 
 
 def check_sizes(engine: Engine, settings: PPOSettings, members: int) -> None:
-    """Whether rollouts and minibatches can be cut as the settings say.
-
-    Raises:
-        ConfigError: they cannot.
-    """
+    """Refuse, with a ConfigError, rollouts and minibatches that cannot be cut as the settings say."""
     steps, batch, processes = settings.n_steps, settings.batch_size, engine.processes
     if steps > engine.timing.episode_steps:
-        raise ConfigError(
-            f"n_steps must not exceed the episode's {engine.timing.episode_steps} steps, got {steps}: an "
-            "episode may be cut off once a rollout at most.")
+        raise ConfigError(f"n_steps must not exceed the episode's {engine.timing.episode_steps} steps, got "
+                          f"{steps}: an episode may be cut off once a rollout at most.")
     if engine.num_envs * processes.size != settings.n_envs * members:
         raise ConfigError(f"n_envs must be the engine's {engine.num_envs * processes.size // members} "
                           f"environments a member, got {settings.n_envs}.")
     samples = settings.n_envs * steps
     if batch % steps or samples % batch:
-        raise ConfigError(
-            f"batch_size must be a multiple of n_steps = {steps} that divides n_steps x environments = "
-            f"{samples}, got {batch}.")
+        raise ConfigError(f"batch_size must be a multiple of n_steps = {steps} that divides n_steps x "
+                          f"environments = {samples}, got {batch}.")
     processes.share("batch_size", batch // steps)
 
 
 def set_precision(matmul: str, device: torch.device) -> None:
-    """Let a GPU multiply matrices of float32 like this, see `rans.fast.learn.config.Precision`; process-wide.
-
-    Raises:
-        ConfigError: there is no such precision.
-    """
+    """Let a GPU multiply matrices of float32 with this `Precision`, or a ConfigError; process-wide."""
     if matmul not in get_args(Precision):
         raise ConfigError(f"matmul must be one of {', '.join(get_args(Precision))}, got {matmul!r}.")
     if device.type == "cuda":
@@ -111,16 +99,9 @@ class Member:
 
 def statistics(numbers: Sequence[float], engine: Engine, steps: int,
                goes_on: bool = False) -> dict[str, float]:
-    """What an update said about a member, by the names that SB3 gives its log.
+    """A row that `Learner.update` returned about a member, by the names that SB3 gives its log.
 
-    Args:
-        numbers: a row of what `Learner.update` returned.
-        engine: names the reward's terms.
-        steps: environment steps that the member has learned from.
-        goes_on: whether numbers that are not finite are no matter.
-
-    Raises:
-        NonFiniteState: a loss or a gradient is NaN or infinite, and that matters.
+    NonFiniteState where a number is NaN or infinite after so many steps and that matters: it does not go on.
     """
     losses = dict(zip(STATISTICS, numbers, strict=False))
     rate, truncated, ended, reached, *terms = numbers[len(STATISTICS):]

@@ -81,12 +81,10 @@ class Network:
 
     def shown(self, observation: Tensor, memory: Tensor | None = None,
               privileged: Tensor | None = None) -> tuple[Output, Tensor]:
-        """What every member says about its own rows, and what it was shown, see `look`.
+        """What every member says about its rows (N, width) of observations, and what it saw, see `look`.
 
-        Args:
-            observation: (N, width) in the world frame.
-            memory: (N, m), see `blank`.
-            privileged: (N, p) for the critic; by default those of the nominal spacecraft, ones.
+        Memories (N, m) are as from `blank`. What the critic is told, (N, p), is by default of the nominal
+        spacecraft.
         """
         seen, place = self.look(observation)
         output = self.evaluate_seen(seen, memory, privileged)

@@ -38,12 +38,10 @@ _SHARP = replace(_PLANE, zoom=16.0)
 """For goals that are held to millimetres."""
 _STILL = replace(_SHARP, initial_duty=0.12)
 """With shut valves."""
-_WIDE = (128, 128)
-"""Layers for space."""
+_WIDE = (128, 128)  # layers for space
 _HOLD = {"fine_weight": 1.0, "rest_position": 0.006}
 _LARGE: dict[str, Any] = {"n_envs": 4096, "n_steps": 32, "batch_size": 32768, "layers": (256, 256)}
-_LONGER = 16
-"""On a GPU."""
+_LONGER = 16  # on a GPU
 _PLATFORM, _SHARED, _FLYER, _FLYER_SHARED = (
     "floating-platform", "floating-platform-shared", "free-flyer", "free-flyer-shared")
 _VELOCITY = {"fine_scale": 0.01, "thrust_weight": 0.05}

@@ -108,13 +108,9 @@ def gae(reward: Tensor, value: Tensor, ended: Tensor, last_value: Tensor, gamma:
         gae_lambda: Tensor | float) -> Tensor:
     """Generalised advantage estimates (T, N) (Schulman et al., 2016).
 
-    Args:
-        reward: (T, N).
-        value: (T, N) of the states acted in.
-        ended: (T, N), 1 where the episode ended with this step.
-        last_value: (N,) of the states after the last step.
-        gamma: discount, a number or (N,).
-        gae_lambda: trade-off of bias against variance, a number or (N,).
+    Rewards and values of the states acted in are (T, N), as is ``ended``, 1 where the episode ended with this
+    step; ``last_value`` is (N,), of the states after the last one. Discount and trade-off of bias against
+    variance are numbers or (N,).
     """
     going_on = 1.0 - ended
     following = torch.cat((value[1:], last_value[None]))

@@ -32,11 +32,7 @@ class RunFolder:
         self.policy_file = path / "policy.zip"
 
     def begin(self, config: TrainConfig, command: str) -> None:
-        """Write what is known before training.
-
-        Raises:
-            ConfigError: the folder holds another training already.
-        """
+        """Write what is known before training; ConfigError where the folder holds another one already."""
         if self.config_file.exists():
             raise ConfigError(
                 f"{self.path} holds a training already; continue it with --resume {self.path}, or "
@@ -46,11 +42,7 @@ class RunFolder:
         files.write_json(self.config_file, to_table(config) | {"about": about})
 
     def config(self) -> TrainConfig:
-        """The training's config.
-
-        Raises:
-            ConfigError: the folder holds no training, or one of another version.
-        """
+        """The training's config; ConfigError where the folder holds none, or one of another version."""
         if not self.config_file.exists():
             raise ConfigError(f"{self.path} is not a run folder: it has no config.json.")
         return read_config(self.config_file)
@@ -60,11 +52,7 @@ class RunFolder:
         return load_spacecraft(self.spacecraft_file)
 
     def append_metrics(self, row: dict[str, Any]) -> None:
-        """Add one row to ``metrics.jsonl``.
-
-        Raises:
-            ConfigError: the disk refused.
-        """
+        """Add one row to ``metrics.jsonl``; ConfigError where the disk refuses."""
         try:
             with self.metrics_file.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(row) + "\n")
@@ -85,11 +73,7 @@ class RunFolder:
         files.replace_file(self.checkpoint_file, lambda draft: torch.save(checkpoint, draft))
 
     def load_checkpoint(self, device: str) -> dict[str, Any]:
-        """The latest checkpoint.
-
-        Raises:
-            ConfigError: it cannot be read or is damaged.
-        """
+        """The latest checkpoint; ConfigError where it cannot be read or is damaged."""
         try:
             return torch.load(self.checkpoint_file, map_location=device, weights_only=True)
         except Exception as error:  # a damaged pickle raises anything
@@ -97,11 +81,7 @@ class RunFolder:
 
 
 def read_config(file: Path) -> TrainConfig:
-    """The config in a JSON file, such as a run's ``config.json``.
-
-    Raises:
-        ConfigError: the file or its content is not what it should be.
-    """
+    """The config in a JSON file, such as a run's ``config.json``; ConfigError where it holds none."""
     table = files.read_json(file)
     if isinstance(table, dict):
         table.pop("about", None)

@@ -12,7 +12,7 @@ from rans.fast.engine import Engine
 from rans.fast.learn.curriculum import Curriculum
 from rans.fast.learn.graph import fused, graphed
 from rans.fast.learn.network import Network
-from rans.fast.memory import field_dtype
+from rans.fast.step import field_dtype
 from rans.model.conditions import Conditions
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
@@ -25,13 +25,9 @@ EPISODES = 1024
 class Selection:
     """Flies every member from the same 1,024 starts whenever asked; in a multi-task, of each of its parts.
 
-    Args:
-        network: the agents; their weights may change between flights.
-        craft: what they fly.
-        tasks: one a member, as in training without its curriculum; their evaluation starts are used.
-        timing: as in training.
-        device: torch device of the network.
-        conditions: as in training; what counts as success is the true state.
+    The members' weights may change between flights. Tasks, one a member, are those of training without its
+    curriculum; their evaluation starts are used.
+    Conditions are those of training too; what counts as success is the true state.
     """
 
     def __init__(self, network: Network, craft: Spacecraft, tasks: Sequence[Task], timing: Timing,
@@ -51,12 +47,10 @@ class Selection:
     def judge(self) -> list[dict[str, float]]:
         """What every member has learnt.
 
-        Returns:
-            "success" is the share of episodes that keep within all tolerances at every step of the last
-            fifth, of a multi-task that of the worst part; "duty" the mean share of open thrusters, and
-            "error/..." the mean errors of the states acted in over the last fifth. An episode that fails
-            counts as not kept, and the one that follows it enters the means. A multi-task's errors are
-            named "error/go-to-pose/position".
+        "success" is the share of episodes that keep within all tolerances at every step of the last fifth, of
+        a multi-task that of the worst part; "duty" the mean share of open thrusters, and "error/..." the mean
+        errors of the states acted in over the last fifth. An episode that fails counts as not kept, and the
+        one that follows it enters the means. A multi-task's errors are named "error/go-to-pose/position".
         """
         return [self._named(values) for values in self._flight().tolist()]
 

@@ -32,17 +32,9 @@ Item = TypeVar("Item")
 class Sweep:
     """Trains members together as far as their configs allow, batch after batch.
 
-    Its folder holds ``configs.json`` and a run folder for each batch, from which it can go on.
-
-    Args:
-        configs: one a member. Those that differ only in seed, in `Coefficients` and in numbers among
-            the task's settings form one batch.
-        path: the folder; nothing is written there before `train`.
-        command: that the user gave.
-        processes: those that share the environments.
-
-    Raises:
-        ConfigError: a config cannot work.
+    Configs, one a member, that differ only in seed, in `Coefficients` and in numbers among the task's
+    settings form one batch; one that cannot work is a ConfigError. The folder, in which nothing is written
+    before `train`, holds ``configs.json`` and a run folder for each batch, from which it can go on.
     """
 
     def __init__(self, configs: Sequence[TrainConfig], path: Path, command: str = "rans sweep",
@@ -88,11 +80,7 @@ class Sweep:
         self.timed_steps += trainer.timed_steps
 
     def save(self, member: Member, path: Path) -> None:
-        """Write a member's config, metrics and agent into a new run folder.
-
-        Raises:
-            ConfigError: the disk refused, or the folder holds a training.
-        """
+        """Write a member's config, metrics and agent into a run folder; ConfigError where it is not new."""
         run = RunFolder(path)
         run.begin(member.config, self.command)
         for row in member.rows:
@@ -122,11 +110,7 @@ class Sweep:
 
 
 def read_configs(path: Path) -> tuple[list[TrainConfig], str]:
-    """What the sweep that left this folder trains, and the command that began it.
-
-    Raises:
-        ConfigError: the folder holds none, or one of another version.
-    """
+    """What the sweep that left this folder trains, and the command that began it; or a ConfigError."""
     file = path / "configs.json"
     if not file.exists():
         raise ConfigError(f"{path} is not a sweep's folder: it has no configs.json.")
@@ -137,11 +121,7 @@ def read_configs(path: Path) -> tuple[list[TrainConfig], str]:
 
 
 def check(config: TrainConfig) -> Architecture:
-    """Whether a config can work, before anything is trained: the architecture of its network.
-
-    Raises:
-        ConfigError: it cannot.
-    """
+    """The architecture of a config's network; ConfigError where the config cannot work."""
     check_device(config.device)
     engine = Engine(load_spacecraft(config.spacecraft), config.settings, config.ppo.n_envs, config.timing)
     check_sizes(engine, config.ppo, 1)

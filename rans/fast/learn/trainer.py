@@ -18,8 +18,8 @@ from rans.fast.learn.curriculum import Curriculum
 from rans.fast.learn.member import Member, begin, statistics
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.selection import Selection
-from rans.fast.memory import field_dtype
 from rans.fast.policy import write_policy
+from rans.fast.step import field_dtype
 from rans.files import replace_file
 from rans.model.spacecraft import Spacecraft
 
@@ -34,15 +34,10 @@ _ARCHITECTURE = ("layers", "activation", "zoom", "symmetric", "memory", "history
 class Trainer:
     """Members that train together, in one run folder. Sets torch's number of threads, for the whole process.
 
-    Args:
-        configs: one a member; they differ in seed, coefficients and numbers among the task's settings only.
-        craft: that the configs name.
-        run: where to keep it; nothing is written there before `train`, and only by the first process.
-        processes: those that share the training's environments.
-        goes_on: whether members whose weights become infinite are left alone, as in a sweep.
-
-    Raises:
-        ConfigError: the configs cannot work.
+    Configs, one a member, name the craft and differ in seed, coefficients and numbers among the task's
+    settings only; ConfigError where they cannot work. Nothing is written before `train`, and only by the
+    first of the processes that share the environments. Where training ``goes_on``, as in a sweep, members
+    whose weights become infinite are left alone.
     """
 
     def __init__(self, configs: Sequence[TrainConfig], craft: Spacecraft, run: RunFolder,
@@ -97,9 +92,7 @@ class Trainer:
               stop: Callable[[], bool] = lambda: False) -> None:
         """Train until solved, out of steps, or told to stop.
 
-        Args:
-            report: called with the members after every row of metrics.
-            stop: asked after every iteration.
+        After every row of metrics ``report`` is called, after every iteration ``stop`` is asked.
 
         Raises:
             NonFiniteState: a value became NaN; the state was dumped into the run folder.
@@ -126,8 +119,7 @@ class Trainer:
             begun = time.monotonic()
             self._iterate()
             self.seconds += time.monotonic() - begun
-            late = time.monotonic() - saved > _CHECKPOINT_SECONDS
-            stopped, late = self.processes.any(stop(), late)
+            stopped, late = self.processes.any(stop(), time.monotonic() - saved > _CHECKPOINT_SECONDS)
             if stopped or self._ended or self._is_report_due():
                 self._report(report)
             if late:
@@ -187,7 +179,7 @@ class Trainer:
 
     def _show(self, number: int, row: dict[str, Any]) -> None:
         """The row in TensorBoard, by the names that SB3 would give."""
-        judged = ("success", "duty", *(key for key in row if key.startswith("error/")))
+        judged = (key for key in row if key in ("success", "duty") or key.startswith("error/"))
         named = {f"evaluation/{key.removeprefix('error/')}": row[key] for key in judged}
         named |= self._said[number] | {"perf/steps_per_s": row["steps_per_s"]}
         self._events[number].write(named, {key: () for key in named}, self.steps)
@@ -218,9 +210,7 @@ class Trainer:
     def resume(self) -> None:
         """Continue from the run's checkpoint, bit-identically on a CPU; without one, from the start.
 
-        Raises:
-            ConfigError: the checkpoint is damaged, or it is of another network; or there is an agent
-                without one, which must not be lost.
+        ConfigError where it is damaged or of another network, or where an agent without one would be lost.
         """
         if self.run.checkpoint_file.exists():
             self._restore(self.run.load_checkpoint(self.config.device))
@@ -256,14 +246,10 @@ class Trainer:
 
 
 def check_device(device: str) -> None:
-    """Whether training is possible on this torch device, here and now.
-
-    Raises:
-        ConfigError: it is not.
-    """
+    """Refuse, with a ConfigError, a torch device on which no training is possible here and now."""
     if device not in ("cpu", "cuda"):
-        raise ConfigError(f"device must be cpu or cuda, got {device!r}; which GPU that is, "
-                          "CUDA_VISIBLE_DEVICES decides.")
+        raise ConfigError(
+            f"device must be cpu or cuda, got {device!r}; which GPU that is, CUDA_VISIBLE_DEVICES decides.")
     if device == "cuda" and not torch.cuda.is_available():
         raise ConfigError("device is cuda, but torch sees no CUDA device here; use --device cpu.")
 

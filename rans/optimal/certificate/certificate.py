@@ -11,7 +11,8 @@ import itertools
 import math
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -82,13 +83,12 @@ class _Outcome:
     nodes: int = 0
 
 
-@dataclass(order=True)
-class _Node:
+class _Node(NamedTuple):
     bound: float
     order: int
-    branch: Branch = field(compare=False)
-    costate: np.ndarray = field(compare=False)
-    cuts: list[Cut] = field(compare=False)
+    branch: Branch
+    costate: np.ndarray
+    cuts: list[Cut]
 
 
 def least_fuel(lattice: Lattice, start: PlanarState, goal: PlanarState, steps: int,
@@ -102,11 +102,10 @@ def least_fuel(lattice: Lattice, start: PlanarState, goal: PlanarState, steps: i
         ConfigError: see `Relaxation`.
     """
     _check_steps(steps)
-    began, cap = time.monotonic(), 8.0 * _grain(lattice)
-    relaxation, root = _root(lattice, start, goal, goal_set, steps, cap)
-    lower = first = lattice.next_fuel(root.best.value, relaxation.net)
-    nodes, open_levels, outcome = 0, 0, _Outcome()
-    for level in _levels(lattice, relaxation.net, first, _everything(lattice, steps)):
+    began, nodes, open_levels, outcome = time.monotonic(), 0, 0, _Outcome()
+    relaxation, root = _root(lattice, start, goal, goal_set, steps, 8.0 * lattice.grain)
+    lower = lattice.next_fuel(root.best.value, relaxation.net)
+    for level in _levels(lattice, relaxation.net, lower, lattice.most_fuel(steps)):
         if level > (relaxation.cap or 0.0):
             relaxation, root = _root(lattice, start, goal, goal_set, steps, level)
         outcome = _decide(relaxation, root, level, effort)
@@ -116,9 +115,9 @@ def least_fuel(lattice: Lattice, start: PlanarState, goal: PlanarState, steps: i
             break
         if open_levels == 0:
             lower = lattice.fuel_above(level, relaxation.net)
-    found = outcome.commands
     if open_levels == 0:
         raise _unreachable(lattice, steps)
+    found = outcome.commands
     upper = math.inf if found is None else fuel(lattice.craft, found, lattice.period)
     return Certificate(lower, upper, found, root.best.value, nodes, time.monotonic() - began)
 
@@ -131,29 +130,27 @@ def least_time(lattice: Lattice, start: PlanarState, goal: PlanarState, most_ste
         ConfigError: see `Relaxation`.
     """
     _check_steps(most_steps)
-    began, nodes, lower, dual, open_levels = time.monotonic(), 0, None, None, 0
     if goal_set.contains(start, goal):
         return Certificate(0.0, 0.0, None, 0.0, 0, 0.0)
+    began, nodes, open_levels, outcome, upper = time.monotonic(), 0, 0, _Outcome(), math.inf
+    lower = dual = None
     for steps in range(1, most_steps + 1):
         relaxation = Relaxation(lattice, start, goal, goal_set, steps, None, fuel=0.0)
         root = _root_ascent(relaxation, 0.0)
         if root.best.value > 0:
             continue
-        dual = steps if dual is None else dual
-        outcome = _decide(relaxation, root, 0.0, effort)
+        dual, outcome = dual or steps, _decide(relaxation, root, 0.0, effort)
         nodes += outcome.nodes
         if outcome.excluded:
             continue
-        lower = steps if lower is None else lower
-        open_levels += 1
+        lower, open_levels = lower or steps, open_levels + 1
         if outcome.commands is not None:
-            return Certificate(lower * lattice.period, steps * lattice.period, outcome.commands,
-                               dual * lattice.period, nodes, time.monotonic() - began)
-        if open_levels >= effort.levels:
+            upper = steps * lattice.period
+        if outcome.commands is not None or open_levels == effort.levels:
             break
-    lower = most_steps + 1 if lower is None else lower
-    return Certificate(lower * lattice.period, math.inf, None, (dual or lower) * lattice.period, nodes,
-                       time.monotonic() - began)
+    lower = lower or most_steps + 1
+    return Certificate(lower * lattice.period, upper, outcome.commands, (dual or lower) * lattice.period,
+                       nodes, time.monotonic() - began)
 
 
 def _check_steps(steps: int) -> None:
@@ -161,15 +158,10 @@ def _check_steps(steps: int) -> None:
         raise ConfigError(f"the certificate needs at least one control period, a whole number, got {steps}.")
 
 
-def _grain(lattice: Lattice) -> float:
-    """Fuel by which levels are told apart: one pulse, or the weakest thruster's, N s."""
-    return min(thruster.force for thruster in lattice.craft.thrusters) * lattice.period
-
-
 def _root(lattice: Lattice, start: PlanarState, goal: PlanarState, goal_set: GoalSet, steps: int,
           cap: float) -> tuple[Relaxation, Ascent]:
     """The relaxation with a cap on fuel that its own bound does not exclude."""
-    everything = _everything(lattice, steps)
+    everything = lattice.most_fuel(steps)
     while True:
         relaxation = Relaxation(lattice, start, goal, goal_set, steps, min(cap, everything))
         root = _root_ascent(relaxation, cap)
@@ -184,14 +176,8 @@ def _levels(lattice: Lattice, net: set[int], level: float, most: float) -> Itera
     """Fuels to decide about, from this one on; the last is all there is, N s."""
     while level < most:
         yield level
-        level = lattice.next_fuel(level + 0.5 * _grain(lattice), net)
+        level = lattice.next_fuel(level + 0.5 * lattice.grain, net)
     yield most
-
-
-def _everything(lattice: Lattice, steps: int) -> float:
-    """Fuel of all thrusters open all the time, and a rounding error of it, N s."""
-    forces = sum(thruster.force for thruster in lattice.craft.thrusters)
-    return steps * lattice.period * forces * (1.0 + 1e-12)
 
 
 def _unreachable(lattice: Lattice, steps: int) -> Unreachable:
@@ -201,12 +187,7 @@ def _unreachable(lattice: Lattice, steps: int) -> Unreachable:
 
 def _root_ascent(relaxation: Relaxation, target: float) -> Ascent:
     return ascend(relaxation, relaxation.reachable(), towards_goal(relaxation), [], target,
-                  _tolerance(relaxation), trust=0.5, most=60)
-
-
-def _tolerance(relaxation: Relaxation) -> float:
-    """Rise of a bound not worth another evaluation, N s."""
-    return 0.01 * _grain(relaxation.lattice)
+                  0.01 * relaxation.lattice.grain, trust=0.5, most=60)
 
 
 def _decide(relaxation: Relaxation, root: Ascent, level: float, effort: Effort) -> _Outcome:
@@ -217,7 +198,7 @@ def _decide(relaxation: Relaxation, root: Ascent, level: float, effort: Effort) 
     while heap and time.process_time() < deadline:
         node = heapq.heappop(heap)
         outcome.nodes += 1
-        patience = max(_tolerance(relaxation), 0.1 * (level - node.bound))
+        patience = max(0.01 * relaxation.lattice.grain, 0.1 * (level - node.bound))
         found = ascend(relaxation, node.branch, node.costate, node.cuts, level, patience, 0.1, most=15)
         if found.best.value > level:
             continue

@@ -142,8 +142,7 @@ class Relaxation:
         first, second = self._responses
         pull = np.conj(velocity + position * left)[:, None, None] * first - np.conj(position) * second
         turns = self._base[:, :, None] * pull / self.lattice.craft.mass
-        return (self.fuel * self.lattice.period, turns, self._fixed, branch.low, branch.high,
-                branch.patterns)
+        return self.fuel * self.lattice.period, turns, self._fixed, branch.low, branch.high, branch.patterns
 
     def bound(self, costate: np.ndarray, branch: Branch) -> DualValue:
         """The dual function: its value is infinite where the branch holds no path.
@@ -160,8 +159,7 @@ class Relaxation:
         if inner == np.inf:
             return DualValue(np.inf, np.zeros(4), costate, np.zeros(0, dtype=int))
         path = self._kernel.trace(*arguments, self._after)
-        gained, moved = self.effect(path)
-        effect = np.array([gained.real, gained.imag, moved.real, moved.imag])
+        effect = np.array(self.effect(path)).view(float)  # real and imaginary parts are x and y
         return DualValue(constant + inner - margin, slope + effect, costate, path)
 
     def reachable(self) -> Branch:
@@ -190,10 +188,8 @@ class Relaxation:
 
     def constant(self, costate: np.ndarray) -> tuple[float, np.ndarray]:
         """What the dual function has besides the inner minimum, and its supergradient."""
-        miss = self.miss
-        value, slope = float(costate @ miss), miss.copy()
-        radii = (self.goal_set.velocity, self.goal_set.position)
-        for part, radius in zip((slice(0, 2), slice(2, 4)), radii, strict=True):
+        value, slope = float(costate @ self.miss), self.miss.copy()
+        for part, radius in ((slice(2), self.goal_set.velocity), (slice(2, 4), self.goal_set.position)):
             size = float(np.linalg.norm(costate[part]))
             value -= radius * size
             slope[part] -= radius * costate[part] / size if size > 0 else 0.0
@@ -224,11 +220,9 @@ class Relaxation:
         n, a = self.points(path)
         k, i = np.arange(self.steps), n[:-1] + self._reach
         t = self.lattice.patterns.torque[path] - self.lattice.torque_range[0]
-        turn = self._base[k, i] * np.exp(1j * self._turned[a[:-1] + self._origin])
-        turn = turn / self.lattice.craft.mass
+        turn = self._base[k, i] * np.exp(1j * self._turned[a[:-1] + self._origin]) / self.lattice.craft.mass
         speed = turn * self._responses[0][i, t]
-        left = (self.steps - k) * self.lattice.period
-        way = left * speed - turn * self._responses[1][i, t]
+        way = (self.steps - k) * self.lattice.period * speed - turn * self._responses[1][i, t]
         force = self.lattice.patterns.force[patterns].T
         return (force * speed).T, (force * way).T
 
@@ -239,16 +233,14 @@ class Relaxation:
 
     def margin(self, costate: np.ndarray) -> float:
         """More than rounding and inexact torques can change a value by (docs/certificate.md)."""
-        craft, h = self.lattice.craft, self.lattice.period
-        time = self.steps * h
-        pull = float(np.linalg.norm(costate[:2]) + time * np.linalg.norm(costate[2:])) / craft.mass
-        stage = h * sum(thruster.force for thruster in craft.thrusters) * (self.fuel + pull)
+        h, mass, time = self.lattice.period, self.lattice.craft.mass, self.steps * self.lattice.period
+        pull = float(np.linalg.norm(costate[:2]) + time * np.linalg.norm(costate[2:])) / mass
+        stage = h * float(sum(self.lattice.forces)) * (self.fuel + pull)
         angle = (abs(self.start.attitude.angle) + abs(self.start.w) * time
                  + self.lattice.spin * h * (self._origin + self._reach))
-        miss = float(np.abs(costate) @ np.abs(self.miss))
         rounding = _EPSILON * (64.0 + 8.0 * angle + 2.0 * self.steps)
         relative = _MERGED + rounding + self.lattice.drift(self.steps)
-        found = self.steps * stage * relative + 16.0 * _EPSILON * miss
+        found = self.steps * stage * relative + 16.0 * _EPSILON * float(np.abs(costate) @ np.abs(self.miss))
         if not found < _HUGE:
             raise NonFiniteState("a bound of fuel or time would overflow; the usual cause is a start, goal "
                                  "or spacecraft with far too large numbers.")

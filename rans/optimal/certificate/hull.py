@@ -12,7 +12,6 @@ import math
 from collections.abc import Collection
 from dataclasses import dataclass
 from functools import cache
-from typing import NamedTuple
 
 import numpy as np
 
@@ -20,17 +19,15 @@ from rans.errors import ConfigError
 from rans.model.dynamics import State
 from rans.model.spacecraft import Spacecraft
 from rans.optimal.certificate.lattice import GoalSet, check_finite
-from rans.optimal.trajectory.guess import inertia, rotation_vector
+from rans.optimal.trajectory.allocation import inertia
+from rans.optimal.trajectory.guess import rotation_vector
 
 _MOST_THRUSTERS = 16
 """Up to which all sets of open thrusters are looked at, 65,536 of them."""
-
 _PARTS = 256
 """Of the trapezoidal rule; more of them raise a bound by less than 1e-4 of itself."""
-
 _LEVER = 1e-6
 """Arm that thrusters count as having at least, m: bounds of a craft that cannot turn stay finite."""
-
 _ROUNDING = 1e-9
 """Relative, given away for the rounding of the computer: some thousand additions of numbers alike."""
 
@@ -142,38 +139,29 @@ def least_fuel(craft: Spacecraft, aims: Collection[str], start: State, goal: Sta
     """
     if not (math.isfinite(horizon) and horizon > 0):
         raise ConfigError(f"a bound of thrust-time needs a finite horizon > 0 s, got {horizon}.")
-    body = _rotation(craft, aims, start, goal, goal_set)
-    reach = Reach.of(craft)
-    swing = max(2.0 * body.way / horizon - body.before - body.after, body.change) - _ROUNDING * body.before
+    (way, before, after, change), reach = _rotation(craft, aims, start, goal, goal_set), Reach.of(craft)
+    swing = max(2.0 * way / horizon - before - after, change) - _ROUNDING * before
     turning = swing / reach.arm if swing > 0 else 0.0
-    dual = _Dual(craft, aims, start, goal, horizon, goal_set)
-    bound = max(turning, dual.ascend(), 0.0) * (1.0 - _ROUNDING)
+    moving = _Dual(craft, aims, start, goal, horizon, goal_set).ascend()
+    bound = max(turning, moving, 0.0) * (1.0 - _ROUNDING)
     return bound if bound <= horizon * reach.most else math.inf
 
 
-class _Rotation(NamedTuple):
-    """What the angular momentum must do, as bounds of its size."""
-
-    way: float
-    """Angle to turn times the least moment of inertia, kg m^2."""
-    before: float
-    """Size of the angular momentum at the start, kg m^2/s."""
-    after: float
-    """At most, at the end."""
-    change: float
-    """Least change of its size."""
-
-
 def _rotation(craft: Spacecraft, aims: Collection[str], start: State, goal: State,
-              goal_set: GoalSet) -> _Rotation:
+              goal_set: GoalSet) -> tuple[float, float, float, float]:
+    """What the angular momentum must do.
+
+    The angle to turn times the least moment of inertia, kg m^2; its size at the start, at most at the end,
+    and by how much that changes at least, kg m^2/s.
+    """
     check_finite(start, goal)
     tensor = inertia(craft)
     moments = np.linalg.eigvalsh(tensor)
     angle = float(np.linalg.norm(rotation_vector(start.attitude.to(goal.attitude)))) - goal_set.heading
     before, after = (float(np.linalg.norm(tensor @ np.array(x.spin()))) for x in (start, goal))
     slack = float(moments[-1]) * goal_set.spin if "spin" in aims else math.inf
-    return _Rotation(angle * float(moments[0]) if "attitude" in aims else -math.inf, before,
-                     after + slack, max(0.0, abs(after - before) - slack))
+    way = angle * float(moments[0]) if "attitude" in aims else -math.inf
+    return way, before, after + slack, max(0.0, abs(after - before) - slack)
 
 
 class _Dual:

@@ -24,14 +24,11 @@ from rans.model.spacecraft import Spacecraft
 
 _LARGEST_MULTIPLE = 64
 """Torque of a thruster in quanta, at most: finer lattices have too many points to enumerate."""
-
 _ROUNDING = 1e-12
 """By which torques of a file may differ from whole multiples, relative to the largest: directions and
 positions have finitely many digits. It costs heading, see `Lattice.drift`."""
-
 _MOST_PATTERNS = 10_000
 """Of thrusters open together: 8 thrusters have at most 256, of which 81 differ."""
-
 _NODES = 24
 """Of the Gauss-Legendre rule over a period: error below 1e-16 of the force up to 6 rad turned in it."""
 
@@ -63,6 +60,9 @@ class Lattice:
         check_period(period)
         _check(craft)
         self.craft, self.period, self.pulse = craft, period, pulse(craft, period)
+        self.forces = np.array([thruster.force for thruster in craft.thrusters])
+        self.grain = float(self.forces.min()) * period
+        """Fuel by which amounts of it are told apart: one pulse, or the weakest thruster's, N s."""
         torques = np.array([column[2] for column in craft.wrench_map])
         self.torque, self.multiples = _quantum(craft, torques)
         self.spin = self.torque * period / craft.inertia[2][2]
@@ -74,6 +74,10 @@ class Lattice:
     def drift(self, steps: int) -> float:
         """Heading by which torques that are not exact multiples may leave the lattice, rad."""
         return 0.5 * self._angular_error * (steps * self.period) ** 2
+
+    def most_fuel(self, steps: int) -> float:
+        """Of all thrusters open all the time, and a rounding error of it, N s."""
+        return steps * self.period * float(sum(self.forces)) * (1.0 + 1e-12)
 
     @property
     def parity(self) -> bool:
@@ -99,8 +103,7 @@ class Lattice:
     @cached_property
     def quanta_per_fuel(self) -> float:
         """Most torque that a newton second of fuel buys, in quanta: bounds the spin, 1/(N s)."""
-        forces = np.array([thruster.force for thruster in self.craft.thrusters])
-        return float((np.abs(self.multiples) / forces).max()) / self.period
+        return float((np.abs(self.multiples) / self.forces).max()) / self.period
 
     def responses(self, spins: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Integrals of exp(i (w s + t q s^2 / (2 h))) and of s times that, over one period.
@@ -108,8 +111,7 @@ class Lattice:
         Of spins (W,) at its start, rad/s: two complex arrays (W, torques), s and s^2, for the `torque_range`.
         """
         nodes, weights = np.polynomial.legendre.leggauss(_NODES)
-        s = 0.5 * self.period * (nodes + 1.0)
-        weights = 0.5 * self.period * weights
+        s, weights = 0.5 * self.period * (nodes + 1.0), 0.5 * self.period * weights
         rate = self.spin / self.period * self.torque_range
         angle = spins[:, None, None] * s + 0.5 * rate[:, None] * s * s
         turned = np.exp(1j * angle) * weights
@@ -198,8 +200,8 @@ def rounded_up(value: float, unit: float) -> float:
 
 def _check(craft: Spacecraft) -> None:
     if craft.dimension != 2:
-        raise ConfigError(f"spacecraft {craft.name!r}: the on/off certificate exists for planar motion "
-                          "only, because attitudes in space do not lie on a lattice.")
+        raise ConfigError(f"spacecraft {craft.name!r}: the on/off certificate exists for planar motion only, "
+                          "because attitudes in space do not lie on a lattice.")
     if craft.thrust_sharing != "none":
         raise ConfigError(f"spacecraft {craft.name!r}: the on/off certificate does not cover "
                           f'thrust_sharing = "{craft.thrust_sharing}", where a pulse\'s torque '
@@ -212,30 +214,25 @@ def _quantum(craft: Spacecraft, torques: np.ndarray) -> tuple[float, np.ndarray]
     # Thrusters through the centre of mass leave torques of rounding only, which are no quanta.
     levers = (t.force * math.dist(t.position, craft.centre_of_mass) for t in craft.thrusters)
     turning = np.abs(torques[np.abs(torques) > _ROUNDING * max(largest, *levers)])
-    for parts in range(1, _LARGEST_MULTIPLE + 1):
-        if len(turning) == 0:
-            break
+    for parts in range(1, _LARGEST_MULTIPLE + 1) if len(turning) else ():
         quantum = float(turning.min()) / parts
         multiples = np.round(torques / quantum).astype(np.int64)
         exact = np.abs(torques - multiples * quantum).max() <= _ROUNDING * largest
         if exact and np.abs(multiples).max() <= _LARGEST_MULTIPLE:
             return quantum, multiples
-    raise ConfigError(
-        f"spacecraft {craft.name!r}: the on/off certificate needs thrusters whose torques are whole "
-        f"multiples, at most {_LARGEST_MULTIPLE}, of one quantum, got "
-        f"{', '.join(f'{torque:.4g}' for torque in torques)} N m; the usual cause is a centre of mass "
-        "off the thrusters' centre.")
+    raise ConfigError(f"spacecraft {craft.name!r}: the on/off certificate needs thrusters whose torques are "
+                      f"whole multiples, at most {_LARGEST_MULTIPLE}, of one quantum, got "
+                      f"{', '.join(f'{torque:.4g}' for torque in torques)} N m; the usual cause is a centre "
+                      "of mass off the thrusters' centre.")
 
 
 def _patterns(craft: Spacecraft, multiples: np.ndarray) -> Patterns:
     """All sums of thrusters, one after the other, of equal ones the cheapest."""
-    forces = [complex(column[0], column[1]) for column in craft.wrench_map]
-    tiny = 1e-12 * max(thruster.force for thruster in craft.thrusters)
-    count = len(forces)
+    tiny, count = 1e-12 * max(thruster.force for thruster in craft.thrusters), len(craft.thrusters)
     found = {(0, 0, 0): (0, 0j, 0.0, (0.0,) * count)}
-    for index, thruster in enumerate(craft.thrusters):
+    for index, (thruster, (x, y, _)) in enumerate(zip(craft.thrusters, craft.wrench_map, strict=True)):
         for torque, force, thrust, open_ in list(found.values()):
-            torque, force = torque + int(multiples[index]), force + forces[index]
+            torque, force = torque + int(multiples[index]), force + complex(x, y)
             thrust = thrust + thruster.force
             key = (torque, round(force.real / tiny), round(force.imag / tiny))
             if key not in found or thrust < found[key][2] - tiny:

@@ -37,15 +37,9 @@ def sweep(fuel: float, turns: np.ndarray, tables: Tables, low: np.ndarray, high:
           allowed: np.ndarray, value: np.ndarray, ahead: bool) -> None:
     """Least cost from every point to the end, or from the start to every point (Bellman's recursion).
 
-    Args:
-        fuel: price of a newton of thrust over one period.
-        turns: complex (N, spins, torques), what the costate makes of a force on B at heading index 0.
-        tables: see `Tables`.
-        low: see above.
-        high: see above.
-        allowed: (N, P) the patterns that may be used.
-        value: (N + 1, spins, headings), filled but for the end, which is given; with `ahead` the start.
-        ahead: whether to go forward in time.
+    The fuel is the price of a newton of thrust over one period; the turns, complex (N, spins, torques), are
+    what the costate makes of a force on B at heading index 0; allowed are the patterns that may be used,
+    (N, P). The value, (N + 1, spins, headings), is filled from its end, or ahead from its start, given there.
     """
     steps, spins = turns.shape[0], turns.shape[1]
     firsts, least, reach = tables[4:7]

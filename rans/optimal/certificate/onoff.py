@@ -83,14 +83,11 @@ def _solve(relaxation: Relaxation, period: np.ndarray, pattern: np.ndarray, spee
     from scipy.optimize import Bounds, LinearConstraint, milp
     from scipy.sparse import csr_matrix
 
-    count, lattice = len(period), relaxation.lattice
+    count, lattice, miss = len(period), relaxation.lattice, relaxation.miss
     once = csr_matrix((np.ones(count), (period, np.arange(count))), (relaxation.steps, count))
-    miss = relaxation.miss
-    constraints = [
-        LinearConstraint(once, 1, 1),
-        _disc(speed, complex(*miss[:2]), relaxation.goal_set.velocity),
-        _disc(way, complex(*miss[2:]), relaxation.goal_set.position),
-    ]
+    constraints = [LinearConstraint(once, 1, 1),
+                   _disc(speed, complex(*miss[:2]), relaxation.goal_set.velocity),
+                   _disc(way, complex(*miss[2:]), relaxation.goal_set.position)]
     if relaxation.fuel > 0:
         thrust = lattice.period * lattice.patterns.thrust[pattern]
         constraints.append(LinearConstraint(thrust[None], -np.inf, limit * (1 + 1e-9)))
@@ -105,6 +102,5 @@ def _disc(effect: np.ndarray, miss: complex, radius: float) -> Any:
 
     normals: np.ndarray = np.exp(2j * np.pi * np.arange(_SIDES) / _SIDES)
     inside = radius * np.cos(np.pi / _SIDES) * (1 - 1e-9)
-    rows = np.real(np.conj(normals)[:, None] * effect)
     left: Any = inside - np.real(np.conj(normals) * miss)
-    return LinearConstraint(rows, -np.inf, left)
+    return LinearConstraint(np.real(np.conj(normals)[:, None] * effect), -np.inf, left)

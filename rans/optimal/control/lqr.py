@@ -11,8 +11,8 @@ from rans.model.fields import Heading, Quat, leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.optimal.control.regulator import Deadband, Regulator, Weights
-from rans.optimal.control.rounding import SigmaDelta
-from rans.optimal.trajectory.guess import inertia, rotation_vector
+from rans.optimal.trajectory.allocation import SigmaDelta, inertia
+from rans.optimal.trajectory.guess import rotation_vector
 from rans.tasks.base import Task
 
 _WEIGHTS, _DEADBAND = Weights(), Deadband()
@@ -24,10 +24,9 @@ SWEEP = (0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0)
 class LQR:
     """Linear-quadratic regulator, allocation to the thrusters, sigma-delta rounding.
 
-    Position in W and attitude in B are taken for double integrators, one per axis, which they are for
-    small angles and spins; the gain of each is the discrete-time optimum for the control period. Where
-    the task has no tolerance for the position or the attitude, only the velocity or the spin is brought
-    to the goal's.
+    Position in W and attitude in B are taken for double integrators, one per axis, which they are for small
+    angles and spins; the gain of each is the discrete-time optimum for the control period. Where the task has
+    no tolerance for the position or the attitude, only the velocity or the spin is brought to the goal's.
 
     Raises:
         ConfigError: the thrusters cannot push and turn the spacecraft in every direction.
@@ -37,8 +36,7 @@ class LQR:
 
     def __init__(self, craft: Spacecraft, task: Task, timing: Timing, weights: Weights = _WEIGHTS,
                  deadband: Deadband = _DEADBAND) -> None:
-        self._craft, self._task, self._deadband = craft, task, deadband
-        self._inertia = inertia(craft)
+        self._craft, self._task, self._deadband, self._inertia = craft, task, deadband, inertia(craft)
         self._identity = Heading(0.0) if craft.dimension == 2 else Quat(1.0, 0.0, 0.0, 0.0)
         self._regulator = Regulator.of(craft, task, timing, weights)
         self._rounding = SigmaDelta(craft, self._regulator.carried(craft))

@@ -1,4 +1,9 @@
-"""Model predictive control: what an agent must be compared with where constraints and turning matter."""
+"""Model predictive control: what an agent must be compared with where constraints and turning matter.
+
+Errors are minimal coordinates of a state around a goal, 6 in the plane, 12 in space: p - p_goal in W, the
+rotation vector of R_goal^T R, v - v_goal in W and w - w_goal in B; SI units. Unlike a quaternion's entries
+they are independent, which curvature matrices and linear dynamics ask for.
+"""
 
 from __future__ import annotations
 
@@ -10,14 +15,13 @@ import numpy as np
 
 from rans.errors import ConfigError
 from rans.model.body import Body
-from rans.model.dynamics import State, advance, wrench
-from rans.model.fields import leaves, map_leaves
+from rans.model.dynamics import PlanarState, SpatialState, State, advance, wrench
+from rans.model.fields import Field, Heading, Quat, Vec2, Vec3, atan2, cos, leaves, map_leaves, sin, sqrt
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
-from rans.optimal.control.error_state import around, coordinates, shortest
 from rans.optimal.control.regulator import Deadband, Regulator, Weights
-from rans.optimal.control.rounding import SigmaDelta
-from rans.optimal.trajectory.allocation import Allocation
+from rans.optimal.trajectory.allocation import Allocation, SigmaDelta
+from rans.optimal.trajectory.guess import rotation_vector
 from rans.scenario import scenario
 from rans.tasks.base import Task
 
@@ -43,6 +47,8 @@ class Settings:
 
 
 _WEIGHTS, _DEADBAND, _SETTINGS = Weights(), Deadband(), Settings()
+_TINY = 1e-24
+"""Added to squared lengths whose root is taken: it has no gradient at zero."""
 
 
 class MPC:
@@ -108,20 +114,18 @@ class _Program:
     """
 
     def __init__(self, craft: Spacecraft, regulator: Regulator, step: ca.Function, horizon: int) -> None:
-        self._nozzles, self._count = len(craft.thrusters), horizon
-        self._size = 2 * craft.degrees_of_freedom
-        self._linearised = self._linearisation(step)
-        curvature = self._curvature(craft, regulator)
-        self._sharing = _sums(craft, self._count, self._count * self._size)
+        self._nozzles, self._count, self._size = len(craft.thrusters), horizon, 2 * craft.degrees_of_freedom
+        commands, errors = horizon * self._nozzles, horizon * self._size
+        self._linearised, curvature = self._linearisation(step), self._curvature(craft, regulator)
+        rows = horizon if craft.thrust_sharing == "split" else 0
+        sums = ca.kron(ca.DM.eye(rows), ca.DM.ones(1, self._nozzles))  # of the commands of a period
+        self._sharing = ca.horzcat(sums, ca.DM(rows, commands + errors - sums.size2()))
         limits = ca.vertcat(self._linearised.sparsity_out(1), self._sharing.sparsity())
         self._solver = ca.conic("plan", "piqp", {"h": curvature.sparsity(), "a": limits},
                                 {"error_on_fail": False, "print_time": False})
-        commands, errors = self._count * self._nozzles, self._count * self._size
-        self._fixed = {
-            "h": curvature, "g": np.zeros(commands + errors),
-            "lbx": np.repeat([0.0, -np.inf], [commands, errors]),
-            "ubx": np.repeat([1.0, np.inf], [commands, errors]),
-        }
+        self._fixed = {"h": curvature, "g": np.zeros(commands + errors),
+                       "lbx": np.repeat([0.0, -np.inf], [commands, errors]),
+                       "ubx": np.repeat([1.0, np.inf], [commands, errors])}
 
     def improved(self, plan: np.ndarray, error: np.ndarray, goal: np.ndarray) -> np.ndarray | None:
         """The best plan (thrusters, horizon) of the linearised problem; None if PIQP finds none."""
@@ -171,20 +175,11 @@ def _over_axes(craft: Spacecraft, translation: np.ndarray, rotation: np.ndarray)
     return np.kron(translation, straight) + np.kron(rotation, np.eye(len(straight)) - straight)
 
 
-def _sums(craft: Spacecraft, count: int, errors: int) -> ca.DM:
-    """The matrix of the sums of commands, one row a period; none where thrust is not shared."""
-    if craft.thrust_sharing == "none":
-        return ca.DM(0, count * len(craft.thrusters) + errors)
-    sums = ca.kron(ca.DM.eye(count), ca.DM.ones(1, len(craft.thrusters)))
-    return ca.horzcat(sums, ca.DM(count, errors))
-
-
 def _step(craft: Spacecraft, period: float, like: State) -> ca.Function:
     """The engines' motion over one control period: (error, command, goal) to the error after it.
 
-    Errors are the coordinates of `rans.optimal.control.error_state`. Where thrust is shared the sum
-    of the commands stays within 1, where sharing is linear. One integration step is off by 0.2 mm after the
-    4 s of a plan.
+    Where thrust is shared the sum of the commands stays within 1, where sharing is linear. One integration
+    step is off by 0.2 mm after the 4 s of a plan.
     """
     linear, body = replace(craft, thrust_sharing="none"), Body.of(craft)
     goal = map_leaves(lambda _: ca.SX.sym("g"), like)
@@ -193,3 +188,40 @@ def _step(craft: Spacecraft, period: float, like: State) -> ca.Function:
     after = advance(around(goal, e), wrench(linear, u), body, period)
     columns = [ca.vertcat(*x) for x in (e, u, leaves(goal), coordinates(after, goal))]
     return ca.Function("step", columns[:3], columns[3:])
+
+
+def shortest(state: State, goal: State) -> np.ndarray:
+    """The coordinates whose rotation is at most half a turn, (6 or 12, N), of states of arrays (N,)."""
+    turn = rotation_vector(goal.attitude.to(state.attitude))
+    p, v = (np.array(leaves(a - b)) for a, b in ((state.p, goal.p), (state.v, goal.v)))
+    return np.concatenate([p, turn, v, np.array(state.spin()) - np.array(goal.spin())])
+
+
+def coordinates(state: Any, goal: Any) -> tuple[Field, ...]:
+    """The coordinates of a state, smooth up to a full turn from the goal: what `around` inverts."""
+    turn = goal.attitude.to(state.attitude)
+    vector = (turn.angle,) if isinstance(turn, Heading) else _rotation_vector(turn)
+    spin = (a - b for a, b in zip(state.spin(), goal.spin(), strict=True))
+    return (*(state.p - goal.p).columns(), *vector, *(state.v - goal.v).columns(), *spin)
+
+
+def around(goal: Any, coordinates: Any) -> Any:
+    """The state that has these coordinates around the goal, given as 6 or 12 fields."""
+    if len(coordinates) == 6:
+        px, py, turn, vx, vy, w = coordinates
+        return PlanarState(goal.p + Vec2(px, py), Heading(goal.attitude.angle + turn),
+                           goal.v + Vec2(vx, vy), goal.w + w)
+    p, turn, v, w = (Vec3(*coordinates[i:i + 3]) for i in (0, 3, 6, 9))
+    return SpatialState(goal.p + p, goal.attitude.times(_quaternion(turn)), goal.v + v, goal.w + w)
+
+
+def _quaternion(turn: Vec3) -> Quat:
+    angle = sqrt(turn.dot(turn) + _TINY)
+    axis = turn.scale(sin(0.5 * angle) / angle)
+    return Quat(cos(0.5 * angle), axis.x, axis.y, axis.z)
+
+
+def _rotation_vector(turn: Quat) -> tuple[Field, ...]:
+    axis = Vec3(turn.x, turn.y, turn.z)
+    sine = sqrt(axis.dot(axis) + _TINY)
+    return axis.scale(2.0 * atan2(sine, turn.w) / sine).columns()

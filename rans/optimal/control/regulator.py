@@ -14,8 +14,7 @@ from rans.model.body import Body
 from rans.model.dynamics import advance, wrench
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
-from rans.optimal.trajectory.allocation import Allocation
-from rans.optimal.trajectory.guess import inertia
+from rans.optimal.trajectory.allocation import Allocation, inertia
 from rans.tasks.base import Task
 from rans.tasks.settings import check_settings
 
@@ -140,20 +139,17 @@ class Regulator:
         force, torque = Allocation(craft).authority()
         push, turn = force / craft.mass, torque / float(np.linalg.eigvalsh(inertia(craft))[-1])
         held, period = task.tolerances(), timing.control_period
-        return cls(
-            Axis.held(period, push, weights.position) if "position" in held
-            else Axis.free(period, push, weights.velocity),
-            Axis.held(period, turn, weights.attitude) if "attitude" in held
-            else Axis.free(period, turn, weights.spin),
-        )
+        return cls(Axis.held(period, push, weights.position) if "position" in held
+                   else Axis.free(period, push, weights.velocity),
+                   Axis.held(period, turn, weights.attitude) if "attitude" in held
+                   else Axis.free(period, turn, weights.spin))
 
     def carried(self, craft: Spacecraft) -> np.ndarray:
-        """Components of a wrench along which `rounding.SigmaDelta` must carry what is owed.
+        """Components of a wrench along which `SigmaDelta` must carry what is owed.
 
-        A small thrust that holds a deviation has to add up to a pulse in time. A velocity adds up by
-        itself what was not given: carried on as well, it would be given twice. With it the LQR tracks
-        velocities with the free flyer from 46 of 50 starts and spends 17 N s, without it from all 50
-        and 3.3 N s.
+        A small thrust that holds a deviation has to add up to a pulse in time. A velocity adds up by itself
+        what was not given: carried on as well, it would be given twice. With it the LQR tracks velocities
+        with the free flyer from 46 of 50 starts and spends 17 N s, without it from all 50 and 3.3 N s.
         """
         stiff = [axis.price[0] > 0 for axis in (self.translation, self.rotation)]
         return np.repeat(stiff, [craft.dimension, craft.degrees_of_freedom - craft.dimension])

@@ -1,4 +1,4 @@
-"""Where a trajectory must end: what a task asks for, as conditions on the last state."""
+"""Where a trajectory must end, as conditions on its last state; corners rounded off for an optimiser."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import numpy as np
 
 from rans.model.dynamics import State
 from rans.model.fields import leaves, map_leaves
-from rans.optimal.trajectory.smoothing import rounded
 from rans.tasks.base import Task, residual
 
 Ending = Literal["exact", "set", "free"]
@@ -18,14 +17,17 @@ Ending = Literal["exact", "set", "free"]
 
 _RATES = {"position": "velocity", "attitude": "spin"}
 """Who is to stay somewhere must not move, who is to keep an attitude must not turn."""
-
 _BRANCH = 0.5
 """How far a redundant condition may be off its target, see `Arrival`: cosines of the wanted and the
 opposite attitude differ by 2."""
-
 _KNEE = 1e-6
 """Rounding of errors at zero, where bounds of them are not active; four times that (an angle is twice an
 arctangent, and the solver leaves 1e-8) is kept from the bounds, so that `Task.reached` holds."""
+
+ROUNDINGS = (1e-2, 1e-3)
+"""Of arguments in SI units, of lengths 1 cm and 1 mm, to be solved one after the other. Problems rounded by
+the second alone take up to four times the iterations. The first alone costs agents with wide rewards 0.03 %
+of the return, those with narrow ones and a price of spin 10 to 30 %."""
 
 
 def aims(task: Task) -> frozenset[str]:
@@ -86,3 +88,31 @@ def _independent(conditions: ca.Function, goal: Sequence[float]) -> np.ndarray:
     rows = np.array(gradient(goal, goal))
     ranks = [0, *(np.linalg.matrix_rank(rows[:k + 1], tol=1e-9) for k in range(len(rows)))]
     return np.diff(ranks) > 0
+
+
+def rounded(function: ca.Function, radius: float | ca.SX) -> ca.Function:
+    """The same function of SX with differentiable square roots and absolute values.
+
+    sqrt(x) becomes sqrt(x + r^2) - r and |x| becomes sqrt(x^2 + r^2) - r: smooth, zero at zero, and never
+    more than r too small. So a distance, which has a corner at the goal, gets a gradient there. The function
+    has any number of dense arguments and results; a radius r that is a symbol becomes one more, the last.
+    """
+    inputs = [ca.SX.sym(f"i{k}", function.sparsity_in(k)) for k in range(function.n_in())]
+    outputs = [ca.SX(function.sparsity_out(k)) for k in range(function.n_out())]
+    work: dict[int, ca.SX] = {}
+    for k in range(function.n_instructions()):
+        source, sink = function.instruction_input(k), function.instruction_output(k)
+        operation = function.instruction_id(k)
+        if operation == ca.OP_OUTPUT:
+            outputs[sink[0]].nz[sink[1]] = work[source[0]]
+        elif operation == ca.OP_INPUT:
+            work[sink[0]] = inputs[source[0]].nz[source[1]]
+        elif operation == ca.OP_CONST:
+            work[sink[0]] = ca.SX(function.instruction_constant(k))
+        elif operation in (ca.OP_SQRT, ca.OP_FABS):
+            square = work[source[0]] if operation == ca.OP_SQRT else work[source[0]] ** 2
+            work[sink[0]] = ca.sqrt(square + radius**2) - radius
+        else:
+            apply = ca.SX.unary if len(source) == 1 else ca.SX.binary
+            work[sink[0]] = apply(operation, *(work[i] for i in source))
+    return ca.Function(function.name(), [*inputs, *([radius] if isinstance(radius, ca.SX) else [])], outputs)

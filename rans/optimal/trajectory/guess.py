@@ -12,7 +12,7 @@ import numpy as np
 from rans.model.dynamics import State
 from rans.model.fields import Attitude, Field, Heading, Quat, leaves, map_leaves, wrap
 from rans.model.spacecraft import Spacecraft
-from rans.optimal.trajectory.allocation import Allocation
+from rans.optimal.trajectory.allocation import Allocation, inertia
 
 _BOW = 0.3
 """Sideways, of the way to go: standard deviation over the further guesses."""
@@ -46,9 +46,8 @@ def guess(aims: Collection[str], start: State, goal: State, duration: float, int
     s = np.arange(1, intervals + 1) / intervals
     p, v = _translation(aims, start, goal, duration, s)
     if number >= 2:
-        random = np.random.default_rng(number)
         size = _BOW * np.linalg.norm(p[:, -1] - np.array(start.p.columns()))
-        bow = random.normal(size=(len(p), 1)) * size
+        bow = np.random.default_rng(number).normal(size=(len(p), 1)) * size
         p, v = p + 16.0 * bow * (s * (1 - s)) ** 2, v + bow * 32.0 * s * (1 - s) * (1 - 2 * s) / duration
     attitude, w = _rotation(aims, start, goal, duration, s, long_way=number % 2 == 1)
     return np.vstack([p, attitude, v, w])
@@ -83,9 +82,8 @@ def _rotation(aims: Collection[str], start: State, goal: State, duration: float,
         # the axis is the same in W relative to the start and in B throughout
         return _turned(start.attitude, turn, pace), np.outer(turn, rate)
     first, last = (np.array(x.spin()) for x in (start, goal if "spin" in aims else start))
-    middle = s - 0.5 / len(s)
     attitude, columns = start.attitude, []
-    for share in middle:  # each interval with its mean rate
+    for share in s - 0.5 / len(s):  # each interval with its mean rate
         step = (first + share * (last - first)) * duration / len(s)
         columns.append(_turned(attitude, step, np.ones(1))[:, 0])
         attitude = type(attitude)(*columns[-1])
@@ -100,11 +98,6 @@ def _turned(attitude: Any, turn: np.ndarray, pace: Field) -> np.ndarray:
     axis = turn / angle if angle > 0 else turn
     x, y, z = np.outer(axis, np.sin(0.5 * angle * pace))
     return np.array(leaves(attitude.times(Quat(np.cos(0.5 * angle * pace), x, y, z))))
-
-
-def inertia(craft: Spacecraft) -> np.ndarray:
-    """About the axes it can turn about, (1, 1) or (3, 3), kg m^2."""
-    return np.array(craft.inertia if craft.dimension == 3 else [[craft.inertia[2][2]]])
 
 
 def needed_wrenches(craft: Spacecraft, path: Any, period: float) -> np.ndarray:
@@ -130,9 +123,8 @@ def transfer_time(craft: Spacecraft, aims: Collection[str], start: State, goal: 
         ConfigError: the thrusters cannot push and turn the spacecraft in every direction.
     """
     push, turn_up = _accelerations(craft)
-    way = np.array((goal.p - start.p).columns())
+    way, speed = (np.array(x.columns()) for x in (goal.p - start.p, goal.v - start.v))
     turn = rotation_vector(start.attitude.to(goal.attitude))
-    speed = np.array((goal.v - start.v).columns())
     spin = np.array(goal.spin()) - np.array(start.spin())
     translation = _time(aims, ("position", way), ("velocity", speed), push)
     return 1.2 * max(translation, _time(aims, ("attitude", turn), ("spin", spin), turn_up), 1e-3)

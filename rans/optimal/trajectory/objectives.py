@@ -13,8 +13,7 @@ import casadi as ca
 from rans.errors import ConfigError
 from rans.model.fields import leaves, map_leaves
 from rans.model.spacecraft import Spacecraft
-from rans.optimal.trajectory.arrival import Ending
-from rans.optimal.trajectory.smoothing import rounded
+from rans.optimal.trajectory.arrival import Ending, rounded
 from rans.scenario import scenario
 from rans.tasks.base import Task, residual
 from rans.tasks.rewards import Transition
@@ -35,7 +34,7 @@ class SymbolicTrajectory:
     goal: Any
     """(leaves of the state,)."""
     corner: Any = None
-    """Radius by which corners are to be rounded off (`trajectory.smoothing`); None: not at all."""
+    """Radius by which corners are to be rounded off (`trajectory.arrival.rounded`); None: not at all."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +49,6 @@ class _GivenTime(ABC):
     """Length of the trajectory, s; cut into whole control periods."""
     control_period: float = 0.2
     """s."""
-
     kind: ClassVar[str]
     measure: ClassVar[str]
     """What the cost is, with its unit."""
@@ -83,10 +81,7 @@ class MinimumFuel(_GivenTime):
     """Least thrust impulse, N s, that arrives within a given time."""
 
     ending: Ending = "exact"
-    """Where it must end."""
-
-    kind = "minimum fuel"
-    measure = "fuel N s"
+    kind, measure = "minimum fuel", "fuel N s"
 
     def cost(self, path: SymbolicTrajectory) -> Any:
         """Thrust times time, summed over the thrusters, N s."""
@@ -98,10 +93,7 @@ class MinimumEnergy(_GivenTime):
     """Least squared thrust, summed over the thrusters and over time, N^2 s."""
 
     ending: Ending = "exact"
-    """Where it must end."""
-
-    kind = "minimum energy"
-    measure = "energy N^2 s"
+    kind, measure = "minimum energy", "energy N^2 s"
 
     def cost(self, path: SymbolicTrajectory) -> Any:
         """The integral of the sum of the thrusters' squared forces, N^2 s."""
@@ -118,15 +110,13 @@ class QuadraticTracking(_GivenTime):
     command_weight: float = 0.1
     """Cost of a fully open thruster, as that of 1 m, 1 m/s, or a cosine or sine that is off by 1."""
 
-    kind = "quadratic tracking"
     ending: ClassVar[Ending] = "free"
-    measure = "cost s"
+    kind, measure = "quadratic tracking", "cost s"
 
     def cost(self, path: SymbolicTrajectory) -> Any:
         """The integral of |residual - target|^2 + weight |commands|^2 over time, s."""
         (state, goal), arguments = _symbols(path)
-        gap = sum(x**2 for x in residual(path.task, state, goal))
-        stage = ca.Function("gap", arguments, [gap])
+        stage = ca.Function("gap", arguments, [sum(x**2 for x in residual(path.task, state, goal))])
         far = ca.sum2(stage.map(self.intervals)(path.states, _each_step(path)))
         return path.period * (far + self.command_weight * ca.sumsqr(path.commands))
 
@@ -141,9 +131,8 @@ class MaximumReward(_GivenTime):
     horizon: float = 25.0
     """Length of the episode, s."""
 
-    kind = "maximum reward"
     ending: ClassVar[Ending] = "free"
-    measure = "minus return"
+    kind, measure = "maximum reward", "minus return"
 
     def cost(self, path: SymbolicTrajectory) -> Any:
         """Minus the return: the sum of all terms of `Task.reward` over all steps."""
@@ -171,11 +160,7 @@ class MinimumTime:
     intervals: int = 50
     """For the paper's starts, 5 s away, this is finer than the default 5 Hz."""
     ending: Ending = "exact"
-    """Where it must end."""
-
-    name = "minimum time"
-    measure = "time s"
-    control_period = None
+    name, measure, control_period = "minimum time", "time s", None
 
     def __post_init__(self) -> None:
         if self.intervals < 1:

@@ -23,26 +23,21 @@ _transcriptions: list[Transcription] = []
 def solve_all(craft: Spacecraft, task: Task, objectives: Sequence[Objective], starts: Scenario,
               workers: int | None = None, progress: Callable[[], object] = lambda: None,
               guesses: int = 1) -> list[list[Trajectory]]:
-    """Solve every objective from every start.
+    """Solve every objective from every start: per objective N trajectories in the order of the starts.
 
-    See `rans.processes.submitted` for what worker processes ask of a script, and for interrupts.
-
-    The starts are of arrays (N,), as `rans.scenario.scenarios` gives them. By default there is one worker per
-    processor; one solves in this process. Progress is called once per solved problem.
-
-    Returns:
-        Per objective N trajectories in the order of the starts. One whose worker process died has the
-        status "Worker_Died" and NaN for numbers.
+    See `rans.processes.submitted` for what worker processes ask of a script, and for interrupts. The starts
+    are of arrays (N,), as `rans.scenario.scenarios` gives them. By default there is one worker per processor;
+    one solves in this process. Progress is called once per solved problem. A trajectory whose worker process
+    died has the status "Worker_Died" and NaN for numbers.
 
     Raises:
         ConfigError: see `Transcription`.
     """
     aims(task)  # says here, not in every worker, if this task has no goal of its own
     jobs = [(index, scenario, guesses) for index in range(len(objectives)) for scenario in each(starts)]
-    workers = workers or os.cpu_count() or 1
+    workers, answers = workers or os.cpu_count() or 1, []
     if workers == 1:
         _build(craft, task, objectives)
-        answers = []
         for job in jobs:
             answers.append(_solve(*job))
             progress()

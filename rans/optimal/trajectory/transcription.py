@@ -22,29 +22,24 @@ from rans.model.dynamics import State, Wrench, advance
 from rans.model.fields import Vec2, Vec3, leaves, map_leaves, unflatten
 from rans.model.spacecraft import Spacecraft, controls_every_direction
 from rans.optimal.trajectory.allocation import Allocation
-from rans.optimal.trajectory.arrival import Arrival, aims
+from rans.optimal.trajectory.arrival import ROUNDINGS, Arrival, aims
 from rans.optimal.trajectory.guess import guess, needed_wrenches, transfer_time
 from rans.optimal.trajectory.objectives import Objective, SymbolicTrajectory
-from rans.optimal.trajectory.smoothing import ROUNDINGS
 from rans.scenario import scenario
 from rans.tasks.base import Task
 
 _OPTIONS = {"expand": True, "print_time": False, "error_on_fail": False, "show_eval_warnings": False,
-            "ipopt.print_level": 0, "ipopt.sb": "yes", "ipopt.max_iter": 500,
-            "ipopt.min_refinement_steps": 0, "ipopt.mumps_permuting_scaling": 0,
-            "ipopt.mumps_scaling": 0}
+            "ipopt.print_level": 0, "ipopt.sb": "yes", "ipopt.max_iter": 500, "ipopt.min_refinement_steps": 0,
+            "ipopt.mumps_permuting_scaling": 0, "ipopt.mumps_scaling": 0}
 """IPOPT on scalar graphs: the most robust of the solvers tried on these problems. A solvable one takes
 20 to 60 iterations, so 500 are only spent in vain. Their numbers are all about one, so their
 linear systems need no scaling and seldom a refinement, which saves a seventh of the time."""
-
 _NODES = 4
 """Of the quadrature in the plane: 1e-11 of the thrust's effect is lost in a period (see
 `rans.model.dynamics.NODES`), which is less than the solver leaves open."""
-
 _AJAR = 0.03
 """By how much every thruster is opened beyond what the guessed motion takes, as interior point methods
 start away from bounds: of 0.03, 0.1 and 0.3 the fastest."""
-
 _HALF_SHUT = 0.3
 """Guess of every command where thrusters cannot give a wanted wrench."""
 
@@ -99,22 +94,21 @@ class Transcription:
     is then differentiated in 3 or 6 directions instead of one per thruster, which in space takes the
     Hessian a third of the operations.
 
-    One integration substep a control period (`rans.model.dynamics.advance`) is exact in the plane and of
-    order six in space, which a replay in Drake shows to be enough. Points drift as given, by default as the
-    task says, but the goal stands still.
+    One integration step a control period (`rans.model.dynamics.advance`) is exact in the plane and of order
+    six in space, which a replay in Drake shows to be enough. Points drift as the task says, but the goal
+    stands still.
 
     Raises:
         ConfigError: the task is a multi-task.
     """
 
-    def __init__(self, craft: Spacecraft, task: Task, objective: Objective, substeps: int = 1,
-                 drift: Drift | None = None) -> None:
+    def __init__(self, craft: Spacecraft, task: Task, objective: Objective) -> None:
         self._craft, self._task, self._objective = craft, task, objective
         example = scenario(task, craft.dimension, seed=0, episode=0)
         self._like, self._aims = example.start, aims(task)
         self._arrival = Arrival(task, example.goal, objective.ending)
         self._wrenches = np.array(craft.wrench_map).T
-        self._step = _step(craft, example.start, substeps, drift or task.drift)
+        self._step = _step(craft, example.start, task.drift)
         self._allocation = Allocation(craft) if controls_every_direction(craft) else None
         self._rows = (len(craft.thrusters), len(self._wrenches), len(leaves(self._like)))
         self._build(len(leaves(example.goal)))
@@ -140,8 +134,8 @@ class Transcription:
         corner = ca.MX.sym("corner")
         path = SymbolicTrajectory(self._craft, self._task, after, commands, period, goal, corner)
         cost = self._objective.cost(path)
-        problem = {"x": variables, "p": ca.vertcat(start, goal, corner), "g": ca.vertcat(*constraints),
-                   "f": cost}
+        problem = {"x": variables, "p": ca.vertcat(start, goal, corner), "f": cost,
+                   "g": ca.vertcat(*constraints)}
         self._corners = ROUNDINGS if ca.depends_on(cost, corner) else ROUNDINGS[:1]
         self._solver = ca.nlpsol("trajectory", "ipopt", problem, _OPTIONS)
         exact = self._objective.cost(replace(path, corner=None))
@@ -199,13 +193,11 @@ class Transcription:
         free, unbound = np.full((width, count), np.inf), np.full((forces, count), np.inf)
         joined = np.zeros(count * (width + forces))
         sums = np.ones(count if self._craft.thrust_sharing == "split" else 0)
-        return {
-            "x0": pack(command, self._wrenches @ command, states, period),
-            "lbx": pack(0.0 * command, -unbound, -free, shortest),
-            "ubx": pack(0.0 * command + 1.0, unbound, free, longest),
-            "lbg": np.concatenate([joined, self._arrival.low, 0.0 * sums]),
-            "ubg": np.concatenate([joined, self._arrival.high, sums]),
-        }
+        return {"x0": pack(command, self._wrenches @ command, states, period),
+                "lbx": pack(0.0 * command, -unbound, -free, shortest),
+                "ubx": pack(0.0 * command + 1.0, unbound, free, longest),
+                "lbg": np.concatenate([joined, self._arrival.low, 0.0 * sums]),
+                "ubg": np.concatenate([joined, self._arrival.high, sums])}
 
     def _periods(self, start: State, goal: State) -> tuple[float, float, float]:
         """Least, guessed and greatest control period, s."""
@@ -219,21 +211,19 @@ class Transcription:
         """Arrives at the end; where no end is prescribed, soon, and then moves on as the goal does."""
         moving = count
         if self._objective.ending == "free":
-            quick = transfer_time(self._craft, self._aims, start, goal)
-            moving = min(count, math.ceil(quick / period))
+            moving = min(count, math.ceil(transfer_time(self._craft, self._aims, start, goal) / period))
         there = guess(self._aims, start, goal, moving * period, moving, number)
         if moving == count:
             return there
         arrived = unflatten(start, there[:, -1])
-        rest = guess((), arrived, arrived, (count - moving) * period, count - moving)
-        return np.hstack([there, rest])
+        return np.hstack([there, guess((), arrived, arrived, (count - moving) * period, count - moving)])
 
     def _commands(self, start: State, states: np.ndarray, period: float) -> np.ndarray:
         """(thrusters, T) about what a guessed motion takes."""
         if self._allocation is None:
             return np.full((self._rows[0], states.shape[1]), _HALF_SHUT)
-        path = unflatten(start, np.column_stack([leaves(start), states]))
-        wrenches = needed_wrenches(self._craft, path, period)
+        wrenches = needed_wrenches(
+            self._craft, unflatten(start, np.column_stack([leaves(start), states])), period)
         return np.clip(self._allocation.commands(wrenches).T + _AJAR, _AJAR, 1.0 - _AJAR)
 
     def _unpack(self, variables: np.ndarray, start: State) -> tuple[State, np.ndarray, float]:
@@ -244,12 +234,12 @@ class Transcription:
         return unflatten(self._like, rows.T), np.clip(table[:, :nozzles], 0.0, 1.0), float(variables[-1])
 
 
-def _step(craft: Spacecraft, like: State, substeps: int, drift: Drift) -> ca.Function:
+def _step(craft: Spacecraft, like: State, drift: Drift) -> ca.Function:
     """The engines' motion over one control period: (state, wrench on B, period) to the state after."""
     state: Any = map_leaves(lambda _: ca.SX.sym("s"), like)
     period, *parts = [ca.SX.sym("s") for _ in range(1 + craft.degrees_of_freedom)]
     planar = craft.dimension == 2
     applied = Wrench(Vec2(*parts[:2]), parts[2]) if planar else Wrench(Vec3(*parts[:3]), Vec3(*parts[3:]))
-    after = advance(state, applied, Body.of(craft), period, substeps, _NODES, drift=drift)
+    after = advance(state, applied, Body.of(craft), period, 1, _NODES, drift=drift)
     columns = [ca.vertcat(*x) for x in (leaves(state), parts, leaves(after))]
     return ca.Function("step", [columns[0], columns[1], period], [columns[2]])

@@ -18,7 +18,7 @@ from rans.evaluation.compare.certified import certify
 from rans.evaluation.compare.contest import Contest, Contestant, Entry, arrived
 from rans.evaluation.compare.roster import contest_of
 from rans.evaluation.compare.run import Comparison, fill
-from rans.evaluation.fly.user_policies import user_policy
+from rans.evaluation.fly.controllers import user_policy
 from rans.files import plain
 from rans.flight import fly
 from rans.model.fields import map_leaves

@@ -20,7 +20,7 @@ from rans.fast.learn.member import Member, begin
 from rans.fast.learn.ppo import Learner
 from rans.fast.learn.sweep import Sweep, read_configs
 from rans.fast.learn.trainer import Trainer
-from rans.fast.memory import field_dtype
+from rans.fast.step import field_dtype
 from rans.tasks import GoToPose, MultiTask, TrackTwist
 from tests.fast.engines import NEAR, PLATFORM, SHORT, actions, both_crafts
 from tests.fast.training import CONFIG, TINY, after, ignore, tiny_trainer

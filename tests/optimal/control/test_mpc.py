@@ -20,8 +20,7 @@ from rans.model.fields import leaves, map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
-from rans.optimal.control.error_state import shortest
-from rans.optimal.control.mpc import MPC, Settings
+from rans.optimal.control.mpc import MPC, Settings, shortest
 from rans.optimal.control.regulator import Deadband, Regulator, Weights
 from rans.reference.flight import fly_in_drake
 from rans.scenario import scenarios

@@ -16,8 +16,7 @@ from rans.errors import ConfigError
 from rans.model.dynamics import thrust
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
-from rans.optimal.control.rounding import SigmaDelta
-from rans.optimal.trajectory.allocation import Allocation
+from rans.optimal.trajectory.allocation import Allocation, SigmaDelta
 from tests.crafts import nasty_planar, nasty_spatial
 
 CRAFTS = [load_spacecraft("floating-platform"), load_spacecraft("free-flyer"), nasty_planar(),

@@ -224,10 +224,11 @@ def test_impossible_settings_are_refused(wrong: Any, message: str) -> None:
 
 
 @pytest.mark.parametrize("drift", [UniformGravity((0.05, -0.08)), ClohessyWiltshire(0.05)], ids=str)
-def test_optima_under_a_drift_fly_in_drake(drift: Drift) -> None:
+def test_optima_under_a_drift_fly_in_drake(drift: Drift, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its commands, by the CasADi function that it optimised with, lead where Drake flies them; its own path
     has gaps of up to 1e-8 between intervals beyond that, which add up."""
-    problem = Transcription(PLATFORM, TASK, MinimumFuel(20.0, 0.4), drift=drift)
+    monkeypatch.setattr(type(TASK), "drift", drift)
+    problem = Transcription(PLATFORM, TASK, MinimumFuel(20.0, 0.4))
     found = problem.solve(planar(3.0, -1.0, 2.0), planar())
     assert found.solved, found.status
     start, timing = map_leaves(lambda x: float(x[0]), found.states), Timing(found.control_period)

@@ -9,7 +9,8 @@ import pytest
 import validation.speed.tradeoff as tradeoff
 from rans.fast.learn.config import TrainConfig
 from rans.fast.learn.recipes import preset
-from validation.speed.tradeoff import Tradeoff, Trained, tradeoff_figure
+from validation.command import ended
+from validation.speed.tradeoff import Tradeoff, Trained, _said, tradeoff_figure
 from validation.speed.training import Success
 
 
@@ -46,7 +47,7 @@ def test_an_interrupt_loses_no_training_that_ended(tmp_path: Path, monkeypatch: 
 
     monkeypatch.setattr(tradeoff, "train_until_solved", stand_in)
     monkeypatch.setattr("sys.argv", ["tradeoff", "--num-envs", "64", "--output", str(tmp_path / "x.json")])
-    assert tradeoff.main() == 130
+    assert ended("tradeoff", tradeoff.main) == 130
     assert len(json.loads((tmp_path / "x.json").read_text())["trainings"]) == 1
 
 
@@ -58,7 +59,7 @@ def test_an_interrupt_loses_no_training_that_ended(tmp_path: Path, monkeypatch: 
 def test_wrong_values_are_sentences(given: list[str], said: str, monkeypatch: pytest.MonkeyPatch,
                                     capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setattr("sys.argv", ["tradeoff", *given])
-    assert tradeoff.main() == 2
+    assert ended("tradeoff", tradeoff.main) == 2
     assert said in capsys.readouterr().err
 
 
@@ -69,3 +70,9 @@ def test_the_figure_joins_medians_and_shows_what_was_not_solved() -> None:
     line, *marks = figure.axes[0].lines
     assert [(x, y) for x, y in line.get_xydata()] == [(32, 7.0), (128, 4.0)]  # type: ignore[union-attr]
     assert [mark.get_fillstyle() for mark in marks].count("none") == 1
+
+
+@pytest.mark.parametrize(("solved", "said"), [(True, "solved"), (False, "not solved")])
+def test_what_a_training_of_the_tradeoff_says(solved: bool, said: str) -> None:
+    assert _said(Success(solved, 1.234, 9.0, 2_500_000)) == (
+        f"{said} after 1.23 s of training, 2.50 M steps")

@@ -15,8 +15,8 @@ from rans.model.fields import Heading, Vec2, leaves, map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
-from rans.show.motion import Motion
-from rans.show.shapes import (
+from rans.show.scene import (
+    Motion,
     craft_parts,
     floor_parts,
     goal_parts,

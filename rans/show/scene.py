@@ -1,7 +1,6 @@
-"""What a spacecraft, its plumes, its goal and its path look like, as Drake's shapes.
+"""What there is to see of a flight: poses, instant by instant, and everything as Drake's shapes.
 
-One description serves the browser (`rans.show.view`) and rendered pictures
-(`rans.show.frames`).
+One description serves the browser (`rans.show.view`) and rendered pictures (`rans.show.frames`).
 """
 
 # Drake's stubs write NumPy's array types with their two parameters exchanged.
@@ -11,13 +10,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterator
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from pydrake.common import MemoryFile
 from pydrake.geometry import Cylinder, InMemoryMesh, Mesh, Rgba, Shape, Sphere
 from pydrake.math import RigidTransform, RotationMatrix
 
+from rans.drawing import columns, rotations
+from rans.flight import Flight
+from rans.model.fields import map_leaves
 from rans.model.spacecraft import Spacecraft
 
 BODIES = {"grey": Rgba(0.86, 0.90, 0.94), "orange": Rgba(0.99, 0.82, 0.60), "green": Rgba(0.70, 0.90, 0.80),
@@ -34,6 +37,60 @@ _STRIDE = 0.03
 """Shortest piece of a trail, m."""
 _SIDES = 20
 """Of the polygon that stands for a circle."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """K instants of one spacecraft, up to the end of its episode or its failure."""
+
+    craft: Spacecraft
+    controller: str
+    wanted: frozenset[str]
+    """Errors that the task bounds: "position", "attitude", "velocity", "spin"."""
+    times: np.ndarray
+    """(K,) s."""
+    poses: list[RigidTransform]
+    """X_WB at every instant."""
+    velocities: np.ndarray
+    """(K, 3) m/s in W."""
+    firing: np.ndarray
+    """(K, thrusters) bool: open from this instant on; at the last none is."""
+    goals: list[RigidTransform]
+    """The goal's pose in W at every instant; where the task bounds no position, only its rotation counts."""
+    goal_velocities: np.ndarray
+    """(K, 3) m/s in W."""
+
+    @classmethod
+    def of(cls, flight: Flight, episode: int) -> Motion:
+        """Of one episode of a flight, by its index in the batch."""
+        states = map_leaves(lambda x: x[:, episode], flight.states)
+        instants = np.zeros(len(flight.times))
+        goal = map_leaves(lambda x: x[..., episode] + instants, flight.goals)
+        failed = np.asarray(flight.task.failed(states, goal))
+        end = int(failed.argmax()) + 1 if failed.any() else len(failed)
+        firing = np.zeros((end, len(flight.craft.thrusters)), dtype=bool)
+        firing[:-1] = flight.commands[:end - 1, episode] > 0.0
+        return cls(flight.craft, flight.controller, frozenset(flight.task.tolerances()), flight.times[:end],
+                   _poses(states)[:end], columns(states.v)[:end], firing,
+                   _poses(goal)[:end], columns(goal.v)[:end])
+
+    @property
+    def way(self) -> np.ndarray:
+        """Positions in W, (K, 3) m."""
+        return np.array([pose.translation() for pose in self.poses])
+
+    def goal_at(self, instant: int) -> RigidTransform:
+        """Where to draw the goal: at its place, or else where the spacecraft is."""
+        if "position" in self.wanted:
+            return self.goals[instant]
+        return RigidTransform(self.goals[instant].rotation(), self.poses[instant].translation())
+
+    def box(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lowest and highest corner in W, (3,) m, of all that is drawn."""
+        goals = [goal.translation() for goal in self.goals] if "position" in self.wanted else []
+        points = np.array([*self.way, *goals])
+        margin = 2.0 * self.craft.radius
+        return points.min(axis=0) - margin, points.max(axis=0) + margin
 
 
 class Part(NamedTuple):
@@ -65,19 +122,15 @@ def plume_parts(craft: Spacecraft) -> list[Part]:
 def goal_parts(craft: Spacecraft, wanted: Collection[str]) -> list[Part]:
     """What there is to reach, in the goal's frame: a ghost with axes, axes alone, or a pin.
 
-    Args:
-        craft: gives the sizes.
-        wanted: errors that the task bounds, the keys of `Task.tolerances`.
+    Wanted are the errors that the task bounds, the keys of `Task.tolerances`.
     """
     r = craft.radius
     if "attitude" in wanted:
         ghost = [Part("ghost", Sphere(0.9 * r), _GHOST, RigidTransform())] if "position" in wanted else []
         return [*ghost, *_triad(craft, 2.3, 0.025, _GOAL if craft.dimension == 2 else None)]
-    if "position" in wanted:
-        top = RigidTransform([0.0, 0.0, 2.2 * r])
-        return [Part("needle", _frustum(0.001 * r, 0.08 * r, 2.2 * r), _GOAL, RigidTransform()),
-                Part("head", Sphere(0.3 * r), _GOAL, top)]
-    return []
+    pin = [Part("needle", _frustum(0.001 * r, 0.08 * r, 2.2 * r), _GOAL, RigidTransform()),
+           Part("head", Sphere(0.3 * r), _GOAL, RigidTransform([0.0, 0.0, 2.2 * r]))]
+    return pin if "position" in wanted else []
 
 
 def velocity_parts(goal: bool, length: float = 1.0) -> list[Part]:
@@ -120,12 +173,10 @@ def shadow_part(craft: Spacecraft) -> Part:
 
 def _exhausts(craft: Spacecraft, along: float) -> list[RigidTransform]:
     """Frames in B whose z axes point along the exhausts, so many radii from the thrusters."""
-    found = []
-    for thruster in craft.thrusters:
-        away = -np.array(thruster.direction)
-        place = np.array(thruster.position) - craft.centre_of_mass + along * craft.radius * away
-        found.append(RigidTransform(RotationMatrix.MakeFromOneVector(away, 2), place))
-    return found
+    away = [-np.array(thruster.direction) for thruster in craft.thrusters]
+    places = [np.array(thruster.position) - craft.centre_of_mass for thruster in craft.thrusters]
+    return [RigidTransform(RotationMatrix.MakeFromOneVector(z, 2), place + along * craft.radius * z)
+            for z, place in zip(away, places, strict=True)]
 
 
 def _triad(craft: Spacecraft, length: float, width: float, colour: Rgba | None = None) -> list[Part]:
@@ -162,3 +213,9 @@ def _frustum(bottom: float, top: float, height: float, scale: float = 1.0) -> Me
              *("vn {:.5g} {:.5g} {:.5g}".format(*v) for v in normals),
              *("f " + " ".join(f"{point}//{normal}" for point, normal in face) for face in faces)]
     return Mesh(InMemoryMesh(mesh_file=MemoryFile("\n".join(lines), ".obj", "frustum.obj")), scale)
+
+
+def _poses(states: Any) -> list[RigidTransform]:
+    """Poses in W of planar or spatial states whose fields are arrays (K,)."""
+    return [RigidTransform(RotationMatrix.ProjectToRotationMatrix(R), p)
+            for R, p in zip(rotations(states), columns(states.p), strict=True)]

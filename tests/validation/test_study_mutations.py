@@ -297,7 +297,7 @@ def test_found_where_it_lies(craft: Spacecraft, patch: Patch, layer: str, monkey
     assert next(failures(craft), ("nowhere", ""))[0] == layer
 
 
-@pytest.mark.parametrize("craft", [PLANE, SHARING, SPACE], ids=name)
+@pytest.mark.parametrize("craft", [PLANE, SHARING, pytest.param(SPACE, marks=pytest.mark.slow)], ids=name)
 def test_nothing_planted_nothing_found(craft: Spacecraft) -> None:
     assert list(failures(craft)) == []
 

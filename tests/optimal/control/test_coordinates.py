@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from rans.model.fields import leaves, map_leaves
-from rans.optimal.control.error_state import around, coordinates, shortest
+from rans.optimal.control.mpc import around, coordinates, shortest
 from tests.crafts import random_states
 
 BOTH = pytest.mark.parametrize("dimension", [2, 3])

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from rans.model.dynamics import PlanarState, SpatialState
 from rans.model.fields import Heading, Quat, Vec2, Vec3, leaves, map_leaves
-from rans.optimal.trajectory.smoothing import ROUNDINGS, rounded
+from rans.optimal.trajectory.arrival import ROUNDINGS, rounded
 from rans.tasks import TASKS
 from rans.tasks.rewards import Transition, nearness
 

@@ -1,0 +1,104 @@
+"""``rans validate`` as a user runs it."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from dataclasses import replace
+
+import pytest
+
+import validation.study
+from rans.cli import main
+from rans.model.actuators import Actuators, Pulsed
+from rans.model.spacecraft_file import load_spacecraft
+from tests.crafts import to_toml
+from validation.checks import Check, Study
+from validation.study import LAYERS, Scope
+
+
+def test_quick_validation_passes_and_is_written(tmp_path, capsys) -> None:
+    folder = tmp_path / "checked"
+    code = main(["validate", "--quick", "--seed", "7", "--output", str(folder)])
+    printed = capsys.readouterr().out
+    assert code == 0, printed
+    assert "every thruster: force" in printed
+    read = json.loads((folder / "validation.json").read_text("utf-8"))
+    assert read["passed"]
+    assert read["settings"]["spacecraft"] == "floating-platform"
+    assert read["settings"]["seed"] == 7
+    assert str(len(read["checks"])) in printed
+    page = (folder / "validation.html").read_text("utf-8")
+    assert "Everything checked has passed" in page
+    assert "rans validate --spacecraft floating-platform --seed 7 --quick --layer accelerations" in page
+    assert page.count("<img") == 1
+    assert not re.search(r'(src|href)="(?!data:|#)', page), "a page that needs another file"
+
+
+@pytest.mark.parametrize("layer", ["period", "disturbances", "oracles", "optimal"])
+def test_valves_that_pulse_are_validated(layer: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """Against Drake, which switches them itself; thrust of the same impulse is 0.1 mm off in a period."""
+    assert main(["validate", "--quick", "--spacecraft", "atmos", "--layer", layer]) == 0, capsys.readouterr()
+
+
+def test_restless_flights_of_valves_that_pulse(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Flights open valves by quarters, so that one that took them for shares of its force is found out."""
+    scope = Scope(load_spacecraft("atmos"), seed=1, states=4, flights=2)
+    assert all(check.passed for check in LAYERS["flights"](scope) if isinstance(check, Check))
+    monkeypatch.setattr(Pulsed, "pulses", Actuators.pulses)
+    assert not all(check.passed for check in LAYERS["flights"](scope) if isinstance(check, Check))
+
+
+def test_one_layer_repeats_what_the_study_found(tmp_path, capsys) -> None:
+    whole, alone = tmp_path / "whole", tmp_path / "alone"
+    assert main(["validate", "--quick", "--seed", "3", "--output", str(whole)]) == 0
+    assert main(["validate", "--quick", "--seed", "3", "--layer", "bang-bang", "--output", str(alone)]) == 0
+    checks, again = (json.loads((folder / "validation.json").read_text("utf-8"))["checks"]
+                     for folder in (whole, alone))
+    assert again == [check for check in checks if check["layer"] == "bang-bang"]
+    assert len(again) == 4
+
+
+def test_an_unknown_layer_is_one_sentence(capsys) -> None:
+    assert main(["validate", "--layer", "crust"]) == 2
+    said = capsys.readouterr().err
+    assert "no layer named 'crust'" in said
+    assert "accelerations" in said
+    assert len(said.splitlines()) == 1
+
+
+def test_a_spacecraft_drake_refuses_is_one_sentence(tmp_path, capsys) -> None:
+    """A flat plate off the triangle inequality by less than our check's 1e-9."""
+    flat = replace(load_spacecraft("floating-platform"),
+                   inertia=((0.1, 0.0, 0.0), (0.0, 0.1, 0.0), (0.0, 0.0, 0.2 * (1 + 5e-10))))
+    file = tmp_path / "flat.toml"
+    file.write_text(to_toml(flat), "utf-8")
+    assert main(["validate", "--quick", "--spacecraft", str(file)]) == 2
+    said = capsys.readouterr().err
+    assert "Drake refuses its inertia" in said
+    assert len(said.splitlines()) == 1
+
+
+def test_what_could_not_be_checked_is_said(monkeypatch, capsys) -> None:
+    monkeypatch.setattr(shutil, "which", lambda _: None)
+    assert main(["validate", "--layer", "compiled"]) == 0
+    printed = capsys.readouterr().out
+    assert "not run" in printed
+    assert "C++ compiler" in printed
+
+
+def test_a_failed_check_ends_with_code_1(monkeypatch, capsys) -> None:
+    broken = Check("way flown", 1.0, 1e-9, "m", "Planted.")
+    report = Study("broken", (broken,), {"seconds": 0.0})
+    monkeypatch.setattr(validation.study, "study", lambda *_: report)
+    assert main(["validate"]) == 1
+    assert "FAIL" in capsys.readouterr().out
+
+
+def test_an_unknown_spacecraft_is_one_sentence(capsys) -> None:
+    assert main(["validate", "--spacecraft", "flying-saucer"]) == 2
+    said = capsys.readouterr().err
+    assert "flying-saucer" in said
+    assert "Traceback" not in said
+    assert len(said.splitlines()) == 1

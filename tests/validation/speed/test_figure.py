@@ -1,0 +1,54 @@
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.colors import to_hex
+
+from rans.show.panels import BLUE, GREEN, ORANGE, RED
+from validation.speed.figure import speed_figure
+from validation.speed.measurement import Measurement
+from validation.speed.ratios import Ratio
+
+MEASURED = [Measurement("engine", "small", 30.0, "M steps/s", bound=80.0),
+            Measurement("engine", "large", 2500.0, "M steps/s"),
+            Measurement("policy", "torch", 74.0, "us"), Measurement("policy", "ONNX", None, "us"),
+            Measurement("memory", "copy", 20.0, "GB/s")]
+RATIOS = [Ratio("faster", 5.0), Ratio("slower", 0.5)]
+
+
+def bars(axes: Any) -> list[tuple[str, float, float, str]]:
+    """Name, start and end of every bar, and its colour."""
+    names = [label.get_text() for label in axes.get_yticklabels()]
+    return [(name, bar.get_x(), bar.get_x() + bar.get_width(), to_hex(bar.get_facecolor()))
+            for name, bar in zip(names, axes.patches, strict=True)]
+
+
+def test_engines_start_at_a_power_of_ten_and_have_their_bound_in_red() -> None:
+    """An engine without a bound has its mark at the left edge, where nobody sees it."""
+    axes = speed_figure("machine", MEASURED, RATIOS).axes[0]
+    assert bars(axes) == [("small", 10.0, 30.0, to_hex(GREEN)), ("large", 10.0, 2500.0, to_hex(GREEN))]
+    assert [to_hex(line.get_color()) for line in axes.lines] == [to_hex(RED)] * 2
+    assert [np.asarray(line.get_xdata()).tolist() for line in axes.lines] == [[80.0, 80.0], [10.0, 10.0]]
+    assert axes.get_xscale() == "log"
+    assert axes.get_xlim()[0] == 10.0
+    assert [text.get_text() for text in axes.texts] == ["30", "2.5e+03"]
+
+
+def test_agents_that_were_measured() -> None:
+    axes = speed_figure("machine", MEASURED, RATIOS).axes[1]
+    assert bars(axes) == [("torch", 0.0, 74.0, to_hex(BLUE))]
+    assert axes.get_xscale() == "linear"
+
+
+def test_slower_than_a_peer_is_orange_and_to_the_left() -> None:
+    axes = speed_figure("machine", MEASURED, RATIOS).axes[2]
+    assert bars(axes) == [("faster", 1.0, 5.0, to_hex(GREEN)), ("slower", 1.0, 0.5, to_hex(ORANGE))]
+
+
+@pytest.mark.parametrize(("ratios", "panels"), [(RATIOS, 3), ([], 2)])
+def test_without_peers_there_is_no_panel_of_ratios(ratios: list[Ratio], panels: int) -> None:
+    figure = speed_figure("machine", MEASURED, ratios)
+    assert len(figure.axes) == panels
+    assert figure.get_suptitle() == "machine"

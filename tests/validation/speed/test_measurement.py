@@ -1,0 +1,52 @@
+from __future__ import annotations
+
+import pytest
+import torch
+
+from validation.speed.measurement import Clock, one_thread
+
+
+def test_warm_up_is_apart(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A clock that the function itself moves: 5 s of compiling once, 2 s a call."""
+    now, calls = [0.0], []
+
+    def work() -> None:
+        now[0] += 2.0 if calls else 7.0
+        calls.append(1)
+
+    monkeypatch.setattr("validation.speed.measurement.time.perf_counter", lambda: now[0])
+    seconds, warm_up = Clock("cpu", repeats=3, seconds=10.0).time(work)
+    assert seconds == 2.0
+    assert warm_up == pytest.approx(7.0 + 3 * 2.0)
+    assert len(calls) == 4 + 1 + 3 * 5
+
+
+def test_a_clock_tells_the_median(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Repeats of 1, 5 and 3 s a call: 3 s; warm-up and the choice of calls come before."""
+    took = iter([0.5, 1.0, 1.0, 5.0, 3.0])
+    monkeypatch.setattr(Clock, "_took", lambda *_: next(took))
+    assert Clock("cpu", repeats=3, seconds=1.0).time(lambda: None) == (3.0, 2.0)
+
+
+def test_one_thread_inside_and_as_many_as_before_after() -> None:
+    before = torch.get_num_threads()
+    try:
+        torch.set_num_threads(3)
+        with one_thread():
+            assert torch.get_num_threads() == 1
+        assert torch.get_num_threads() == 3
+        with pytest.raises(KeyError), one_thread():
+            raise KeyError
+        assert torch.get_num_threads() == 3
+    finally:
+        torch.set_num_threads(before)
+
+
+@pytest.mark.parametrize(("device", "on_gpu"), [("cpu", False), ("cuda", True), ("cuda:1", True)])
+def test_what_is_a_gpu_and_must_be_waited_for(device: str, on_gpu: bool,
+                                              monkeypatch: pytest.MonkeyPatch) -> None:
+    waited: list[int] = []
+    monkeypatch.setattr(torch.cuda, "synchronize", lambda: waited.append(1))
+    clock = Clock(device)
+    clock.wait()
+    assert (clock.on_gpu, len(waited)) == (on_gpu, int(on_gpu))

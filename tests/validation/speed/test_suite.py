@@ -1,0 +1,71 @@
+"""What is measured, on what, in which order: every figure's own test is where it is made."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from rans.fast.learn.recipes import preset
+from rans.tasks import GoToPose
+from tests.fast.engines import FLYER, PLATFORM
+from validation.speed import suite
+from validation.speed.measurement import Measurement
+from validation.speed.suite import effort, measurements
+from validation.speed.training import LARGE
+
+
+@pytest.fixture
+def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Any, ...]]:
+    """What every function is called with."""
+    calls: list[tuple[Any, ...]] = []
+
+    def stand_in(name: str, several: bool = False) -> Any:
+        def measure(*arguments: Any, **more: Any) -> Any:
+            calls.append((name, *(getattr(x, "name", x) for x in arguments if not isinstance(x, GoToPose)),
+                          *more.items()))
+            found = Measurement("engine", name, 12.0, "GB/s")
+            return [found] if several else found
+
+        return measure
+
+    for name in ("copy_bandwidth", "engine_rate", "memory_per_environment", "trainer_rate"):
+        monkeypatch.setattr(suite, name, stand_in(name))
+    for name in ("solver_rate", "latencies"):
+        monkeypatch.setattr(suite, name, stand_in(name, several=True))
+    return calls
+
+
+def test_on_a_cpu(asked: list[tuple[Any, ...]]) -> None:
+    spend = effort("cpu", quick=False)
+    found = list(measurements([PLATFORM, FLYER], "go-to-pose", GoToPose(), (16, 64), spend))
+    clock, names = spend.clock, ("floating-platform", "free-flyer")
+    agents = [preset("go-to-pose", dimension, "cpu") for dimension in (2, 3)]
+    assert asked == [
+        ("copy_bandwidth", clock),
+        *(row for name in names for row in (
+            *(("engine_rate", name, size, clock, 12.0, True) for size in (16, 64)),
+            ("memory_per_environment", name, 64, clock))),
+        *(("trainer_rate", name, agent, clock) for name, agent in zip(names, agents, strict=True)),
+        *(("solver_rate", name, 8) for name in names),
+        *(("latencies", name, agent, 5000) for name, agent in zip(names, agents, strict=True))]
+    assert [m.name for m in found] == [call[0] for call in asked]
+
+
+def test_a_gpu_has_torchs_compiler_and_a_large_training_beside_it(asked: list[tuple[Any, ...]]) -> None:
+    """Agents answer on a CPU all the same."""
+    spend = effort("cuda", quick=True)
+    list(measurements([PLATFORM], "go-to-pose", GoToPose(), (16,), spend))
+    clock, name = spend.clock, "floating-platform"
+    assert asked == [
+        ("copy_bandwidth", clock), ("engine_rate", name, 16, clock, 12.0, None),
+        ("engine_rate", name, 16, clock, 12.0, ("generated", False)),
+        ("memory_per_environment", name, 16, clock),
+        ("trainer_rate", name, preset("go-to-pose", 2, "cuda"), clock), ("trainer_rate", name, LARGE, clock),
+        ("solver_rate", name, 1), ("latencies", name, preset("go-to-pose", 2, "cpu"), 50)]
+
+
+def test_quick_is_little() -> None:
+    little, enough = effort("cpu", True), effort("cpu", False)
+    assert (little.clock.repeats, little.clock.seconds, little.compiled) == (2, 0.01, None)
+    assert (enough.clock.repeats, enough.clock.seconds, enough.compiled) == (7, 0.3, True)
