@@ -133,8 +133,8 @@ def _returns(comparison: Comparison) -> Section:
     if optimum is not None:
         title, known = "Return and latency", np.isfinite(optimum)
         text += (f" The return is the task's own reward, from {known.sum()} of {len(known)} starts; 100 % is "
-                 "its relaxed optimum from there, which may throttle; the mean of the former over the mean of "
-                 "the latter.")
+                 "its relaxed optimum from there, which may throttle; the mean of the former over the mean "
+                 "of the latter.")
     picture = Picture.of(figures.shares_and_latency(tables.scoreboard(comparison)), f"{title}.")
     return Section(title, text, (), [picture])
 
