@@ -19,7 +19,7 @@ from rans.model.fields import leaves, map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
-from rans.scenario import Scenario, scenario
+from rans.scenario import Scenario, draws, scenario
 from rans.tasks import TASKS, Task
 from rans.tasks.base import example
 from rans.tasks.sight import Dimension
@@ -85,8 +85,8 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
             self._seed, self._episode = int(self.np_random.integers(2**63)) if seed is None else seed, 0
         chosen = scenario(self.task, self.craft.dimension, self._seed, self._episode)
         chosen = _given_scenario(options or {}, chosen) or chosen
-        self._draws = chosen.draws
-        self._now: Episode | None = _plain(self._world.begin(chosen.start, chosen.goal, 0, chosen.draws))
+        self._draws = draws(self._seed, 1, self._episode)
+        self._now: Episode | None = _plain(self._world.begin(chosen.start, chosen.goal, 0, self._draws))
         self._command = (0.0,) * len(self.craft.thrusters)
         self._trail: list[tuple[float, ...]] = []
         self._show()

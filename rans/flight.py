@@ -12,6 +12,7 @@ from rans.episode import Mover, World, step
 from rans.model.body import Body
 from rans.model.conditions import Conditions
 from rans.model.fields import finite, leaves, map_leaves, unflatten
+from rans.model.random import Draws
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.scenario import Scenario
@@ -82,7 +83,7 @@ class Flight:
 
 def fly(craft: Spacecraft, task: Task, controller: Controller, starts: Scenario, timing: Timing,
         engine: str = "fast", move: Mover | None = None, body: Body | None = None,
-        conditions: Conditions | None = None) -> Flight:
+        conditions: Conditions | None = None, draws: Draws | None = None) -> Flight:
     """Fly a batch of scenarios, in float64.
 
     Episodes run for the full time, failed or not, so that nothing is dropped from a statistic. One whose
@@ -91,12 +92,12 @@ def fly(craft: Spacecraft, task: Task, controller: Controller, starts: Scenario,
     The controller sees all N episodes at once; their starts are of float64 arrays (N,), as
     `rans.scenario.scenarios` gives them. ``engine`` says who moves, for `Flight.engine`, and ``move`` how:
     by default our equations. The body is of numbers or of arrays (N,); None: as designed. Under conditions
-    the controller sees what sensors tell.
+    the controller sees what sensors tell, and the draws (`rans.scenario.draws`) are those of the scenarios.
 
     Raises:
-        ConfigError: there are conditions, but the scenarios have nothing to draw with.
+        ConfigError: there are conditions, but nothing to draw with.
     """
-    world, draws = World(craft, task, timing, conditions=conditions), starts.draws
+    world = World(craft, task, timing, conditions=conditions)
     now = world.begin(starts.start, starts.goal, 0, draws, body or Body.of(craft))
     count, nowhere = len(leaves(starts.start)[0]), map_leaves(lambda _: np.nan, starts.start)
     controller.reset(count)

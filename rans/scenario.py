@@ -6,7 +6,6 @@ Drake and in an optimal control problem, on every device, however many spacecraf
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -32,8 +31,15 @@ class Scenario:
 
     start: State
     goal: State
-    draws: Draws | None = dataclasses.field(default=None, compare=False)
-    """What else the episode draws with, under conditions; None: nothing can be drawn."""
+
+
+def draws(seed: int, count: int, first: int = 0) -> Draws:
+    """What episodes ``first`` to ``first + count - 1`` of a seed draw with.
+
+    Raises:
+        ConfigError: the seed has more than 64 bits.
+    """
+    return Draws(*seed_words(seed), np.arange(first, first + count, dtype=np.int32), 0, np.float64)
 
 
 def scenario(task: Task, dimension: Dimension, seed: int, episode: int) -> Scenario:
@@ -44,38 +50,19 @@ def scenario(task: Task, dimension: Dimension, seed: int, episode: int) -> Scena
     """
     if not 0 <= episode < 2**31:
         raise ConfigError(f"the episode must be a whole number from 0 to {2**31 - 1}, got {episode}.")
-    draws = _draws(seed, np.array([episode], dtype=np.int32))
-    start, goal = task.sample(draws.random(dimension, draws.first))
-    start, goal = (map_leaves(lambda x: float(np.squeeze(x)), s) for s in (start, goal))
-    return Scenario(start, goal, draws)
+    one = draws(seed, 1, episode)
+    drawn = Scenario(*task.sample(one.random(dimension, one.first)))
+    return map_leaves(lambda x: float(np.squeeze(x)), drawn)
 
 
 def batch(scenarios: Sequence[Scenario]) -> Scenario:
     """Many scenarios as one whose fields are float64 arrays (N,)."""
-    def stack(states: Sequence[State]) -> State:
-        columns = zip(*map(leaves, states), strict=True)
-        return unflatten(states[0], [np.array(column, dtype=np.float64) for column in columns])
-
-    return Scenario(stack([one.start for one in scenarios]), stack([one.goal for one in scenarios]),
-                    _together([one.draws for one in scenarios]))
-
-
-def _together(draws: Sequence[Draws | None]) -> Draws | None:
-    """What many draw with, if all can, as arrays (N,)."""
-    rows = [np.broadcast_arrays(one.low, one.high, one.first) for one in draws if one is not None]
-    if len(rows) < len(draws):
-        return None
-    low, high, first = (np.concatenate(column).astype(np.int32) for column in zip(*rows, strict=True))
-    return Draws(low, high, first, 0, np.float64)
+    columns = zip(*map(leaves, scenarios), strict=True)
+    return unflatten(scenarios[0], [np.array(column, dtype=np.float64) for column in columns])
 
 
 def scenarios(task: Task, craft: Spacecraft, seed: int, count: int, first: int = 0) -> Scenario:
     """Scenarios ``first`` to ``first + count - 1`` of a seed as one batch of float64 arrays (N,)."""
-    draws = _draws(seed, np.arange(first, first + count, dtype=np.int32))
-    start, goal = map_leaves(lambda x: np.full(count, x, np.float64), task.sample(
-        draws.random(craft.dimension, draws.first)))
-    return Scenario(start, goal, draws)
-
-
-def _draws(seed: int, numbers: np.ndarray) -> Draws:
-    return Draws(*seed_words(seed), numbers, 0, np.float64)
+    all_ = draws(seed, count, first)
+    drawn = Scenario(*task.sample(all_.random(craft.dimension, all_.first)))
+    return map_leaves(lambda x: np.full(count, x, np.float64), drawn)

@@ -33,6 +33,9 @@ class Compare:
     python:MODULE:FUNCTION. The first gives task, spacecraft and rate; others are compared with it."""
     beside: Annotated[tuple[str, ...], tyro.conf.arg(name="with", metavar="[NAME|optimal ...]")] = BESIDE
     """Who joins them: simple controllers, and the best that is possible."""
+    conditions: str | None = None
+    """What episodes do not promise: a name (see `rans list CONDITIONS`), perfect, or your own TOML file; by
+    default those that the first contestant was trained in."""
     episodes: int = 128
     """Number of starts."""
     engine: Literal["fast", "drake"] = "fast"
@@ -57,7 +60,8 @@ class Compare:
         if self.certified < 0:
             raise ConfigError(f"--certified must be >= 0, got {self.certified}.")
         check_count("--episodes", self.episodes)
-        comparison = Comparison(contest_of(self.contestants[0], self.episodes, self.seed, self.engine))
+        comparison = Comparison(contest_of(self.contestants[0], self.episodes, self.seed, self.engine,
+                                             self.conditions))
         folder = ready_folder(self.output or output_folder(self.contestants[0]))
         try:
             with progress() as bars:

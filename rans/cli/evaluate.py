@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 import sys
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -34,6 +34,9 @@ class Evaluate:
     protocol: Literal["own", "paper", "original"] = "own"
     """Conditions: those of the training, with the task's evaluation starts; or of the paper: the floating
     platform, 250 steps, starts 3 to 4 m away, with 1 N a thruster (paper) or in all (original)."""
+    conditions: str | None = None
+    """What episodes do not promise: a name (see `rans list CONDITIONS`), perfect, or your own TOML file; by
+    default those of its training."""
     episodes: int = 1024
     """Number of flights."""
     seed: int = EVALUATION_SEED
@@ -57,12 +60,17 @@ class Evaluate:
         from rans.evaluation.fly.contestants import contestant, output_folder
         from rans.evaluation.measure.aggregate import ROOM, measure
         from rans.evaluation.measure.agreement import compare_engines
+        from rans.model.conditions_file import load_conditions
 
         run = contestant(self.contestant, self.protocol)
+        if self.conditions is not None:
+            run = run._replace(conditions=load_conditions(self.conditions).or_none)
         ready_folder(output_folder(self.contestant))
         flights = self._fly(run)
         measured = {name: measure(flight) for name, flight in flights.items()}
         console = Terminal(room=ROOM)
+        if run.conditions is not None:
+            console.print(f"Conditions: {run.conditions.description or self.conditions}.")
         for metrics in measured.values():
             console.print(metrics.table(console.width))
         results: dict[str, Any] = {name: metrics.to_json() for name, metrics in measured.items()}
@@ -71,7 +79,7 @@ class Evaluate:
             comparison = compare_engines(flights["fast"], flights["drake"])
             console.print(comparison.table())
             results["both"], passed = comparison.to_json(), comparison.passed
-        print(f"Written to {self._write(results, next(iter(flights.values())))}.")
+        print(f"Written to {self._write(run, results, next(iter(flights.values())))}.")
         return passed
 
     def _fly(self, run: LoadedRun) -> dict[str, Flight]:
@@ -90,17 +98,20 @@ class Evaluate:
                                        "times; the plan before was flown on.", soft_wrap=True)
         return flights
 
-    def _write(self, results: dict[str, Any], flight: Flight) -> Path:
+    def _write(self, run: LoadedRun, results: dict[str, Any], flight: Flight) -> Path:
         """Write all files; results of the other engine under the same conditions are kept."""
         from rans.evaluation.fly.contestants import output_folder, picked_task
         from rans.evaluation.measure.aggregate import save_episodes
         from rans.show.figures import save_flight_figures
 
-        folder, names = output_folder(self.contestant), (picked_task(self.contestant), self.protocol)
+        folder, names = output_folder(self.contestant), (picked_task(self.contestant), self.protocol,
+                                                         Path(self.conditions or "own").stem)
         suffix = "".join(f"-{name}" for name in names if name not in ("", "own"))
         file = folder / f"evaluation{suffix}.json"
         conditions = {"contestant": self.contestant, "protocol": self.protocol, "episodes": self.episodes,
                       "seed": self.seed}
+        if run.conditions is not None:
+            conditions["conditions"] = asdict(run.conditions)
         before = read_json(file) if file.exists() else {}
         if not isinstance(before, dict) or before.get("conditions") != conditions:
             before = {}

@@ -28,6 +28,9 @@ class View:
 
     contestants: Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="RUN...")]
     """Who flies: run folders, or any other contestants, such as CONTROLLER:go-to-pose-3d."""
+    conditions: str | None = None
+    """What episodes do not promise: a name (see `rans list CONDITIONS`), perfect, or your own TOML file; by
+    default those that they were trained in."""
     episodes: int = 1
     """Flights of each; all contestants of the same task start from the same places."""
     seed: int = EVALUATION_SEED
@@ -59,8 +62,11 @@ class View:
     def _fly(self, spec: str) -> Flight:
         from rans.evaluation.fly.contestants import contestant
         from rans.evaluation.fly.judge import flown
+        from rans.model.conditions_file import load_conditions
 
         run = contestant(spec)
+        if self.conditions is not None:
+            run = run._replace(conditions=load_conditions(self.conditions).or_none)
         return flown(run.controller, run.judged, self.seed, self.episodes, self.engine).flight
 
     def _show(self, flights: list[Flight]) -> None:

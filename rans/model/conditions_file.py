@@ -22,7 +22,7 @@ def _checked(found: Any) -> Conditions:
 
 
 CONDITIONS = Registry("conditions", "rans.conditions", {
-    name: f"rans:data/conditions/{name}.toml" for name in ("lab", "roboran", "orbit", "harsh")
+    name: f"rans:data/conditions/{name}.toml" for name in ("perfect", "lab", "roboran", "orbit", "harsh")
 }, _checked, ", or a file whose name ends in .toml")
 """All conditions that have a name."""
 

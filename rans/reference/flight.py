@@ -10,9 +10,11 @@ from rans.environment import Environment
 from rans.episode import Influences, Mover
 from rans.flight import Controller, Flight, fly
 from rans.model.body import Body
+from rans.model.conditions import Conditions
 from rans.model.drift import FREE, Drift
 from rans.model.dynamics import State
 from rans.model.fields import leaves, unflatten
+from rans.model.random import Draws
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.reference.plant import Plant
@@ -21,10 +23,12 @@ from rans.tasks.base import Task
 
 
 def fly_in_drake(craft: Spacecraft, task: Task, controller: Controller, starts: Scenario,
-                 timing: Timing, body: Body | None = None) -> Flight:
+                 timing: Timing, body: Body | None = None, conditions: Conditions | None = None,
+                 draws: Draws | None = None) -> Flight:
     """As `rans.flight.fly`, moved by Drake; substeps do not concern it."""
     plant = Plant(craft, len(leaves(starts.start)[0]), body=body, drift=task.drift)
-    return fly(craft, task, controller, starts, timing, "drake", mover(plant, timing), body)
+    return fly(craft, task, controller, starts, timing, "drake", mover(plant, timing), body, conditions,
+               draws)
 
 
 def mover(plant: Plant, timing: Timing) -> Mover:

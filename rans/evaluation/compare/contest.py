@@ -17,6 +17,7 @@ from rans.evaluation.fly.judge import EngineName, Flown, flown
 from rans.evaluation.fly.protocols import Setup
 from rans.evaluation.measure.metrics import final_errors, forces, returns, settling_times
 from rans.flight import Controller, Flight, fly
+from rans.model.conditions import Conditions
 from rans.model.fields import map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
@@ -40,6 +41,8 @@ class Contest:
     """Starts: scenarios 0 to N - 1 of the seed."""
     engine: EngineName = "fast"
     """What computes the motion of the contestants."""
+    conditions: Conditions | None = None
+    """What episodes do not promise; None: a perfect world."""
 
     @cached_property
     def starts(self) -> Scenario:
@@ -58,7 +61,7 @@ class Contest:
     @property
     def setup(self) -> Setup:
         """What flies, what for and how long."""
-        return Setup(self.craft, self.task, self.timing)
+        return Setup(self.craft, self.task, self.timing, self.conditions)
 
     def fly(self, controller: Controller, workers: int | None = None,
             progress: Callable[[int], object] = lambda _: None) -> Flown:
@@ -87,8 +90,9 @@ class Contest:
 
     def title(self) -> str:
         """What is compared, in one line."""
+        world = "" if self.conditions is None else f"; {self.conditions.description or 'own conditions'}"
         return (f"{self.episodes} starts of seed {self.seed}, {self.craft.name}, {self.duration:g} s at "
-                f"{1.0 / self.timing.control_period:g} Hz")
+                f"{1.0 / self.timing.control_period:g} Hz{world}")
 
 
 def arrived(task: Task, states: Any, goals: Any) -> np.ndarray:

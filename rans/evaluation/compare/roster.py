@@ -11,6 +11,7 @@ from rans.evaluation.fly.controllers import CONTROLLERS, controller, is_user_pol
 from rans.evaluation.fly.judge import EngineName
 from rans.fast.learn.run_folder import RunFolder
 from rans.files import read_json
+from rans.model.conditions_file import load_conditions
 from rans.pretrained import pretrained_folder
 from rans.scenario import EVALUATION_SEED
 
@@ -19,14 +20,20 @@ _MODEL = "state, exact model"
 _UNTUNED = "none: default settings"
 
 
-def contest_of(spec: str, episodes: int, seed: int = EVALUATION_SEED, engine: EngineName = "fast") -> Contest:
-    """The conditions of the first contestant, for all others too; `ConfigError` if it knows no task."""
+def contest_of(spec: str, episodes: int, seed: int = EVALUATION_SEED, engine: EngineName = "fast",
+               conditions: str | None = None) -> Contest:
+    """The setup of the first contestant, for all others too; `ConfigError` if it knows no task.
+
+    Conditions by name or file take the place of its own.
+    """
     if episodes < 1:
         raise ConfigError(f"--episodes must be at least 1, got {episodes}.")
     run = contestant(spec)
     if first := next(iter(run.task.parts())):
         raise ConfigError(f"{spec} knows several tasks: pick one, as in {spec}#{first}.")
-    return Contest(*run.judged, seed, episodes, engine)
+    craft, task, timing, own = run.judged
+    world = load_conditions(conditions).or_none if conditions else own
+    return Contest(craft, task, timing, seed, episodes, engine, world)
 
 
 def enlist(spec: str, contest: Contest) -> Contestant:
@@ -75,5 +82,5 @@ def simple_controller(name: str, contest: Contest) -> Contestant:
 def swept(name: str, contest: Contest) -> list[Contestant]:
     """The controller with other weights, of those that have a ``sweep``."""
     sweep = getattr(CONTROLLERS[name], "sweep", None)
-    found = sweep(*contest.setup) if sweep else {}
+    found = sweep(*contest.setup[:3]) if sweep else {}
     return [Contestant(title, one, _MODEL, f"one of {len(found)} weights") for title, one in found.items()]

@@ -15,6 +15,7 @@ from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.selection import likeliest
 from rans.fast.policy import read_policy
 from rans.flight import Controller
+from rans.model.conditions import Conditions
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.tasks import Task, observation_width
@@ -46,11 +47,13 @@ class LoadedRun(NamedTuple):
     task: Task
     """With the training's settings; see `judged`."""
     timing: Timing
+    conditions: Conditions | None = None
+    """What its episodes do not promise; None: a perfect world."""
 
     @property
     def judged(self) -> Setup:
         """What it is judged in: the same, with the task's evaluation starts."""
-        return Setup(self.craft, self.task.for_evaluation(), self.timing)
+        return Setup(self.craft, self.task.for_evaluation(), self.timing, self.conditions)
 
 
 def load_agent(path: Path) -> LoadedRun:
@@ -61,7 +64,8 @@ def load_agent(path: Path) -> LoadedRun:
         raise ConfigError(f"{path} has no policy.zip yet: training was stopped before its first checkpoint.")
     network = read_policy(run.policy_file).network
     _check_fit(network, craft, config.settings, run)
-    return LoadedRun(Agent(network, path.resolve().name), craft, config.settings, config.timing)
+    return LoadedRun(Agent(network, path.resolve().name), craft, config.settings, config.timing,
+                     config.conditions.or_none)
 
 
 def _check_fit(network: Network, craft: Spacecraft, task: Task, run: RunFolder) -> None:

@@ -47,7 +47,7 @@ def contestant(spec: str, protocol: ProtocolName = "own", lent: Setup | None = N
         setup = under_protocol(protocol, _picked(_named_setup(name, spec), part, spec))
         return LoadedRun(controller(kind, setup), *setup)
     run = load_agent(pretrained_folder(name) if kind == "pretrained" else Path(name))
-    own = _picked(Setup(run.craft, run.task, run.timing), part, spec)
+    own = _picked(Setup(run.craft, run.task, run.timing, run.conditions), part, spec)
     return LoadedRun(run.controller, *under_protocol(protocol, own))
 
 

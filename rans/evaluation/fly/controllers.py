@@ -43,7 +43,7 @@ BESIDE = (*CONTROLLERS.built_in, "optimal")
 def controller(name: str, setup: Setup) -> Controller:
     """The controller of this name for a setup; `ConfigError` if there is none, or not for this craft."""
     maker = CONTROLLERS[name]
-    return maker(*setup) if name in CONTROLLERS.built_in else Guarded(name, setup)
+    return maker(*setup[:3]) if name in CONTROLLERS.built_in else Guarded(name, setup)
 
 
 class Guarded:
@@ -53,7 +53,7 @@ class Guarded:
         self._craft, package = setup.craft, CONTROLLERS.package(name)
         self._who = f"the controller {name!r}" + (f" of the package {package}" if package else "")
         try:
-            self._made = CONTROLLERS[name](*setup)
+            self._made = CONTROLLERS[name](*setup[:3])
             self.name, self.slow = self._made.name, getattr(self._made, "slow", False)
         except RansError:
             raise

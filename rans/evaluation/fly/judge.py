@@ -16,7 +16,7 @@ from rans.evaluation.fly.protocols import Setup
 from rans.flight import Controller, Flight, fly
 from rans.model.fields import map_leaves
 from rans.processes import submitted
-from rans.scenario import scenarios
+from rans.scenario import draws, scenarios
 
 EngineName = Literal["fast", "drake"]
 
@@ -83,14 +83,14 @@ def _work(seed: int, first: int, count: int) -> Flown:
 
 def _flown(controller: Controller, setup: Setup, engine: EngineName, seed: int, first: int,
            count: int) -> Flown:
-    craft, task, timing = setup
-    starts = scenarios(task, craft, seed, count, first)
+    craft, task, timing, conditions = setup
+    starts, own = scenarios(task, craft, seed, count, first), draws(seed, count, first)
     if engine == "fast":
-        flight = fly(craft, task, controller, starts, timing)
+        flight = fly(craft, task, controller, starts, timing, conditions=conditions, draws=own)
     else:
         from rans.reference.flight import fly_in_drake
 
-        flight = fly_in_drake(craft, task, controller, starts, timing)
+        flight = fly_in_drake(craft, task, controller, starts, timing, conditions=conditions, draws=own)
     return Flown(flight, getattr(controller, "failures", 0))
 
 

@@ -6,6 +6,7 @@ from dataclasses import fields, replace
 from typing import Any, Literal, NamedTuple
 
 from rans.errors import ConfigError
+from rans.model.conditions import Conditions
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
@@ -27,6 +28,8 @@ class Setup(NamedTuple):
     task: Task
     """Judge it on ``task.for_evaluation()``."""
     timing: Timing
+    conditions: Conditions | None = None
+    """What episodes do not promise; None: a perfect world."""
 
 
 def under_protocol(protocol: ProtocolName, own: Setup) -> Setup:
