@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from rans.environment import Environment
 from rans.episode import Mover
-from rans.reference.flight import mover
-from rans.reference.plant import Plant
+from rans.reference.flight import DrakeMover
 
 
 class DrakeEnv(Environment):
@@ -20,4 +19,4 @@ class DrakeEnv(Environment):
     """
 
     def _mover(self) -> Mover:
-        return mover(Plant(self.craft, drift=self.task.drift), self.timing)
+        return DrakeMover(self.craft, self.timing, self.task.drift)
