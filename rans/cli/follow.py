@@ -47,7 +47,7 @@ class Follow:
 
         check_count("--flights", self.flights)
         planner = LookAhead(find_path(self.path), self.speed, self.look_ahead)
-        tracker, craft, task, timing = contestant(self.contestant)
+        tracker, craft, task, timing, _ = contestant(self.contestant)
         file = ready_folder(output_folder(self.contestant)) / f"follow-{planner.path.name}.json"
         following = follow(craft, task, tracker, planner, timing, self.seed, self.flights, self.engine)
         Terminal().print(following.table())

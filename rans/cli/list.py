@@ -18,6 +18,7 @@ from tyro import conf
 from rans.errors import ConfigError
 from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.files import number
+from rans.model.conditions_file import CONDITIONS, conditions_text
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import SPACECRAFT, load_spacecraft, spacecraft_names
 from rans.pretrained import pretrained_card, pretrained_folder, pretrained_names
@@ -36,7 +37,8 @@ class List:
     """Show the spacecraft, tasks and agents there are; with a name, one of them in detail."""
 
     name: Annotated[str | None, conf.Positional, conf.arg(metavar="[NAME]")] = None
-    """A spacecraft, a task, an agent, or the .toml file of your own spacecraft."""
+    """A spacecraft, a task, an agent, conditions (or the word CONDITIONS for all of them), or the .toml file
+    of your own spacecraft."""
     picture: Annotated[Path | None, conf.arg(metavar="FILE")] = None
     """Save a drawing of the spacecraft's thrusters here (.png, .svg or .pdf)."""
 
@@ -53,7 +55,11 @@ class List:
             raise ConfigError(f"--picture {self.picture} draws one spacecraft: name it, for example "
                               f"rans list floating-platform --picture {self.picture}.")
         if self.name is None:
-            return (_all_spacecraft(), _all_tasks(), _all_controllers(), *([_all_agents()] if agents else []))
+            return (_all_spacecraft(), _all_tasks(), _all_conditions(), _all_controllers(), *([_all_agents()] if agents else []))
+        if self.name.lower() == "conditions":
+            return (_all_conditions(),)
+        if self.name in CONDITIONS:
+            return (conditions_text(self.name).rstrip(),)
         if self.name in TASKS:
             return _task_details(self.name)
         if self.name in agents:
@@ -129,6 +135,11 @@ def _all_tasks() -> Table:
 
     return table("Tasks", ("name, Gymnasium ids", "flag", "what"), [
         ("\n  ".join((_named(TASKS, n), *gymnasium_ids(n))), *_or_why_not(row, n)) for n in TASKS])
+
+
+def _all_conditions() -> Table:
+    return table("Conditions (rans list NAME tells every number and its source)", ("name", "what"),
+                 [(_named(CONDITIONS, name), CONDITIONS[name].conditions.description) for name in CONDITIONS])
 
 
 def _all_controllers() -> str:

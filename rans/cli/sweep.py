@@ -108,8 +108,8 @@ class Sweep:
             raise ConfigError(f"--set seed=... would train the same {self.seeds} times; add --seeds 1.")
         for changes in itertools.product(*map(_changes, self.set)):
             for seed in range(self.seeds):
-                yield Train(self.task, self.spacecraft, seed, self.device, self.total_timesteps, changes,
-                            config=self.config).resolved()
+                yield Train(self.task, self.spacecraft, seed, self.device, self.total_timesteps,
+                            set=changes, config=self.config).resolved()
 
 
 def _changes(text: str) -> list[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from rans.errors import ConfigError
 from rans.model.conditions import Conditions
@@ -11,20 +11,32 @@ from rans.registry import Registry
 from rans.structure import read_toml, structure
 
 
-def _checked(found: Any) -> Conditions:
+class Described(NamedTuple):
+    """Conditions and the TOML text that they were made from."""
+
+    text: str
+    conditions: Conditions
+
+
+def _described(found: Any) -> Described:
     """A TOML text or `Conditions`."""
     if isinstance(found, str):
-        return structure(read_toml(found), Conditions, "conditions")
+        return Described(found, structure(read_toml(found), Conditions, "conditions"))
     if not isinstance(found, Conditions):
         raise ConfigError("they must be rans.Conditions or a TOML file of the package, got "
                           f"{type(found).__name__}.")
-    return found
+    return Described(repr(found), found)
 
 
 CONDITIONS = Registry("conditions", "rans.conditions", {
     name: f"rans:data/conditions/{name}.toml" for name in ("perfect", "lab", "roboran", "orbit", "harsh")
-}, _checked, ", or a file whose name ends in .toml")
+}, _described, ", or a file whose name ends in .toml")
 """All conditions that have a name."""
+
+
+def conditions_text(name: str) -> str:
+    """The TOML text of the conditions of this name, with the source of every number."""
+    return CONDITIONS[name].text
 
 
 def load_conditions(name_or_file: str | Path) -> Conditions:
@@ -38,9 +50,9 @@ def load_conditions(name_or_file: str | Path) -> Conditions:
     """
     given = str(name_or_file)
     if not given.endswith(".toml"):
-        return CONDITIONS[given]
+        return CONDITIONS[given].conditions
     try:
-        return _checked(Path(given).read_text("utf-8"))
+        return _described(Path(given).read_text("utf-8")).conditions
     except (OSError, UnicodeDecodeError, ValueError) as error:
         raise ConfigError(f"cannot read the conditions {given!r}: {error}.") from error
     except ConfigError as error:
