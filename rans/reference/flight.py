@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,9 @@ from rans.model.fields import leaves, unflatten
 from rans.model.random import Draws
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
+from rans.model.valves import Lag
+from rans.reference.nozzles import Nozzles
+from rans.reference.parts import designed
 from rans.reference.plant import Plant
 from rans.scenario import Scenario
 from rans.tasks.base import Task
@@ -24,21 +28,45 @@ from rans.tasks.base import Task
 
 def fly_in_drake(craft: Spacecraft, task: Task, controller: Controller, starts: Scenario,
                  timing: Timing, body: Body | None = None, conditions: Conditions | None = None,
-                 draws: Draws | None = None) -> Flight:
-    """As `rans.flight.fly`, moved by Drake; substeps do not concern it."""
-    plant = Plant(craft, len(leaves(starts.start)[0]), body=body, drift=task.drift)
-    return fly(craft, task, controller, starts, timing, "drake", mover(plant, timing), body, conditions,
+                 draws: Draws | None = None, max_step: float = 0.01) -> Flight:
+    """As `rans.flight.fly`, moved by Drake; substeps do not concern it, but its own step (s) does."""
+    return fly(craft, task, controller, starts, timing, "drake",
+               DrakeMover(craft, timing, task.drift, max_step), body or designed(craft), conditions,
                draws)
 
 
-def mover(plant: Plant, timing: Timing) -> Mover:
-    """Drake as what moves the spacecraft of an episode."""
-    def move(state: Any, influences: Influences) -> Any:
-        rows, commands = rows_from_states(state), np.stack(influences.commands[0], axis=-1)
-        moved = plant.advance(np.atleast_2d(rows), np.atleast_2d(commands), timing.control_period)
+class DrakeMover:
+    """Drake as what moves the spacecraft of episodes: a `rans.episode.Mover`.
+
+    Where mass properties change, which is once an episode, it builds another plant, which takes milliseconds.
+
+    Raises:
+        ConfigError: see `Plant`.
+    """
+
+    def __init__(self, craft: Spacecraft, timing: Timing, drift: Drift = FREE,
+                 max_step: float = 0.01) -> None:
+        self._craft, self._timing, self._drift, self._max_step = craft, timing, drift, max_step
+        self._built_for = np.zeros(0)
+        self._plant = self._plant_for(designed(craft), 1)
+
+    def __call__(self, state: Any, influences: Influences) -> Any:
+        """The state one control period later."""
+        rows, body, disturbance = rows_from_states(state), influences.body, influences.disturbance
+        many = np.atleast_2d(rows)
+        command, *earlier = (_columns(told, len(many)) for told in influences.commands)
+        moved = self._plant_for(body, len(many)).advance(
+            many, command, self._timing.control_period,
+            None if disturbance is None else _columns(leaves(disturbance), len(many)),
+            Nozzles.of(self._craft, body, len(many), *_lateness(influences.lag)), earlier)
         return states_from_rows(moved.reshape(rows.shape), state).normalised()
 
-    return move
+    def _plant_for(self, body: Body, count: int) -> Plant:
+        flying = _columns(leaves((body.mass, body.inertia, body.centre)), count)
+        if not np.array_equal(flying, self._built_for):
+            self._plant = Plant(self._craft, count, self._max_step, body, self._drift)
+            self._built_for = flying
+        return self._plant
 
 
 class DrakeEnv(Environment):
@@ -53,7 +81,20 @@ class DrakeEnv(Environment):
     """
 
     def _mover(self) -> Mover:
-        return mover(Plant(self.craft, drift=self.task.drift), self.timing)
+        return DrakeMover(self.craft, self.timing, self.task.drift)
+
+
+def _lateness(lag: Lag | None) -> tuple[Any, Any, Any]:
+    """Latency, rise and fall, s."""
+    if lag is None:
+        return 0.0, 0.0, 0.0
+    rise = 0.0 if lag.rise is None else lag.rise
+    return lag.latency, rise, rise if lag.fall is None else lag.fall
+
+
+def _columns(fields: Sequence[Any], count: int) -> np.ndarray:
+    """Rows of plain numbers, (N, fields), from fields of one number or of N."""
+    return np.column_stack([np.broadcast_to(np.asarray(x, dtype=np.float64).ravel(), count) for x in fields])
 
 
 def replay(craft: Spacecraft, start: State, commands: np.ndarray, timing: Timing,

@@ -1,4 +1,4 @@
-"""What the judge's plant is assembled from: inertias, nozzles, pulses, and the pull of an orbit.
+"""What the judge's plant is assembled from: inertias, nozzles, and the pull of an orbit.
 
 Like the plant it takes nothing of RANS but descriptions: values that say what there is, not how it moves.
 """
@@ -17,7 +17,6 @@ from pydrake.multibody.tree import RotationalInertia, SpatialInertia
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from rans.errors import ConfigError
-from rans.model.actuators import Actuators, Pulsed
 from rans.model.body import Body
 from rans.model.drift import ClohessyWiltshire, Drift, FreeFlight, UniformGravity
 from rans.model.spacecraft import Spacecraft, Thruster
@@ -25,8 +24,9 @@ from rans.model.spacecraft import Spacecraft, Thruster
 
 def designed(craft: Spacecraft) -> Body:
     """The body of a spacecraft as its author describes it: read here, not by those who are judged."""
-    tensor = np.array(craft.inertia)
-    return Body(craft.mass, (tensor[2, 2],) if craft.dimension == 2 else tuple(tensor[np.triu_indices(3)]))
+    tensor, count = np.array(craft.inertia), len(craft.thrusters)
+    moments = (tensor[2, 2],) if craft.dimension == 2 else tuple(tensor[np.triu_indices(3)])
+    return Body(craft.mass, moments, (0.0,) * craft.dimension, (1.0,) * count, (0.0,) * count)
 
 
 def spatial_inertia(craft: Spacecraft, body: Body, index: int) -> SpatialInertia:
@@ -56,30 +56,10 @@ def spatial_inertia(craft: Spacecraft, body: Body, index: int) -> SpatialInertia
                           f"{craft.inertia}: {reason}") from error
 
 
-def thruster_health(craft: Spacecraft, body: Body, count: int) -> list[np.ndarray]:
-    """Gains and leaks, (N, thrusters) each."""
-    return [np.column_stack([np.broadcast_to(x, count) for x in given or (usual,) * len(craft.thrusters)])
-            for given, usual in ((body.gain, 1.0), (body.leak, 0.0))]
-
-
 def pose(thruster: Thruster) -> RigidTransform:
     """Pose in G of a frame whose z axis is the thrust's direction."""
     R_GP = RotationMatrix.MakeFromOneVector(np.array(thruster.direction), axis_index=2)
     return RigidTransform(R_GP, np.array(thruster.position))
-
-
-def pieces(actuators: Actuators, commands: np.ndarray, duration: float) -> list[tuple[float, np.ndarray]]:
-    """Until when (s) which valves are how far open: a new piece where any valve of any spacecraft shuts.
-
-    The commands, (N, thrusters), are 0 to 1 and held for the duration, s.
-    """
-    if not isinstance(actuators, Pulsed):
-        return [(duration, commands)]
-    counts = np.floor(commands * actuators.counts + 0.5)
-    shut_at = np.where(counts < actuators.least, 0.0, counts / actuators.counts) * duration
-    ends = np.unique(np.append(shut_at[shut_at > 0.0], duration))
-    begins = [0.0, *ends[:-1]]
-    return [(end, (shut_at > begun).astype(float)) for begun, end in zip(begins, ends, strict=True)]
 
 
 def gravity(drift: Drift) -> np.ndarray:

@@ -15,17 +15,21 @@ States are rows of plain arrays, for the frame B at the centre of mass:
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant, Propeller, PropellerInfo
 from pydrake.multibody.tree import FixedOffsetFrame, MultibodyForces, PlanarJoint, QuaternionFloatingJoint
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
 from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import Integrator
 
 from rans.model.body import Body
 from rans.model.drift import FREE, ClohessyWiltshire, Drift
 from rans.model.spacecraft import Spacecraft
-from rans.reference.parts import Orbit, designed, gravity, pieces, pose, spatial_inertia, thruster_health
+from rans.reference.nozzles import Nozzles
+from rans.reference.parts import Orbit, designed, gravity, pose, spatial_inertia
 
 
 class Plant:
@@ -33,7 +37,8 @@ class Plant:
 
     Each is a rigid body in the author's frame G; its mass sits off G's origin through its `SpatialInertia`,
     so that the shift to the centre of mass is Drake's work, not ours. One `Propeller` holds all thrusters.
-    Valves that pulse are switched when they switch.
+    How far each nozzle's thrust has grown is a state of Drake's too, which moves at a rate of its own.
+    Integration steps end where a valve switches, and where a thrust begins or ends to grow.
 
     Motion is integrated with Runge-Kutta of order five at a *fixed* step: under error control Drake 1.51.1
     continues from stale kinematics after a rejected step, and a discrete plant is a first-order Euler scheme
@@ -55,7 +60,7 @@ class Plant:
                  drift: Drift = FREE) -> None:
         self.craft, self.count = craft, count
         self._body, self._drift = body or designed(craft), drift
-        self._gain, self._leak = thruster_health(craft, self._body, count)
+        self._nozzles = Nozzles.of(craft, self._body, count)
         builder = DiagramBuilder()
         self._plant = MultibodyPlant(time_step=0.0)
         builder.AddSystem(self._plant)
@@ -72,7 +77,7 @@ class Plant:
         # Where each spacecraft's coordinates stand in Drake's vectors, (N, coordinates).
         self._position = np.array([j.position_start() + np.arange(j.num_positions()) for j in joints])
         self._velocity = np.array([j.velocity_start() + np.arange(j.num_velocities()) for j in joints])
-        self._propeller = self._add_thrusters(builder)
+        self._propeller, self._thrust = self._add_thrusters(builder)
         self._export_forces(builder)
         self._simulator = Simulator(builder.Build())
         ApplySimulatorConfig(SimulatorConfig(integration_scheme="runge_kutta5", use_error_control=False,
@@ -80,6 +85,7 @@ class Plant:
         self._context = self._simulator.get_mutable_context()
         self._plant_context = self._plant.GetMyMutableContextFromRoot(self._context)
         self._propeller_context = self._propeller.GetMyContextFromRoot(self._context)
+        self._thrust_context = self._thrust.GetMyMutableContextFromRoot(self._context)
         self._disturb(np.zeros(self._velocity.shape))
 
     def wrenches(self, commands: np.ndarray) -> np.ndarray:
@@ -124,18 +130,26 @@ class Plant:
         return rows
 
     def advance(self, states: np.ndarray, commands: np.ndarray, duration: float,
-                disturbances: np.ndarray | None = None) -> np.ndarray:
-        """States (N, 6 or 13), see the module, after commands (N, thrusters), 0 to 1, held for a time, s.
+                disturbances: np.ndarray | None = None, nozzles: Nozzles | None = None,
+                earlier: Sequence[np.ndarray] = ()) -> np.ndarray:
+        """States after the commands were held for a duration.
 
-        Disturbances (N, 3 or 6) are force and torque about the centre of mass, constant in W, ordered as in
-        `wrenches`; N and N m. None: nothing but the thrusters acts.
+        Args:
+            states: (N, 6 or 13), see the module.
+            commands: (N, thrusters), 0 to 1.
+            duration: s.
+            disturbances: (N, 3 or 6), force and torque about the centre of mass, constant in W, ordered
+                as in `wrenches`; N and N m. None: nothing but the thrusters acts.
+            nozzles: what becomes of commands in this period; None: as the body says, and at once.
+            earlier: commands of the periods before that may still be felt, the last one first.
         """
+        nozzles = nozzles or self._nozzles
         self._set(states, commands)
         self._disturb(np.zeros(self._velocity.shape) if disturbances is None else disturbances)
         self._context.SetTime(0.0)
         self._simulator.Initialize()
-        for end, opened in pieces(self.craft.actuators, commands, duration):
-            self._command(opened)
+        for end, thrust, rate in nozzles.segments(self.craft.actuators, [commands, *earlier], duration):
+            self._open(thrust, rate)
             self._simulator.AdvanceTo(end)
         return self._get()
 
@@ -149,17 +163,20 @@ class Plant:
             states.append(self.advance(states[-1], command, control_period))
         return np.array(states)
 
-    def _add_thrusters(self, builder: DiagramBuilder) -> Propeller:
-        """A Propeller pushes along its own z axis with thrust_ratio times the command."""
+    def _add_thrusters(self, builder: DiagramBuilder) -> tuple[Propeller, Integrator]:
+        """A Propeller pushes along its own z axis with thrust_ratio times what has grown."""
         nozzles = [PropellerInfo(body.index(), pose(t), thrust_ratio=t.force, moment_ratio=0.0)
                    for body in self._bodies for t in self.craft.thrusters]
         propeller = Propeller(nozzles)
+        thrust = Integrator(len(nozzles))
         builder.AddSystem(propeller)
+        builder.AddSystem(thrust)
         builder.Connect(self._plant.get_body_poses_output_port(), propeller.get_body_poses_input_port())
         builder.Connect(propeller.get_spatial_forces_output_port(),
                         self._plant.get_applied_spatial_force_input_port())
-        builder.ExportInput(propeller.get_command_input_port(), "command")
-        return propeller
+        builder.Connect(thrust.get_output_port(), propeller.get_command_input_port())
+        builder.ExportInput(thrust.get_input_port(), "rate")
+        return propeller, thrust
 
     def _export_forces(self, builder: DiagramBuilder) -> None:
         """The input for disturbances, through the orbit's pull where there is an orbit."""
@@ -191,14 +208,12 @@ class Plant:
             w_W = np.einsum("nij,nj->ni", self._rotations(), states[:, 10:])
             v[self._velocity] = np.concatenate([w_W, states[:, 7:10]], axis=1)
         self._plant.SetVelocities(self._plant_context, v)
-        self._command(commands)
+        self._open(self._nozzles.given(commands), np.zeros(commands.shape))
 
-    def _command(self, commands: np.ndarray) -> None:
-        """Give each thruster its share of its force, also where the supply feeds only one at a time."""
-        opened = self._gain * commands + self._leak
-        if self.craft.thrust_sharing == "split":
-            opened = opened / np.maximum(opened.sum(axis=1, keepdims=True), 1.0)
-        self._simulator.get_system().GetInputPort("command").FixValue(self._context, opened.ravel())
+    def _open(self, thrust: np.ndarray, rate: np.ndarray) -> None:
+        """Shares of full force that nozzles give from now on, and how fast they change, 1/s."""
+        self._thrust.set_integral_value(self._thrust_context, thrust.ravel())
+        self._simulator.get_system().GetInputPort("rate").FixValue(self._context, rate.ravel())
 
     def _disturb(self, disturbances: np.ndarray) -> None:
         """The joints stand at the centre of mass, so their generalised forces are wrenches in W."""

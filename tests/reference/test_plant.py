@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import rans.reference.nozzles
 import rans.reference.parts
 import rans.reference.plant
 from rans.errors import ConfigError
@@ -36,7 +37,7 @@ def lopsided(dimension: int) -> Spacecraft:
 
 def test_imports_nothing_of_ours_but_the_spacecraft() -> None:
     source = "".join(Path(str(module.__file__)).read_text("utf-8").replace("from __future__", "from future")
-                     for module in (rans.reference.plant, rans.reference.parts))
+                     for module in (rans.reference.plant, rans.reference.parts, rans.reference.nozzles))
     ours = set()
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Import):
@@ -45,7 +46,7 @@ def test_imports_nothing_of_ours_but_the_spacecraft() -> None:
             assert node.level == 0, "a relative import would hide what is imported"
             ours.add(node.module)
     assert {m for m in ours if m and m.startswith(("rans", "validation"))} == {
-        "rans.errors", "rans.reference.parts",
+        "rans.errors", "rans.reference.parts", "rans.reference.nozzles",
         *(f"rans.model.{name}" for name in ("spacecraft", "actuators", "body", "drift"))}
     used = {n.attr for n in ast.walk(ast.parse(source)) if isinstance(n, ast.Attribute)}
     assert not used & {"wrench_map", "carry", "pulses"}
