@@ -117,9 +117,11 @@ class Pulsed(Actuators):
         begun: Field = 0.0
         regular = self.counts <= len(widths) + 1
         ends = [float(k) for k in range(1, self.counts)] if regular else ascending(widths)
-        for end in (*ends, float(self.counts)):
+        for piece, end in enumerate((*ends, float(self.counts))):
+            # In the last piece, which may take no time, only those are open that stay so.
+            past = begun if piece < len(ends) else self.counts - 0.5
             zero = [width * 0.0 for width in widths]
-            open_ = [where(width > begun, none + 1.0, none) for width, none in zip(widths, zero, strict=True)]
+            open_ = [where(width > past, none + 1.0, none) for width, none in zip(widths, zero, strict=True)]
             yield (end - begun) * (1.0 / self.counts), open_
             begun = end
 

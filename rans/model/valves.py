@@ -86,7 +86,7 @@ def _share(gone: Field, ramp: Field | None) -> Field:
     """How much of a change is felt, so long after valves began to move (s)."""
     if ramp is None:
         return where(gone > 0.0, gone * 0.0 + 1.0, gone * 0.0)
-    share = gone / at_least(ramp, 1e-9)  # at once, where a ramp of no length was drawn
+    share = gone / at_least(ramp, 1e-30)  # at once, where a ramp takes no time
     return at_least(1.0 - at_least(1.0 - share, 0.0), 0.0)
 
 
