@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import numpy as np
 
 from rans.errors import ConfigError
-from rans.model.fields import Field, floor, where
+from rans.model.fields import Field, at_least, floor, where
 from rans.model.valves import ascending
 
 if TYPE_CHECKING:
@@ -114,16 +114,15 @@ class Pulsed(Actuators):
     def pulses(self, command: Command) -> Iterator[tuple[Field, Command]]:
         """See `Actuators.pulses`: pieces end where a valve may shut, or in order where each one does."""
         widths = [self._width(duty) for duty in command]
-        begun: Field = 0.0
+        begun = past = 0.0
         regular = self.counts <= len(widths) + 1
         ends = [float(k) for k in range(1, self.counts)] if regular else ascending(widths)
-        for piece, end in enumerate((*ends, float(self.counts))):
-            # In the last piece, which may take no time, only those are open that stay so.
-            past = begun if piece < len(ends) else self.counts - 0.5
+        for end in (*ends, float(self.counts)):
             zero = [width * 0.0 for width in widths]
             open_ = [where(width > past, none + 1.0, none) for width, none in zip(widths, zero, strict=True)]
             yield (end - begun) * (1.0 / self.counts), open_
-            begun = end
+            # Those open to the end do not shut, not even in a last piece of no length.
+            begun, past = end, end if regular else -at_least(-end, 0.5 - self.counts)
 
     def _width(self, duty: Field) -> Field:
         """Counts for which a thruster is open."""
