@@ -129,10 +129,11 @@ def draw(conditions: Conditions, base: Body, steps: int, number: Field,
         number: of the episode.
         random: gives the random numbers of a stream.
     """
+    body = _body(conditions, base, random(1), random(2))
     return Case(
         number,
-        _body(conditions, base, random(1), random(2)),
-        _fault(conditions, base, random(3)),
+        body,
+        _fault(conditions, body, random(3)),
         _lag(conditions, random(4)),
         _hold(conditions, random(5)),
         _push(conditions.disturbances.force, conditions.disturbances.torque, random(6)),
@@ -158,21 +159,22 @@ def _body(conditions: Conditions, base: Body, random: Random, thrusters: Random)
                 base.droop if given.droop is None else droop)
 
 
-def _fault(conditions: Conditions, base: Body, random: Random) -> Fault | None:
-    """Slots of failing thrusters: the second takes its place among the others."""
-    given, thrusters = conditions.faults, len(base.gain)
+def _fault(conditions: Conditions, body: Body, random: Random) -> Fault | None:
+    """Slots of failing thrusters: the second takes its place among the others. These stay as they are."""
+    given, thrusters = conditions.faults, len(body.gain)
     if largest(given.count) < 1:
         return None
     count, begins = random.whole(given.count), random.within(given.time)
     places = [floor(random.unit() * float(thrusters - k)) for k in range(int(largest(given.count)))]
     if len(places) == 2:
         places[1] = places[1] + where(places[1] >= places[0], places[1] * 0.0 + 1.0, places[1] * 0.0)
-    gain, leak = list(base.gain), list(base.leak)
+    gain, leak = list(body.gain), list(body.leak)
     for slot, place in enumerate(places):
         fault_gain, fault_leak = _failure(given.kinds, random.unit(), random.within(given.share))
         for i in range(thrusters):
             hit = (place == float(i)) & (count > float(slot))
-            gain[i], leak[i] = where(hit, fault_gain, gain[i]), where(hit, fault_leak, leak[i])
+            gain[i] = where(hit, fault_gain * body.gain[i], gain[i])
+            leak[i] = where(hit, fault_leak * body.gain[i], leak[i])
     return Fault(begins, tuple(gain), tuple(leak))
 
 

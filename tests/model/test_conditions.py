@@ -1,0 +1,64 @@
+"""Conditions that cannot be are refused in sentences."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import pytest
+
+from rans.errors import ConfigError
+from rans.model.conditions import (
+    BodyConditions,
+    Conditions,
+    DisturbanceConditions,
+    FaultConditions,
+    SensorConditions,
+    SensorsConditions,
+    ThrusterConditions,
+)
+from rans.model.conditions import BodyConditions as Body
+from rans.model.conditions import DisturbanceConditions as Disturbances
+from rans.model.conditions import FaultConditions as Faults
+from rans.model.conditions import ThrusterConditions as Thrusters
+
+
+@pytest.mark.parametrize(("make", "sentence"), [
+    (lambda: Conditions(Body(mass=(1.2, 0.8))), r"body\.mass must be .*least and the largest.*1\.2, 0\.8"),
+    (lambda: Conditions(Body(mass=0.0)), r"body\.mass must be > 0, got 0\.0"),
+    (lambda: Conditions(Body(inertia=(0.0, 1.0))), r"body\.inertia must be > 0"),
+    (lambda: Conditions(Body(centre=-0.01)), r"body\.centre must be a number >= 0"),
+    (lambda: Conditions(Body(centre=math.nan)), r"body\.centre .* got nan"),
+    (lambda: Conditions(thrusters=Thrusters(thrust=(0.5, math.inf))), r"thrusters\.thrust .* inf"),
+    (lambda: Conditions(thrusters=Thrusters(rise=True)), r"thrusters\.rise .* got True"),
+    (lambda: Conditions(thrusters=Thrusters(latency=(0.1, 0.2, 0.3))), r"thrusters\.latency .* 0\.3"),  # type: ignore[arg-type]
+    (lambda: Conditions(thrusters=Thrusters(latency=20.0, command_delay=20.0)), r"at most 30 s, got 40\.0"),
+    (lambda: Conditions(thrusters=Thrusters(least_on=31.0)), r"least_on and least_off must be at most 30 s"),
+    (lambda: Conditions(faults=Faults(count=3.0)), r"faults\.count must be at most 2, got 3\.0"),
+    (lambda: Conditions(faults=Faults(kinds=("leaky",))), r"faults\.kinds must be among dead, .*leaky"),  # type: ignore[arg-type]
+    (lambda: Conditions(faults=Faults(kinds=())), r"faults\.kinds must be among dead, "),
+    (lambda: Conditions(disturbances=Disturbances(slow_period=0.0)), r"slow_period must be > 0 s"),
+    (lambda: Conditions(disturbances=Disturbances(kicks=9)), r"kicks must be a whole number .*8, got 9"),
+    (lambda: Conditions(sensors=SensorsConditions(velocity=SensorConditions(dropout=1.0))),
+     r"sensors\.velocity\.dropout must be below 1, got 1\.0"),
+    (lambda: Conditions(sensors=SensorsConditions(spin=SensorConditions(noise=-1.0))),
+     r"sensors\.spin\.noise must be a number >= 0"),
+])
+def test_what_cannot_be_is_refused(make: Callable[[], Conditions], sentence: str) -> None:
+    with pytest.raises(ConfigError, match=sentence):
+        make()
+
+
+def test_the_defaults_are_a_perfect_world() -> None:
+    perfect = Conditions()
+    assert (perfect.delay, perfect.lasting) == (0.0, 0.0)
+    assert Conditions(BodyConditions(), ThrusterConditions(), FaultConditions(),
+                      DisturbanceConditions(), SensorsConditions()) == perfect
+
+
+def test_how_long_a_command_is_felt() -> None:
+    """Until the slower of both ramps is over, begun after both delays."""
+    lag = Thrusters(latency=(0.0, 0.1), command_delay=0.2, rise=(0.0, 0.05), fall=0.08)
+    assert Conditions(thrusters=lag).delay == pytest.approx(0.3)
+    assert Conditions(thrusters=lag).lasting == pytest.approx(0.38)
+    assert Conditions(thrusters=Thrusters(rise=0.05)).lasting == 0.05
