@@ -17,13 +17,15 @@ from rans.evaluation.compare.bounds import goal_set
 from rans.fast import Engine
 from rans.flight import fly
 from rans.model.body import Body
+from rans.model.conditions import Conditions, SensorConditions, SensorsConditions, ThrusterConditions
 from rans.model.drift import ClohessyWiltshire, Drift
 from rans.model.dynamics import PlanarState, State, step_goal
 from rans.model.fields import Field, Heading, Vec2, leaves, map_leaves
+from rans.model.random import Draws
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.reference.flight import fly_in_drake
-from rans.scenario import scenarios
+from rans.scenario import Scenario, draws, scenarios
 from rans.show.scene import Motion
 from rans.tasks import GoToPose, MultiTask, TrackVelocity, Transition, observation_columns, observation_width
 from rans.tasks.sight import Entry, Scalar, VectorInW
@@ -169,7 +171,7 @@ def test_a_state_that_is_no_number_has_failed(number: float) -> None:
     """And with it the flight, which stops there; the others go on."""
     rest = PlanarState(Vec2(1.0, 0.0), Heading(0.0), Vec2(0.0, number), 0.0)
     goal = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
-    outcome = step(World(PLATFORM, GoToPose()), Episode(rest, goal, 0), (0.0,) * 8)
+    outcome = step(World(PLATFORM, GoToPose()), Episode(rest, goal), (0.0,) * 8)
     assert outcome.terminated
     assert not outcome.truncated
     starts = scenarios(GoToPose(), PLATFORM, seed=2, count=3)
@@ -180,3 +182,88 @@ def test_a_state_that_is_no_number_has_failed(number: float) -> None:
         assert flight.failed().tolist() == [False, True, False]
         assert np.isnan(flight.states.p.x[1:, 1]).all()
         assert np.isfinite(flight.states.p.x[:, [0, 2]]).all()
+
+
+def under(conditions: Conditions, count: int = 1) -> tuple[World, Scenario, Draws, Episode]:
+    world, own = World(PLATFORM, GoToPose(), conditions=conditions), draws(3, count)
+    starts = scenarios(world.task, PLATFORM, seed=3, count=count)
+    return world, starts, own, world.begin(starts.start, starts.goal, 0, own)
+
+
+@pytest.mark.parametrize(("least", "told", "done"), [
+    # Of 0.2 s each: open for 0.5 s at least, so three periods; shut for 0.3 s, so two.
+    ((0.5, 0.3), "10001111", "11100111"),
+    # It was shut before the episode, for as long as one likes.
+    ((0.5, 0.3), "00100000", "00111000"),
+    # Told to move back and forth, it moves when it may and is told to in the same period.
+    ((0.4, 0.4), "10101010", "11100011"),
+    ((0.0, 0.6), "11010110", "11000110"),
+    ((0.0, 0.0), "10110100", "10110100"),
+    # What stays as it is long enough moves at once.
+    ((0.4, 0.0), "11101101", "11101101"),
+])
+def test_valves_stay_as_they_are_for_as_long_as_they_must(least: Any, told: str, done: str) -> None:
+    held = Conditions(thrusters=ThrusterConditions(least_on=least[0], least_off=least[1]))
+    world, _, own, now = under(held)
+    seen = ""
+    for bit in told:
+        outcome = step(world, now, (np.array([float(bit)]), *[np.zeros(1)] * 7), own)
+        now = outcome.episode
+        seen += str(int(outcome.command[0][0]))
+        assert not np.any(outcome.command[1:]), "valves do not hold one another"
+    assert seen == done
+
+
+BLIND = Conditions(sensors=SensorsConditions(SensorConditions(bias=50.0)))
+"""Told to be 50 m away, far behind where the task fails."""
+
+
+def test_reward_and_ends_are_of_the_true_state() -> None:
+    world, starts, own, now = under(BLIND, count=4)
+    truth = World(PLATFORM, GoToPose())
+    usual = truth.begin(starts.start, starts.goal)
+    for _ in range(5):
+        shut = tuple(np.zeros((8, 4)))
+        outcome, expected = step(world, now, shut, own), step(truth, usual, shut)
+        for a, b in ((outcome.reward, expected.reward), (outcome.terminated, expected.terminated),
+                     (outcome.reached, expected.reached)):
+            assert np.array_equal(a, b)
+        assert not outcome.terminated.any()
+        now, usual = outcome.episode, expected.episode
+    assert (world.sensed(now, own).p - now.state.p).norm() == pytest.approx([50.0] * 4)
+
+
+def test_controllers_are_told_what_sensors_tell() -> None:
+    class Watching(Random):
+        def reset(self, count: int) -> None:
+            super().reset(count)
+            self.told, self.seen = [], []
+
+        def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
+            self.told.append(state)
+            self.seen.append(observation)
+            return super().act(state, goal, observation)
+
+    pilot, starts = Watching(8), scenarios(GoToPose(), PLATFORM, seed=3, count=2)
+    flight = fly(PLATFORM, GoToPose(), pilot, starts, Timing(episode_steps=5), conditions=BLIND,
+                 draws=draws(3, 2))
+    for k, (told, seen) in enumerate(zip(pilot.told, pilot.seen, strict=True)):
+        true = map_leaves(lambda x, i=k: x[i], flight.states)
+        assert (told.p - true.p).norm() == pytest.approx([50.0] * 2)
+        assert np.array_equal(told.v.columns(), true.v.columns())
+        away = np.hypot(seen[:, 6], seen[:, 7])  # the way to go, m
+        np.testing.assert_allclose(away, (starts.goal.p - told.p).norm(), rtol=1e-6)
+
+
+def test_conditions_without_draws_are_a_sentence() -> None:
+    world, starts, *_ = under(BLIND)
+    with pytest.raises(ConfigError, match="drawn by its seed and number: give `draws`"):
+        world.begin(starts.start, starts.goal)
+
+
+def test_an_episode_of_conditions_that_promise_all_is_that_of_none() -> None:
+    starts, timing = scenarios(GoToPose(), PLATFORM, seed=3, count=2), Timing(episode_steps=9)
+    one, other = (fly(PLATFORM, GoToPose(), Random(8), starts, timing, conditions=conditions,
+                      draws=draws(3, 2))
+                  for conditions in (None, Conditions()))
+    assert np.array_equal(leaves(one.states), leaves(other.states))
