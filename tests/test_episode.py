@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -25,7 +25,7 @@ from rans.model.random import Draws
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.reference.flight import fly_in_drake
-from rans.scenario import draws, scenarios
+from rans.scenario import Scenario, draws, scenarios
 from rans.show.scene import Motion
 from rans.tasks import GoToPose, MultiTask, TrackVelocity, Transition, observation_columns, observation_width
 from rans.tasks.sight import Entry, Scalar, VectorInW
@@ -184,17 +184,10 @@ def test_a_state_that_is_no_number_has_failed(number: float) -> None:
         assert np.isfinite(flight.states.p.x[:, [0, 2]]).all()
 
 
-class Starts(NamedTuple):
-    start: State
-    goal: State
-    draws: Draws
-
-
-def under(conditions: Conditions, task: Any = None, count: int = 1) -> tuple[World, Starts, Episode]:
-    world = World(PLATFORM, task or GoToPose(), conditions=conditions)
+def under(conditions: Conditions, count: int = 1) -> tuple[World, Scenario, Draws, Episode]:
+    world, own = World(PLATFORM, GoToPose(), conditions=conditions), draws(3, count)
     starts = scenarios(world.task, PLATFORM, seed=3, count=count)
-    starts = Starts(starts.start, starts.goal, draws(3, count))
-    return world, starts, world.begin(starts.start, starts.goal, 0, starts.draws)
+    return world, starts, own, world.begin(starts.start, starts.goal, 0, own)
 
 
 @pytest.mark.parametrize(("least", "told", "done"), [
@@ -211,10 +204,10 @@ def under(conditions: Conditions, task: Any = None, count: int = 1) -> tuple[Wor
 ])
 def test_valves_stay_as_they_are_for_as_long_as_they_must(least: Any, told: str, done: str) -> None:
     held = Conditions(thrusters=ThrusterConditions(least_on=least[0], least_off=least[1]))
-    world, starts, now = under(held)
+    world, _, own, now = under(held)
     seen = ""
     for bit in told:
-        outcome = step(world, now, (np.array([float(bit)]), *[np.zeros(1)] * 7), starts.draws)
+        outcome = step(world, now, (np.array([float(bit)]), *[np.zeros(1)] * 7), own)
         now = outcome.episode
         seen += str(int(outcome.command[0][0]))
         assert not np.any(outcome.command[1:]), "valves do not hold one another"
@@ -226,18 +219,18 @@ BLIND = Conditions(sensors=SensorsConditions(SensorConditions(bias=50.0)))
 
 
 def test_reward_and_ends_are_of_the_true_state() -> None:
-    world, starts, now = under(BLIND, count=4)
+    world, starts, own, now = under(BLIND, count=4)
     truth = World(PLATFORM, GoToPose())
     usual = truth.begin(starts.start, starts.goal)
     for _ in range(5):
         shut = tuple(np.zeros((8, 4)))
-        outcome, expected = step(world, now, shut, starts.draws), step(truth, usual, shut)
+        outcome, expected = step(world, now, shut, own), step(truth, usual, shut)
         for a, b in ((outcome.reward, expected.reward), (outcome.terminated, expected.terminated),
                      (outcome.reached, expected.reached)):
             assert np.array_equal(a, b)
         assert not outcome.terminated.any()
         now, usual = outcome.episode, expected.episode
-    assert (world.sensed(now, starts.draws).p - now.state.p).norm() == pytest.approx([50.0] * 4)
+    assert (world.sensed(now, own).p - now.state.p).norm() == pytest.approx([50.0] * 4)
 
 
 def test_controllers_are_told_what_sensors_tell() -> None:
@@ -263,7 +256,7 @@ def test_controllers_are_told_what_sensors_tell() -> None:
 
 
 def test_conditions_without_draws_are_a_sentence() -> None:
-    world, starts, _ = under(BLIND)
+    world, starts, *_ = under(BLIND)
     with pytest.raises(ConfigError, match="drawn by its seed and number: give `draws`"):
         world.begin(starts.start, starts.goal)
 

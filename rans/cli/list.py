@@ -55,7 +55,8 @@ class List:
             raise ConfigError(f"--picture {self.picture} draws one spacecraft: name it, for example "
                               f"rans list floating-platform --picture {self.picture}.")
         if self.name is None:
-            return (_all_spacecraft(), _all_tasks(), _all_conditions(), _all_controllers(), *([_all_agents()] if agents else []))
+            everything = _all_spacecraft(), _all_tasks(), _all_conditions(), _all_controllers()
+            return (*everything, *([_all_agents()] if agents else []))
         if self.name.lower() == "conditions":
             return (_all_conditions(),)
         if self.name in CONDITIONS:

@@ -31,7 +31,8 @@ def fly_in_drake(craft: Spacecraft, task: Task, controller: Controller, starts: 
                  draws: Draws | None = None, max_step: float = 0.01) -> Flight:
     """As `rans.flight.fly`, moved by Drake; substeps do not concern it, but its own step (s) does."""
     return fly(craft, task, controller, starts, timing, "drake",
-               DrakeMover(craft, timing, task.drift, max_step), body or designed(craft), conditions, draws)
+               DrakeMover(craft, timing, task.drift, max_step), body or designed(craft), conditions,
+               draws)
 
 
 class DrakeMover:
@@ -68,19 +69,6 @@ class DrakeMover:
         return self._plant
 
 
-def _lateness(lag: Lag | None) -> tuple[Any, Any, Any]:
-    """Latency, rise and fall, s."""
-    if lag is None:
-        return 0.0, 0.0, 0.0
-    rise = 0.0 if lag.rise is None else lag.rise
-    return lag.latency, rise, rise if lag.fall is None else lag.fall
-
-
-def _columns(fields: Sequence[Any], count: int) -> np.ndarray:
-    """Rows of plain numbers, (N, fields), from fields of one number or of N."""
-    return np.column_stack([np.broadcast_to(np.asarray(x, dtype=np.float64).ravel(), count) for x in fields])
-
-
 class DrakeEnv(Environment):
     """`Environment` whose motion an independent judge computes.
 
@@ -94,6 +82,19 @@ class DrakeEnv(Environment):
 
     def _mover(self) -> Mover:
         return DrakeMover(self.craft, self.timing, self.task.drift)
+
+
+def _lateness(lag: Lag | None) -> tuple[Any, Any, Any]:
+    """Latency, rise and fall, s."""
+    if lag is None:
+        return 0.0, 0.0, 0.0
+    rise = 0.0 if lag.rise is None else lag.rise
+    return lag.latency, rise, rise if lag.fall is None else lag.fall
+
+
+def _columns(fields: Sequence[Any], count: int) -> np.ndarray:
+    """Rows of plain numbers, (N, fields), from fields of one number or of N."""
+    return np.column_stack([np.broadcast_to(np.asarray(x, dtype=np.float64).ravel(), count) for x in fields])
 
 
 def replay(craft: Spacecraft, start: State, commands: np.ndarray, timing: Timing,

@@ -132,12 +132,16 @@ class Plant:
     def advance(self, states: np.ndarray, commands: np.ndarray, duration: float,
                 disturbances: np.ndarray | None = None, nozzles: Nozzles | None = None,
                 earlier: Sequence[np.ndarray] = ()) -> np.ndarray:
-        """States (N, 6 or 13), see the module, after commands (N, thrusters), 0 to 1, held for a time, s.
+        """States after the commands were held for a duration.
 
-        Disturbances (N, 3 or 6) are force and torque about the centre of mass, constant in W, ordered as in
-        `wrenches`; N and N m. None: nothing but the thrusters acts. The nozzles say what becomes of commands
-        in this period; None: as the body says, and at once. Earlier commands, the last one first, are those
-        of the periods before that may still be felt.
+        Args:
+            states: (N, 6 or 13), see the module.
+            commands: (N, thrusters), 0 to 1.
+            duration: s.
+            disturbances: (N, 3 or 6), force and torque about the centre of mass, constant in W, ordered
+                as in `wrenches`; N and N m. None: nothing but the thrusters acts.
+            nozzles: what becomes of commands in this period; None: as the body says, and at once.
+            earlier: commands of the periods before that may still be felt, the last one first.
         """
         nozzles = nozzles or self._nozzles
         self._set(states, commands)

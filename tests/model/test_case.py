@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,7 +22,6 @@ from rans.model.conditions import (
     SensorsConditions,
     ThrusterConditions,
 )
-from rans.model.dynamics import State
 from rans.model.fields import leaves
 from rans.model.random import Draws
 from rans.model.spacecraft_file import load_spacecraft
@@ -39,17 +38,10 @@ LIKELY = 1e-4
 TASK = GoToPose(fail_distance=1e3, fail_spin=1e3)
 
 
-class Starts(NamedTuple):
-    start: State
-    goal: State
-    draws: Draws
-
-
-def begun(conditions: Conditions, dimension: int = 2, count: int = COUNT) -> tuple[World, Starts, Episode]:
-    world = World(CRAFTS[dimension], TASK, conditions=conditions)
+def begun(conditions: Conditions, dimension: int = 2, count: int = COUNT) -> tuple[World, Draws, Episode]:
+    world, own = World(CRAFTS[dimension], TASK, conditions=conditions), draws(11, count)
     starts = scenarios(TASK, world.craft, 11, count)
-    starts = Starts(starts.start, starts.goal, draws(11, count))
-    return world, starts, world.begin(starts.start, starts.goal, 0, starts.draws)
+    return world, own, world.begin(starts.start, starts.goal, 0, own)
 
 
 def case(conditions: Conditions, dimension: int = 2, count: int = COUNT) -> Any:
@@ -149,9 +141,9 @@ def test_an_effect_draws_the_same_beside_others(effect: str, dimension: int) -> 
 
 
 def test_whatever_is_switched_on_starts_and_goals_stay() -> None:
-    _, starts, _ = begun(EFFECTS["all"], count=20)
+    *_, now = begun(EFFECTS["all"], count=20)
     usual = scenarios(TASK, PLATFORM, 11, 20)
-    assert np.array_equal(leaves(starts.start), leaves(usual.start))
+    assert np.array_equal(leaves((now.state, now.goal)), leaves((usual.start, usual.goal)))
 
 
 # Faults.
@@ -231,10 +223,11 @@ def test_kicks_give_their_impulse_in_one_period(dimension: int) -> None:
 
 def test_a_kicked_spacecraft_is_faster_by_impulse_over_mass() -> None:
     kicked = DisturbanceConditions(kicks=2, kick=(0.1, 0.5))
-    world, starts, now = begun(Conditions(disturbances=kicked), count=10)
+    world, own, now = begun(Conditions(disturbances=kicked), count=10)
+    first = now.state
     for _ in range(125):
-        now = step(world, now, tuple(np.zeros((8, 10))), starts.draws).episode
-    gained = now.state.v - starts.start.v
+        now = step(world, now, tuple(np.zeros((8, 10))), own).episode
+    gained = now.state.v - first.v
     both: Any = [kick.impulse.force for kick in now.case.kicks]  # type: ignore[union-attr]
     for axis in ("x", "y"):
         expected = sum(getattr(force, axis) for force in both) / PLATFORM.mass
@@ -271,9 +264,9 @@ def sensors(what: str, sizes: tuple[float, ...]) -> SensorsConditions:
     return SensorsConditions(**each)
 
 
-def errors(world: World, starts: Starts, now: Episode) -> list[np.ndarray]:
+def errors(world: World, own: Draws, now: Episode) -> list[np.ndarray]:
     """Of position, attitude, velocity and spin: components of what is told beside the truth, (.., N)."""
-    told, true = world.sensed(now, starts.draws), now.state
+    told, true = world.sensed(now, own), now.state
     turn = true.attitude.to(told.attitude)
     if world.craft.dimension == 2:
         return [np.array((told.p - true.p).columns()), np.array([turn.angle]),
@@ -286,51 +279,51 @@ def errors(world: World, starts: Starts, now: Episode) -> list[np.ndarray]:
 def test_noise_is_normal_and_new_in_every_component_and_period(dimension: int) -> None:
     sizes = (0.02, 0.01, 0.03, 0.04)
     noisy = Conditions(sensors=sensors("noise", sizes))
-    world, starts, now = begun(noisy, dimension)
-    first = errors(world, starts, now)
-    second = errors(world, starts, replace(now, clock=now.clock + 1))
+    world, own, now = begun(noisy, dimension)
+    first = errors(world, own, now)
+    second = errors(world, own, replace(now, clock=now.clock + 1))
     for size, a, b in zip(sizes, first, second, strict=True):
         for x in (*a, *b):
             assert stats.kstest(x / size, "norm").pvalue > LIKELY
         both = np.abs(np.corrcoef([*a, *b]) - np.eye(2 * len(a)))
         assert both.max() < 5 / math.sqrt(COUNT)
-    assert np.array_equal(errors(world, starts, now)[0], first[0]), "a moment is told once"
+    assert np.array_equal(errors(world, own, now)[0], first[0]), "a moment is told once"
 
 
 @BOTH
 def test_a_bias_is_the_same_in_every_period(dimension: int) -> None:
     sizes = (0.1, 0.02, 0.2, 0.3)
-    world, starts, now = begun(Conditions(sensors=sensors("bias", sizes)), dimension, 20)
-    first = errors(world, starts, now)
+    world, own, now = begun(Conditions(sensors=sensors("bias", sizes)), dimension, 20)
+    first = errors(world, own, now)
     for _ in range(3):
-        now = step(world, now, tuple(np.ones((len(world.craft.thrusters), 20))), starts.draws).episode
-    for size, a, b in zip(sizes, first, errors(world, starts, now), strict=True):
+        now = step(world, now, tuple(np.ones((len(world.craft.thrusters), 20))), own).episode
+    for size, a, b in zip(sizes, first, errors(world, own, now), strict=True):
         np.testing.assert_allclose(np.linalg.norm(a, axis=0), size, rtol=1e-4)  # 2 sin(0.01) is 0.02 - 3e-7
         np.testing.assert_allclose(b, a, rtol=0, atol=1e-12)
 
 
 @BOTH
 def test_late_readings_are_states_of_so_many_periods_ago(dimension: int) -> None:
-    world, starts, now = begun(Conditions(sensors=SensorsConditions(delay=(0.0, 3.0))), dimension, 40)
+    world, own, now = begun(Conditions(sensors=SensorsConditions(delay=(0.0, 3.0))), dimension, 40)
     delay = np.asarray(now.case.sensors.delay)  # type: ignore[union-attr]
     assert sorted(set(delay)) == [0.0, 1.0, 2.0, 3.0]
     track = [np.array(leaves(now.state))]
     for k in range(8):
-        told = np.array(leaves(world.sensed(now, starts.draws)))
+        told = np.array(leaves(world.sensed(now, own)))
         for n in range(40):
             assert np.array_equal(told[:, n], track[max(k - int(delay[n]), 0)][:, n])
-        now = step(world, now, tuple(np.ones((len(world.craft.thrusters), 40))), starts.draws).episode
+        now = step(world, now, tuple(np.ones((len(world.craft.thrusters), 40))), own).episode
         track.append(np.array(leaves(now.state)))
 
 
 def test_where_a_reading_drops_out_the_last_one_stands() -> None:
     lost = Conditions(sensors=SensorsConditions(position=SensorConditions(noise=0.01, dropout=0.3),
                                                 attitude=SensorConditions(noise=0.01)))
-    world, starts, now = begun(lost)
-    before, repeated = world.sensed(now, starts.draws), []
+    world, own, now = begun(lost)
+    before, repeated = world.sensed(now, own), []
     for _ in range(3):
-        now = step(world, now, tuple(np.ones((8, COUNT))), starts.draws).episode
-        told = world.sensed(now, starts.draws)
+        now = step(world, now, tuple(np.ones((8, COUNT))), own).episode
+        told = world.sensed(now, own)
         same = [getattr(told.p, axis) == getattr(before.p, axis) for axis in ("x", "y")]
         assert np.array_equal(*same), "of both components or none"
         repeated.append(same[0])

@@ -100,8 +100,8 @@ def fly_alike(craft: Spacecraft, conditions: Conditions, count: int = 2, steps: 
     timing = replace(TIMING[dimension], episode_steps=steps)
     pilot, judged, usual = Watching(craft, 1), Watching(craft, 1), Watching(craft, 1)
     ours = fly(craft, TASK, pilot, starts, timing, conditions=conditions, draws=draws(5, count))
-    drakes = fly_in_drake(craft, TASK, judged, starts, timing, conditions=conditions, draws=draws(5, count),
-                          max_step=DRAKE_STEP[dimension])
+    drakes = fly_in_drake(craft, TASK, judged, starts, timing, conditions=conditions,
+                          draws=draws(5, count), max_step=DRAKE_STEP[dimension])
     assert np.array_equal(drakes.commands, ours.commands)
     assert max(gap(drakes.states, ours.states).values()) < TOLERANCE
     np.testing.assert_allclose(judged.states, pilot.states, rtol=0, atol=TOLERANCE)
@@ -134,7 +134,8 @@ def flown(craft: Spacecraft, conditions: Conditions, steps: int,
           move: Any = fly) -> tuple[Flight, Random]:
     # For a second or two, four substeps a period are as exact in space.
     pilot, timing = Random(craft), Timing(substeps=1 if craft.dimension == 2 else 4, episode_steps=steps)
-    return move(craft, TASK, pilot, scenarios(TASK, craft, 9, 2), timing, conditions=conditions), pilot
+    return move(craft, TASK, pilot, scenarios(TASK, craft, 9, 2), timing, conditions=conditions,
+                draws=draws(9, 2)), pilot
 
 
 @functools.cache
