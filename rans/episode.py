@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
+from rans.model.accuracy import chosen
 from rans.model.body import Body
 from rans.model.dynamics import NODES, held
 from rans.model.fields import Field, finite, leaves, map_leaves, where
@@ -83,6 +84,9 @@ class World:
     timing: Timing = field(default_factory=Timing)
     nodes: int = NODES
     """Of the quadrature in the plane (`rans.model.dynamics.advance`)."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "timing", chosen(self.craft, self.timing))
 
     def move(self, episode: Episode, command: Command) -> Any:
         """The state after the command was held for one control period, by our equations."""

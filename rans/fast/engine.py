@@ -15,6 +15,7 @@ from rans.errors import ConfigError
 from rans.fast.distributed import ALONE, Processes
 from rans.fast.kernels.launch import Kernel
 from rans.fast.step import Place, Step, field_dtype, relative, restore, step_arrays, step_tensors, write
+from rans.model.accuracy import chosen
 from rans.model.body import Body, in_memory
 from rans.model.dynamics import NODES
 from rans.model.fields import leaves
@@ -73,7 +74,8 @@ class Engine:
         self.observation_width = self.layout.width
         """Columns of an observation."""
         self._place = place = Place(self.device, field_dtype(self.device, dtype, self.compiled))
-        self._world = World(craft, task, self.timing, _FLOAT32_NODES if dtype == torch.float32 else NODES)
+        self._world = World(craft, task, chosen(craft, self.timing, body),
+                            _FLOAT32_NODES if dtype == torch.float32 else NODES)
         self.body = in_memory(body or Body.of(craft), Body.of(craft), num_envs, lambda x: place.put(x, dtype))
         """What flies; fields (N,) of it may be written in place, which compiles nothing."""
         self.privileged_width = len(leaves(self.body))

@@ -11,10 +11,12 @@ that neglects 0.025 rad, or 1.4 degrees, in 25 s.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Self, TypeVar
 
+from rans.model.accuracy import chosen
 from rans.model.body import Body
 from rans.model.drift import FREE, Drift
 from rans.model.fields import Attitude, Field, Heading, Quat, Vec2, Vec3, Vector, at_least, cos, sin, sqrt
@@ -132,12 +134,15 @@ def held(state: AnyState, craft: Spacecraft, body: Body, command: Sequence[Field
          drift: Drift = FREE, nodes: int = NODES, disturbance: Wrench | None = None) -> AnyState:
     """The state after a command was held for one control period, heading or quaternion normalised.
 
-    The craft's actuators say how they take commands, one field of 0 to 1 per thruster. Substeps are those of
-    each of the command's pieces; the rest is as for `advance`.
+    The craft's actuators say how they take commands, one field of 0 to 1 per thruster. A piece of a command
+    whose share of the period is a plain number takes that share of the substeps; the rest is as for
+    `advance`.
     """
+    substeps = timing.substeps or chosen(craft, timing).substeps or 1
     for share, part in craft.actuators.pulses(command):
+        steps = math.ceil(share * substeps - 1e-9) if type(share) is float else substeps  # not of NumPy
         state = advance(state, wrench(craft, part, body), body, share * timing.control_period,
-                        timing.substeps, nodes, disturbance, drift)
+                        steps, nodes, disturbance, drift)
     return state.normalised()
 
 
