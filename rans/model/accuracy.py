@@ -33,6 +33,8 @@ _USUAL_SPIN = 1.0
 _STEP = {2: 2.0, 3: 1.0}
 """Angle that may be turned in one step, rad. Plane: four nodes, as float32 has, are then 1e-7 off. Space:
 a body with equal moments is 1e-6 rad off, one with others turns less."""
+_SIX_NODES = 5.0
+"""Angle at which the plane's six nodes, of float64, are 4e-8 off, rad."""
 _UNEVEN = 1.5
 """How much less: the error of a rod or a plate at 0.4 rad is that of a ball at 1 rad."""
 _RESERVE = 4.0
@@ -66,8 +68,9 @@ def chosen(craft: Spacecraft, timing: Timing, body: Body | None = None) -> Timin
 
 
 def fastest(craft: Spacecraft, timing: Timing, body: Body | None = None) -> float:
-    """The spin up to which the substeps are accurate, rad/s: above what they were chosen for."""
-    return (chosen(craft, timing, body).substeps or 1) * _longest(craft, body) / timing.control_period
+    """The spin up to which flights in float64 are accurate, rad/s: above what substeps are chosen for."""
+    step = _SIX_NODES if craft.dimension == 2 else _longest(craft, body)
+    return (chosen(craft, timing, body).substeps or 1) * step / timing.control_period
 
 
 def _longest(craft: Spacecraft, body: Body | None, uneven: float = _UNEVEN) -> float:
