@@ -13,7 +13,10 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
+import numpy as np
+
 from rans.errors import ConfigError
+from rans.model.accuracy import chosen
 from rans.model.body import Body
 from rans.model.case import Case, draw, reading
 from rans.model.conditions import Conditions, largest
@@ -109,6 +112,14 @@ class World:
     """Of the quadrature in the plane (`rans.model.dynamics.advance`)."""
     conditions: Conditions | None = None
     """What episodes do not promise; None: a perfect world."""
+
+    def __post_init__(self) -> None:
+        """Substeps are chosen for what flies; under conditions for the bodies of 1,024 episodes."""
+        bodies = None
+        if self.conditions is not None:
+            many = Draws(0, 0, np.arange(1024, dtype=np.int32), 0, np.float64)
+            bodies = getattr(self.recalled(Episode(None, None), many).case, "body", None)
+        object.__setattr__(self, "timing", chosen(self.craft, self.timing, bodies))
 
     def move(self, state: Any, influences: Influences) -> Any:
         """The state one control period later, by our equations."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Protocol
@@ -9,6 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from rans.episode import Mover, World, step
+from rans.model.accuracy import chosen, fastest
 from rans.model.body import Body
 from rans.model.conditions import Conditions
 from rans.model.fields import finite, leaves, map_leaves, unflatten
@@ -88,6 +90,7 @@ def fly(craft: Spacecraft, task: Task, controller: Controller, starts: Scenario,
 
     Episodes run for the full time, failed or not, so that nothing is dropped from a statistic. One whose
     state is no longer finite stops there: its states are NaN from then on, and the controller sees its start.
+    Warns of spins for which our equations had too few substeps.
 
     The controller sees all N episodes at once; their starts are of float64 arrays (N,), as
     `rans.scenario.scenarios` gives them. ``engine`` says who moves, for `Flight.engine`, and ``move`` how:
@@ -97,7 +100,8 @@ def fly(craft: Spacecraft, task: Task, controller: Controller, starts: Scenario,
     Raises:
         ConfigError: there are conditions, but nothing to draw with.
     """
-    world = World(craft, task, timing, conditions=conditions)
+    how = chosen(craft, timing, body) if conditions is None else timing
+    world = World(craft, task, how, conditions=conditions)
     now = world.begin(starts.start, starts.goal, 0, draws, body or Body.of(craft))
     count, nowhere = len(leaves(starts.start)[0]), map_leaves(lambda _: np.nan, starts.start)
     controller.reset(count)
@@ -114,8 +118,21 @@ def fly(craft: Spacecraft, task: Task, controller: Controller, starts: Scenario,
         goals.append(now.goal)
         commands.append(command)
     stand_still = all(goal is starts.goal for goal in goals)
-    return Flight(craft, task, timing, _stacked(states), starts.goal if stand_still else _stacked(goals),
-                  np.stack(commands), controller.name, engine)
+    flight = Flight(craft, task, timing, _stacked(states), starts.goal if stand_still else _stacked(goals),
+                    np.stack(commands), controller.name, engine)
+    if move is None:
+        _check_spin(flight, fastest(craft, world.timing, body))
+    return flight
+
+
+def _check_spin(flight: Flight, bound: float) -> None:
+    """Warn where a spacecraft turned faster than its substeps were chosen for (rad/s)."""
+    spin = float(np.nanmax(np.linalg.norm(np.array(flight.states.spin()), axis=0)))
+    if spin > bound:
+        warnings.warn(
+            f"spacecraft {flight.craft.name!r} reached {spin:.3g} rad/s under {flight.controller}; its "
+            f"motion is accurate up to {bound:.3g} rad/s. Give Timing {spin / bound:.3g} times as many "
+            "substeps; the usual cause is a controller that lets it tumble.", stacklevel=3)
 
 
 def _stacked(trees: list[Any]) -> Any:

@@ -21,7 +21,7 @@ SEED, EPISODES = 31, 64
 
 def flown(name: str) -> Flight:
     """A shipped agent's flights from the recorded starts; a multi-task's episodes draw their tasks."""
-    controller, craft, task, timing = contestant(f"pretrained:{name}")
+    controller, craft, task, timing, _ = contestant(f"pretrained:{name}")
     judged = task.for_evaluation()
     return fly(craft, judged, controller, scenarios(judged, craft, SEED, EPISODES), timing)
 

@@ -32,7 +32,7 @@ def test_an_agent_is_small_and_complete(name: str) -> None:
 def test_an_agent_is_worth_what_its_card_says(name: str) -> None:
     spec, card = f"pretrained:{name}", pretrained_card(name)
     for one in judged_separately(spec):
-        controller, craft, task, timing = contestant(one)
+        controller, craft, task, timing, _ = contestant(one)
         task = task.for_evaluation()
         starts = scenarios(task, craft, card["evaluation_seed"], EPISODES)
         flight = fly(craft, task, controller, starts, timing)

@@ -133,21 +133,21 @@ class Agents:
         controller, setup = conditions_of(row, run)
         if row.path:
             planner = LookAhead(find_path(row.path), _SPEED, _LOOK_AHEAD)
-            craft, task, timing = setup
+            craft, task, timing, _ = setup
             following = follow(craft, task, controller, planner, timing, EVALUATION_SEED, _FLIGHTS)
             return {quantity.name: quantity.values for quantity in following.quantities()}
-        craft, task, timing = setup
+        craft, task, timing, _ = setup
         starts = scenarios(task, craft, EVALUATION_SEED, self.episodes)
         return {s.name: np.asarray(s.values) for s in samples(fly(craft, task, controller, starts, timing))}
 
     def _optimal(self, row: Row, run: Path) -> Values:
-        _, (craft, task, timing) = conditions_of(row, run)
+        _, (craft, task, timing, _) = conditions_of(row, run)
         return time_optimal(craft, task, timing, EVALUATION_SEED, self.starts)
 
 
 def conditions_of(row: Row, run: Path) -> tuple[Controller, Setup]:
     """The agent of a run, and what it is judged on."""
-    controller, craft, settings, timing = contestant(str(run), row.protocol)
+    controller, craft, settings, timing, _ = contestant(str(run), row.protocol)
     task: Any = settings
     if row.distance:
         task = replace(task, evaluation_distance=row.distance)

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from rans.flight import fly
+from rans.model.accuracy import chosen
 from rans.model.body import Body
 from rans.model.dynamics import PlanarState, advance, wrench
 from rans.model.fields import Heading, Quat, Vec3, cos, map_leaves
@@ -64,7 +65,7 @@ def discretisation_checks(craft: Spacecraft, seed: int, count: int) -> list[Chec
         ours = dict(_ours(craft, rate, error))
         results += [*_curves(f"semi-implicit Euler, control at {rate} Hz", euler),
                     *_curves(f"ours, control at {rate} Hz", ours)]
-        default = rate * _EVALUATIONS[craft.dimension] * _default(craft)
+        default = rate * _EVALUATIONS[craft.dimension] * _default(craft, rate)
         results.append(Check(
             f"control at {rate} Hz: default over 50 Hz Euler",
             ours[default]["position"] / euler[50]["position"], 0.1, "ratio",
@@ -121,16 +122,16 @@ def _turn(vector: Vec3) -> Quat:
     return Quat(cos(half), vector.x * scale, vector.y * scale, vector.z * scale)
 
 
-def _default(craft: Spacecraft) -> int:
+def _default(craft: Spacecraft, rate: int) -> int:
     """Nodes or steps a control period."""
-    return _OUR_NODES[-1] if craft.dimension == 2 else Timing().substeps
+    return _OUR_NODES[-1] if craft.dimension == 2 else chosen(craft, Timing(1.0 / rate)).substeps or 1
 
 
 def _ours(craft: Spacecraft, rate: int, error: Callable[..., dict[str, float]],
           ) -> Iterator[tuple[int, dict[str, float]]]:
     """Force evaluations per second and errors."""
     if craft.dimension == 3:
-        for steps in _OUR_STEPS:
+        for steps in sorted({*_OUR_STEPS, _default(craft, rate)}):
             yield rate * _EVALUATIONS[3] * steps, error(advance, steps)
         return
     for nodes in _OUR_NODES:

@@ -13,6 +13,7 @@ import numpy as np
 
 from rans.errors import ConfigError
 from rans.flight import fly
+from rans.model.accuracy import chosen
 from rans.model.fields import leaves, map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
@@ -87,7 +88,7 @@ def drake_states(craft: Spacecraft, start: Any, commands: np.ndarray, timing: Ti
 def _accuracy(layer: str, craft: Spacecraft, start: Any, commands: np.ndarray, drake: Any,
               timing: Timing, harder: float = 1.0) -> list[Check | Curve]:
     """Default substeps (a bound on accuracy), and in space validation substeps (the equations)."""
-    default = timing.substeps
+    default = chosen(craft, timing).substeps or 1
     ours = rollout(craft, start, commands, timing.control_period, default)
     if craft.dimension == 2:
         reason = "The plane's step is exact: rounding, and Drake's own error, over the whole flight."

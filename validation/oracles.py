@@ -22,7 +22,7 @@ from rans.model.dynamics import PlanarState, SpatialState, Wrench, advance
 from rans.model.fields import Heading, Quat, Vec2, Vec3, map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
-from rans.reference.parts import pieces
+from rans.reference.nozzles import told
 from rans.scenario import scenarios
 from rans.tasks import GoToPose
 from validation.checks import Check
@@ -141,10 +141,9 @@ def _dop853_checks(craft: Spacecraft, seed: int, count: int) -> list[Check]:
     solve = _solve_planar if craft.dimension == 2 else _solve_spatial
     expected: Any = states
     for command in commands:
-        begun = 0.0
-        for end, opened in pieces(craft.actuators, command, period):
+        parts = told(craft.actuators, command, period)
+        for (begun, opened), end in zip(parts, [*(begin for begin, _ in parts[1:]), period], strict=True):
             expected = solve(craft, expected, *_geometry(craft, opened), end - begun)
-            begun = end
     last = map_leaves(lambda x: x[-1], ours)
     return gap_checks("DOP853", last, expected, 1e-9 if craft.dimension == 2 else 1e-8,
                       "Its own tolerance (1e-13 a step), and our truncation at validation substeps, over "

@@ -26,6 +26,7 @@ from rans.fast.step import (
     step_tensors,
     write,
 )
+from rans.model.accuracy import chosen
 from rans.model.body import Body, in_memory
 from rans.model.conditions import Conditions
 from rans.model.dynamics import NODES
@@ -90,7 +91,8 @@ class Engine:
         """Columns of an observation."""
         self._place = place = Place(self.device, field_dtype(self.device, dtype, self.compiled))
         nodes = _FLOAT32_NODES if dtype == torch.float32 else NODES
-        self._world = World(craft, task, self.timing, nodes, conditions)
+        how = chosen(craft, self.timing, body) if conditions is None else self.timing
+        self._world = World(craft, task, how, nodes, conditions)
         self.body = in_memory(body or Body.of(craft), Body.of(craft), num_envs, lambda x: place.put(x, dtype))
         """What flies; fields (N,) of it may be written in place, which compiles nothing."""
         self._known = [] if self._world.conditions is None else known(self._world)

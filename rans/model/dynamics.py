@@ -11,12 +11,14 @@ that neglects 0.025 rad, or 1.4 degrees, in 25 s.
 
 from __future__ import annotations
 
+import math
 import operator
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, Self, TypeVar
 
+from rans.model.accuracy import chosen
 from rans.model.body import Body
 from rans.model.drift import FREE, Drift
 from rans.model.fields import (
@@ -159,17 +161,20 @@ def held(state: AnyState, craft: Spacecraft, body: Body, command: Sequence[Field
     """The state after a command was held for one control period, heading or quaternion normalised.
 
     The craft's actuators say how they take commands, one field of 0 to 1 per thruster. Valves may lag: then
-    earlier commands, the last one first, are still felt. Substeps are those of each of the period's pieces;
-    the rest is as for `advance`.
+    earlier commands, the last one first, are still felt. A piece of a command whose share of the period is a
+    plain number takes that share of the substeps; the rest is as for `advance`.
     """
+    substeps, period = timing.substeps or chosen(craft, timing).substeps or 1, timing.control_period
     if lag is None:
-        parts: Any = ((share * timing.control_period, wrench(craft, part, body), None)
+        parts: Any = ((share * period, wrench(craft, part, body), None)
                       for share, part in craft.actuators.pulses(command))
     else:
-        told = _told(craft, body, (command, *earlier), timing.control_period, lag.fall is not None)
-        parts = pieces(*told, lag, timing.control_period)
+        told = _told(craft, body, (command, *earlier), period, lag.fall is not None)
+        parts = pieces(*told, lag, period)
     for duration, first, last in parts:
-        state = advance(state, first, body, duration, timing.substeps, nodes, disturbance, drift, last)
+        plain = type(duration) is float  # not of NumPy
+        steps = math.ceil(duration / period * substeps - 1e-9) if plain else substeps
+        state = advance(state, first, body, duration, steps, nodes, disturbance, drift, last)
     return state.normalised()
 
 

@@ -21,9 +21,10 @@ class Timing:
 
     control_period: float = 0.2
     """Time a command is held, s: 5 Hz, as in the paper (section 3.1)."""
-    substeps: int = 1
-    """Integration steps a control period. One is exact to rounding in the plane and 0.01 mm off after 25 s
-    in space, where the original system's ten steps at 50 Hz are 3.5 mm off."""
+    substeps: int | None = None
+    """Integration steps a control period. None: as many as the craft needs (`rans.model.accuracy.chosen`);
+    the spacecraft that come with RANS need one, which is exact to rounding in the plane and 0.01 mm off
+    after 25 s in space, where the original system's ten steps at 50 Hz are 3.5 mm off."""
     episode_steps: int = 125
     """Control periods until an episode is cut off: 25 s."""
 
@@ -33,6 +34,8 @@ class Timing:
             raise ConfigError(f"control_period must be a finite number > 0 s, got {period!r}.")
         for key in ("substeps", "episode_steps"):
             value = getattr(self, key)
+            if value is None and key == "substeps":
+                continue
             if isinstance(value, bool) or not isinstance(value, int) or value < 1:
                 raise ConfigError(f"{key} must be a whole number >= 1, got {value!r}.")
         if self.episode_steps > MOST_STEPS:

@@ -58,7 +58,7 @@ def test_the_card_says_what_evaluate_finds(run: Path, shipped: Path) -> None:
     assert card["training"]["steps"] == 2048
     assert card["training"]["environment"]["torch"] == torch.__version__
     assert card["evaluation"].keys() == {"own", "paper"}
-    controller, craft, task, timing = contestant(str(run), "paper")
+    controller, craft, task, timing, _ = contestant(str(run), "paper")
     task = task.for_evaluation()
     starts = scenarios(task, craft, card["evaluation_seed"], card["episodes"])
     measured = measure(fly(craft, task, controller, starts, timing))

@@ -76,7 +76,7 @@ def test_the_row_says_where_episodes_start(tmp_path: Path) -> None:
                                                      spacecraft="free-flyer"))
     trainer.save()
     row = next(row for row in ROWS if row.agent == "go-to-position-3d")
-    _, (_, task, _) = conditions_of(row, tmp_path / "run")
+    _, (_, task, *_) = conditions_of(row, tmp_path / "run")
     assert task.spawn_distance == (1.0, 5.0)  # type: ignore[attr-defined]
 
 

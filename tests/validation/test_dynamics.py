@@ -93,9 +93,10 @@ def test_disturbances_are_as_strong_as_said(craft: Spacecraft, monkeypatch: pyte
     given: list[np.ndarray] = []
 
     class Pushed(Plant):
-        def advance(self, states: Any, commands: Any, duration: float, disturbances: Any = None) -> Any:
+        def advance(self, states: Any, commands: Any, duration: float, disturbances: Any = None,
+                    *more: Any) -> Any:
             given.append(disturbances)
-            return super().advance(states, commands, duration, disturbances)
+            return super().advance(states, commands, duration, disturbances, *more)
 
     monkeypatch.setattr(dynamics, "Plant", Pushed)
     checks: list[Check] = disturbance_checks(craft, 1, 60)

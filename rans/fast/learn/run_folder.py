@@ -85,8 +85,6 @@ def read_config(file: Path) -> TrainConfig:
     table = files.read_json(file)
     if isinstance(table, dict):
         table.pop("about", None)
-        if isinstance(timing := table.get("timing"), dict) and timing.get("substeps", 1) is None:
-            del timing["substeps"]  # older runs left the choice open
     try:
         return from_table(table)
     except ConfigError as error:

@@ -40,7 +40,7 @@ def run_folder(trained: Path, tmp_path: Path) -> Path:
 
 def test_the_agent_is_the_policy(trained: Path) -> None:
     """Agent and SB3's own PPO open the same thrusters."""
-    agent, craft, task, timing = load_agent(trained)
+    agent, craft, task, timing, _ = load_agent(trained)
     config = RunFolder(trained).config()
     assert (craft.name, task, timing) == (config.spacecraft, config.settings, config.timing)
     observations = seen(craft, 300).numpy()
@@ -52,7 +52,7 @@ def test_the_agent_is_the_policy(trained: Path) -> None:
 
 
 def test_it_flies(trained: Path) -> None:
-    agent, craft, task, timing = load_agent(trained)
+    agent, craft, task, timing, _ = load_agent(trained)
     starts = scenarios(task.for_evaluation(), craft, 1, 8)
     flights = [fly(craft, task, agent, starts, timing) for _ in range(2)]
     assert flights[0].controller == "first"

@@ -39,7 +39,7 @@ def multi(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_run_folder_is_itself(run: Path) -> None:
-    controller, craft, task, timing = contestant(str(run))
+    controller, craft, task, timing, _ = contestant(str(run))
     assert (controller.name, craft.name, task, timing) == ("poser", "floating-platform", CONFIG.settings,
                                                            CONFIG.timing)
     assert output_folder(str(run)) == run
@@ -89,7 +89,7 @@ def test_who_is_not_there_is_one_sentence(spec: str, said: str) -> None:
 def test_protocols(run: Path) -> None:
     """Section 4.1 of the paper, and the original system's shared supply."""
     for protocol, sharing in (("paper", "none"), ("original", "split")):
-        _, craft, task, timing = contestant(str(run), protocol)  # type: ignore[arg-type]
+        _, craft, task, timing, _ = contestant(str(run), protocol)  # type: ignore[arg-type]
         starts = scenarios(task.for_evaluation(), craft, 1, 200).start
         distance = np.hypot(starts.p.x, starts.p.y)  # type: ignore[union-attr]
         assert (craft.mass, len(craft.thrusters), craft.thrust_sharing) == (5.32, 8, sharing)
@@ -102,7 +102,7 @@ def test_protocols(run: Path) -> None:
 
 def test_an_lqr_under_a_protocol_knows_its_spacecraft() -> None:
     """Sharing costs an LQR nothing it does not know of: it still arrives."""
-    controller, craft, task, timing = contestant("lqr:go-to-pose-2d", "original")
+    controller, craft, task, timing, _ = contestant("lqr:go-to-pose-2d", "original")
     assert craft == load_spacecraft("floating-platform-shared")
     flight = fly(craft, task, controller, scenarios(task, craft, 1, 16), timing)
     assert (flight.errors()["position"][-1] < 0.2).all()
@@ -119,7 +119,7 @@ def test_a_multi_task_agent_is_judged_on_each_of_its_tasks(multi: Path) -> None:
 
 def test_slow_controllers_fly_in_processes() -> None:
     """Ten episodes of an MPC are two shares; together they are what one process flies."""
-    controller, craft, task, _ = contestant("mpc:go-to-pose-2d")
+    controller, craft, task, _, _ = contestant("mpc:go-to-pose-2d")
     setup, counted = Setup(craft, task.for_evaluation(), Timing(episode_steps=6)), []
     together, stopped = flown(controller, setup, 1, 10, workers=2, progress=counted.append)
     alone = fly(craft, task, controller, scenarios(setup.task, craft, 1, 10), setup.timing)
@@ -132,7 +132,7 @@ def test_slow_controllers_fly_in_processes() -> None:
 def test_drake_flies_contestants_by_name() -> None:
     """Both engines are at rounding level: the decisions are the same, the ways equal to a micrometre."""
     spec = "lqr:go-to-pose-2d"
-    controller, craft, task, timing = contestant(spec)
+    controller, craft, task, timing, _ = contestant(spec)
     task = task.for_evaluation()
     ours = fly(craft, task, controller, scenarios(task, craft, 1, 3), timing)
     judged, _ = flown(controller, Setup(craft, task, timing), 1, 3, "drake")

@@ -126,7 +126,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_processes_fly_what_one_would(run: Path) -> None:
     """70 episodes are two shares; the network's sums depend on the batch in the last bits only."""
     counted: list[int] = []
-    agent, craft, task, timing = load_agent(run)
+    agent, craft, task, timing, _ = load_agent(run)
     task = task.for_evaluation()
     together, _ = flown(agent, Setup(craft, task, timing), 5, 70, "drake", 2, counted.append)
     alone = fly_in_drake(craft, task, agent, scenarios(task, craft, 5, 70), timing)

@@ -41,7 +41,7 @@ def begun(folder: Path, kind: Actuators) -> Trainer:
 @KINDS
 def test_an_agent_is_trained_saved_and_flown(kind: Actuators, tmp_path: Path) -> None:
     begun(tmp_path, kind).train(ignore)
-    agent, craft, task, timing = load_agent(tmp_path / "run")
+    agent, craft, task, timing, _ = load_agent(tmp_path / "run")
     assert craft.actuators == kind
     observations = seen(craft, 200).numpy()
     commands = agent.act(None, None, observations)

@@ -53,11 +53,12 @@ def test_what_is_no_run(tmp_path: Path) -> None:
             RunFolder(folder).config()
 
 
-def test_runs_from_when_the_number_of_substeps_could_be_left_open(run: RunFolder) -> None:
+def test_the_number_of_substeps_is_left_open_or_kept(run: RunFolder) -> None:
     text = run.config_file.read_text()
-    assert '"substeps": 1' in text
-    run.config_file.write_text(text.replace('"substeps": 1', '"substeps": null'))
+    assert '"substeps": null' in text
     assert run.config() == CONFIG
+    run.config_file.write_text(text.replace('"substeps": null', '"substeps": 1'))
+    assert run.config() == replace(CONFIG, timing=replace(CONFIG.timing, substeps=1))
 
 
 @pytest.mark.parametrize(("text", "message"), [

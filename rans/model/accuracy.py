@@ -1,0 +1,133 @@
+"""How many integration steps a control period takes, from what the craft's thrusters can do to its spin.
+
+A step's error depends on the angle turned in it and on how uneven the moments of inertia are, and grows with
+the seventh power of its length (docs/decisions/006-motion-in-space-by-series.md). How fast a craft ever turns
+is up to who flies it; under any control that means to hold an attitude it follows from alpha, what its
+fastest command adds to the spin in one period, times the period (rad).
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from rans.model.body import Body
+from rans.model.spacecraft import Spacecraft
+from rans.model.timing import Timing
+
+MOST = 64
+"""Substeps that are ever chosen: more would take minutes to compile into a kernel."""
+_HARDEST = 2.0
+"""The largest alpha of a craft that can be flown, rad: from rest it turns by half of it in one period, about
+as far as on/off control can still see what it does."""
+_PEAK = 3.0
+"""Spin of a craft that cannot be held still, in alphas. Of 200 random craft under LQR, restless and bang-bang
+control (`validation.accuracy`) 192 stay below it or below the spin of the fastest half turn from rest to
+rest, sqrt(pi alpha); seven reach up to 1.5 times as much and one, which tumbles, 3 times."""
+_USUAL_SPIN = 1.0
+"""Start, or are asked for by a task, rad/s: twice the paper's."""
+_STEP = {2: 2.0, 3: 1.0}
+"""Angle that may be turned in one step, rad. Plane: four nodes, as float32 has, are then 1e-7 off. Space:
+a body with equal moments is 1e-6 rad off, one with others turns less."""
+_SIX_NODES = 5.0
+"""Angle at which the plane's six nodes, of float64, are 4e-8 off, rad."""
+_UNEVEN = 1.5
+"""How much less: the error of a rod or a plate at 0.4 rad is that of a ball at 1 rad."""
+_RESERVE = 4.0
+"""The same where steps are chosen: a tumbling rod multiplies its errors, so that it gets twice as many."""
+
+
+def chosen(craft: Spacecraft, timing: Timing, body: Body | None = None) -> Timing:
+    """The timing with a number of substeps, where it leaves that open.
+
+    25 s of closed loop are then within 1e-4 m and 1e-4 rad: `validation.accuracy` shows it on random craft.
+    Warns of a craft that is too fast for its control period.
+
+    Args:
+        craft: what flies.
+        timing: how.
+        body: what is drawn or broken of it, numbers or arrays (N,); None: as designed.
+    """
+    if timing.substeps is not None:
+        return timing
+    period = timing.control_period
+    alpha = spin_up(craft, body) * period**2
+    turn = max(_USUAL_SPIN * period, math.sqrt(math.pi * alpha), _PEAK * alpha)
+    needed = turn / _longest(craft, body, _RESERVE)
+    if alpha > _HARDEST:
+        warnings.warn(
+            f"spacecraft {craft.name!r}: one command turns it up to {alpha / 2:.3g} rad in a control period "
+            f"of {period:g} s and leaves it spinning at {alpha / period:.3g} rad/s; above {_HARDEST / 2:g} "
+            f"rad it can hardly be controlled, and {MOST} substeps may not do for its motion. Shorten the "
+            "period; the usual cause is a moment of inertia or a force in other units.", stacklevel=3)
+    return replace(timing, substeps=max(1, math.ceil(min(needed, MOST))))
+
+
+def fastest(craft: Spacecraft, timing: Timing, body: Body | None = None) -> float:
+    """The spin up to which flights in float64 are accurate, rad/s: above what substeps are chosen for."""
+    step = _SIX_NODES if craft.dimension == 2 else _longest(craft, body)
+    return (chosen(craft, timing, body).substeps or 1) * step / timing.control_period
+
+
+def _longest(craft: Spacecraft, body: Body | None, uneven: float = _UNEVEN) -> float:
+    """Angle that may be turned in one step, rad."""
+    if craft.dimension == 2:
+        return _STEP[2]
+    low, middle, high = np.moveaxis(np.linalg.eigvalsh(_tensors(body or Body.of(craft))), -1, 0)
+    factors = (high - low) / middle, (high - middle) / low, (middle - low) / high
+    return _STEP[3] / (1.0 + uneven * float(np.max(factors)))
+
+
+def spin_up(craft: Spacecraft, body: Body | None = None) -> float:
+    """The largest angular acceleration of any command, rad/s^2; for a body that differs, a bound of it."""
+    size, nominal = craft.dimension, _tensors(Body.of(craft))
+    table = np.array(craft.wrench_map)
+    ways = np.linalg.solve(nominal, table[:, size:].T).T
+    most = float(np.linalg.norm(ways, axis=1).max())
+    if craft.thrust_sharing == "none":
+        most = max(most, _longest_sum(ways))
+    if body is None:
+        return most
+    inverse = np.linalg.inv(_tensors(body))
+    lighter = float(np.linalg.norm(inverse @ nominal, 2, axis=(-2, -1)).max())
+    forces = np.linalg.norm(table[:, :size], axis=1)
+    force = forces.max() if craft.thrust_sharing == "split" else forces.sum()
+    shift = sum(_largest(x) ** 2 for x in body.centre) ** 0.5
+    opened = zip(body.gain, body.leak, strict=True) if body.gain and body.leak else ()
+    thrust = max((_largest(gain) + _largest(leak) for gain, leak in opened), default=1.0)
+    return thrust * (lighter * most + shift * force * float(np.linalg.norm(inverse, 2, axis=(-2, -1)).max()))
+
+
+def _longest_sum(vectors: np.ndarray) -> float:
+    """Length of the longest sum of some of these vectors (n, d): each sum of those that point its way.
+
+    Repeating that makes a sum longer until none joins or leaves; begun with the sums and differences of all
+    pairs, and in directions that are normal to none.
+    """
+    size = vectors.shape[1]
+    pairs = np.concatenate([vectors[:, None] + vectors, vectors[:, None] - vectors]).reshape(-1, size)
+    sums = np.concatenate([pairs, np.random.default_rng(0).normal(size=(64, size))])
+    for _ in range(8):
+        sums = (sums @ vectors.T > 0.0) @ vectors
+    return float(np.linalg.norm(sums, axis=1).max())
+
+
+def _tensors(body: Body) -> np.ndarray:
+    """Inertia, (..., 3, 3), in the plane (..., 1, 1)."""
+    entries = np.broadcast_arrays(*(_numbers(x) for x in body.inertia))
+    order = (0,) if len(entries) == 1 else (0, 1, 2, 1, 3, 4, 2, 4, 5)
+    side = 1 if len(entries) == 1 else 3
+    return np.stack([entries[k] for k in order], axis=-1).reshape(*entries[0].shape, side, side)
+
+
+def _largest(field: Any) -> float:
+    return float(np.abs(_numbers(field)).max())
+
+
+def _numbers(value: Any) -> np.ndarray:
+    """Of a number, an array, or a tensor on any device."""
+    return np.asarray(value.detach().cpu() if hasattr(value, "detach") else value, dtype=np.float64)

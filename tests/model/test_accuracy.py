@@ -1,0 +1,136 @@
+"""The number of substeps: what it follows from, and that it does what it is for."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rans.episode import Influences, World
+from rans.fast.engine import Engine
+from rans.flight import fly
+from rans.model.accuracy import MOST, chosen, fastest, spin_up
+from rans.model.body import Body
+from rans.model.fields import Vec3, map_leaves
+from rans.model.spacecraft import Spacecraft, Thruster
+from rans.model.spacecraft_file import load_spacecraft
+from rans.model.timing import Timing
+from rans.scenario import Scenario, scenarios
+from rans.tasks import GoToPose
+from tests.crafts import nasty_planar, nasty_spatial
+from tests.test_flight import Recorded
+
+FLYER = load_spacecraft("free-flyer")
+
+
+def rod(moment: float) -> Spacecraft:
+    """Slim about x, with couples of 1 N m about every axis in either sense: two nozzles of 1 N, 1 m apart."""
+    axes = np.eye(3)
+    nozzles = [(0.5 * side * axes[k], side * sense * axes[k - 1])
+               for k in range(3) for sense in (1.0, -1.0) for side in (1.0, -1.0)]
+    return Spacecraft("rod", 3, 5.0, ((moment, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)), tuple(
+        Thruster((p[0], p[1], p[2]), (d[0], d[1], d[2]), 1.0)
+        for p, d in ((position.tolist(), direction.tolist()) for position, direction in nozzles)))
+
+
+def test_shipped_spacecraft_take_one_step(shipped: Spacecraft) -> None:
+    assert chosen(shipped, Timing()).substeps == 1
+
+
+def test_a_number_that_is_given_stays() -> None:
+    given = Timing(substeps=3)
+    assert chosen(rod(0.01), given) is given
+
+
+@pytest.mark.parametrize("craft", [nasty_planar(), nasty_spatial(), rod(0.1)], ids=lambda craft: craft.name)
+def test_the_fastest_command_is_that_of_all(craft: Spacecraft) -> None:
+    """By trying every subset of at most twelve thrusters."""
+    craft = replace(craft, thrusters=craft.thrusters[:12])
+    torques = np.array(craft.wrench_map)[:, craft.dimension:]
+    inertia = np.array(craft.inertia)[-torques.shape[1]:, -torques.shape[1]:]
+    commands = np.array(list(itertools.product((0.0, 1.0), repeat=len(craft.thrusters))))
+    accelerations = np.linalg.solve(inertia, (commands @ torques).T)
+    assert spin_up(craft) == pytest.approx(np.linalg.norm(accelerations, axis=0).max(), rel=1e-12)
+    alone = np.linalg.norm(np.linalg.solve(inertia, torques.T), axis=0).max()
+    assert spin_up(replace(craft, thrust_sharing="split")) == pytest.approx(alone, rel=1e-12)
+
+
+def test_numbers_by_hand() -> None:
+    """A rod of 0.1, 1, 1 kg m^2: 1 N m about each axis gives sqrt(102) rad/s^2; moments differ by
+    (1 - 0.1) / 1 = 0.9: a step may turn 1 / (1 + 1.5 * 0.9) rad, with its reserve 1 / (1 + 4 * 0.9)."""
+    craft = rod(0.1)
+    for period, turn in ((0.05, math.sqrt(math.pi * 102**0.5 * 0.05**2)),
+                         (0.3, 3 * 102**0.5 * 0.3**2)):
+        timing = chosen(craft, Timing(period))
+        assert timing.substeps == math.ceil(turn * 4.6)
+        assert fastest(craft, timing) == pytest.approx(math.ceil(turn * 4.6) / 2.35 / period)
+
+
+def test_too_fast_for_its_period_is_said_with_numbers() -> None:
+    with pytest.warns(UserWarning, match=r"turns it up to 5\.05 rad in a control period of 1 s and leaves it "
+                                         r"spinning at 10\.1 rad/s; above 1 rad .* Shorten the period"):
+        assert chosen(rod(0.1), Timing(1.0)).substeps == MOST
+
+
+def test_a_body_that_differs_takes_more() -> None:
+    """Half the inertia turns twice as fast, a strong thruster 1.5 times; the lightest of many decides."""
+    craft, nominal = rod(0.1), Body.of(rod(0.1))
+    light = replace(nominal, inertia=tuple(0.5 * x for x in nominal.inertia))
+    strong = replace(nominal, gain=(1.5,) + (1.0,) * 11)
+    many = replace(nominal, inertia=tuple(x * np.array([1.0, 2.0, 0.5]) for x in nominal.inertia))
+    assert spin_up(craft, nominal) == pytest.approx(spin_up(craft))
+    assert spin_up(craft, light) == pytest.approx(2 * spin_up(craft))
+    assert spin_up(craft, many) == pytest.approx(2 * spin_up(craft))
+    assert spin_up(craft, strong) == pytest.approx(1.5 * spin_up(craft))
+    timing = Timing(0.2)
+    assert (chosen(craft, timing, many).substeps or 0) > (chosen(craft, timing).substeps or 0)
+
+
+def test_worlds_and_engines_know_the_number() -> None:
+    craft, timing = rod(0.1), Timing(0.2)
+    number = chosen(craft, timing).substeps
+    assert number == 6
+    assert World(craft, GoToPose(), timing).timing.substeps == number
+    engine = Engine(craft, GoToPose(), 2, timing)
+    assert engine._world.timing.substeps == number
+    heavy = Engine(craft, GoToPose(), 2, timing,
+                   body=replace(Body.of(craft), inertia=tuple(4 * x for x in Body.of(craft).inertia)))
+    assert (heavy._world.timing.substeps or 9) < number
+
+
+def tumbling(craft: Spacecraft, spin: float) -> Scenario:
+    starts = scenarios(GoToPose(), craft, 0, 2)
+    still = map_leaves(lambda x: 0.0 * x, starts.start.w)
+    return replace(starts, start=replace(starts.start, w=replace(still, y=still.y + spin)))
+
+
+def test_a_flight_says_when_it_turned_too_fast() -> None:
+    """One step of 0.2 s is for 1 rad of a ball: 5 rad/s."""
+    pilot, timing = Recorded(16), Timing(episode_steps=2)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        fly(FLYER, GoToPose(), pilot, tumbling(FLYER, 4.9), timing)
+        fly(FLYER, GoToPose(), pilot, tumbling(FLYER, 5.1), replace(timing, substeps=2))
+    with pytest.warns(UserWarning, match=r"'free-flyer' reached 5\.1 rad/s under recorded; .* accurate up "
+                                         r"to 5 rad/s\. Give Timing 1\.02 times as many substeps"):
+        fly(FLYER, GoToPose(), pilot, tumbling(FLYER, 5.1), timing)
+
+
+def test_a_stiff_craft_is_moved_as_by_many_steps() -> None:
+    """One control period at the spin that the choice was made for, in eight times as many steps."""
+    craft, timing = rod(0.03), Timing(0.2)
+    world = World(craft, GoToPose(), timing)
+    number = world.timing.substeps or 0
+    assert number > 4
+    start = scenarios(GoToPose(), craft, 0, 1).start
+    spin = fastest(craft, world.timing) / math.sqrt(3)
+    start = replace(start, w=Vec3(*(np.full(1, spin) for _ in range(3))))
+    told = Influences(Body.of(craft), ((1.0,) * 3 + (0.0,) * 9,))
+    ends = [World(craft, GoToPose(), Timing(0.2, substeps=n)).move(start, told) for n in (number, 8 * number, 1)]
+    angles = [float(end.attitude.to(ends[1].attitude).magnitude()[0]) for end in ends]
+    assert angles[0] < 1e-6  # a hundredth of the bound, in one of 125 periods
+    assert angles[2] > 1e-3  # what one step would be off
