@@ -48,7 +48,7 @@ def test_learning_in_pieces_changes_nothing() -> None:
 
 
 def test_step_sizes_fall_towards_the_end() -> None:
-    """Every update wants longer steps, so the bound is what is taken: in the last of eight an eighth of it."""
+    """Every update wants longer steps, so the bound is what is taken: in the last of eight an eighth."""
     rates: list[float] = []
     model = made(desired_kl=1e6, learning_rate=1e-3, max_learning_rate=1e-3, anneal=1.0)
     model.learn(1024, lambda model: rates.append(model.log["train/learning_rate"]))
