@@ -129,7 +129,7 @@ def gap(a: Any, b: Any) -> float:
 
 
 def slow(dimension: int, kind: str) -> Any:
-    """In space every piece of a period takes substeps, and fourteen pulsed valves may shut at fourteen times."""
+    """In space every piece of a period takes substeps, and pulsed valves may shut at fourteen times."""
     return [pytest.mark.slow] if dimension == 3 and kind == "pulsed" else []
 
 
