@@ -39,6 +39,7 @@ def test_figures(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     assert "floating-platform, 64 environments" in file.with_suffix(".svg").read_text()
 
 
+@pytest.mark.slow  # runs Stable-Baselines3 in a process of its own
 def test_peers_that_cannot_be_installed_are_rows_that_say_why(
         capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """pip finds no such version; Stable-Baselines3 is there anyway."""
