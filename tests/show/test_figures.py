@@ -1,14 +1,18 @@
 from __future__ import annotations
 
 import base64
+import io
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
+from itertools import count
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
 import pytest
+from matplotlib import legend
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
@@ -92,9 +96,9 @@ def test_activations_are_seconds_an_episode() -> None:
     heights = [np.asarray(x.get_ydata())[0] for x in red]
     assert heights == pytest.approx([1.0] + [0.0] * 7)  # means of 2 s and 0 s
     assert axes.get_ylabel() == "open time an episode, s"
-    legend = axes.get_legend()
-    assert legend is not None
-    assert [text.get_text() for text in legend.get_texts()] == [
+    texts = axes.get_legend()
+    assert texts is not None
+    assert [text.get_text() for text in texts.get_texts()] == [
         "middle half (whiskers 5 to 95 %)", "median", "mean"]
 
 
@@ -189,6 +193,15 @@ def test_episode_figure_draws_that_episode() -> None:
 
 def test_equal_figures_give_equal_bytes() -> None:
     assert svg(episode_figure(two_episodes())) == svg(episode_figure(two_episodes()))
+
+
+def test_a_busy_machine_is_no_news(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Matplotlib warns if the place of a legend was found late, and warnings are errors here."""
+    monkeypatch.setattr(legend, "time", SimpleNamespace(perf_counter=count(0, 10).__next__))
+    figure = learning_curve(ROWS)
+    with pytest.warns(UserWarning, match="Creating legend"):
+        figure.savefig(io.BytesIO(), format="svg")
+    svg(figure)
 
 
 def test_learning_curve() -> None:

@@ -26,6 +26,7 @@ def bold(axes: Axes) -> np.ndarray:
 @pytest.mark.parametrize(("number", "instants"), [(0, 6), (1, 7)])  # the first arrives after five periods
 def test_the_figure_shows_path_velocities_and_distances(number: int, instants: int) -> None:
     following = by_hand()
+    following.flight.goals.v.x[:, 1] = 0.2  # each has commands of its own
     ways, v_x, v_y, _ = following_figure(following, number).axes
     drawn = lines(ways)
     np.testing.assert_allclose(drawn["path"][[0, -1]], [(0, 0), (2, 0)])
