@@ -77,7 +77,7 @@ def test_values_of_every_kind() -> None:
 def test_an_interrupt_keeps_what_there_is(monkeypatch: pytest.MonkeyPatch,
                                           capsys: pytest.CaptureFixture[str]) -> None:
     signals = iter([signal.SIGINT])
-    monkeypatch.setattr("rans.cli.sweep._Progress.show", lambda *_: [*map(signal.raise_signal, signals)])
+    monkeypatch.setattr("rans.cli.progress.NowAndThen.say", lambda *_: [*map(signal.raise_signal, signals)])
     assert main([*tiny(report_interval="1"), "--seeds", "2", "--run", "sweep"]) == 130
     assert "Stopped: 0 of 2 members solved" in capsys.readouterr().out
     # Interrupted in the first report, it reports once more.

@@ -79,11 +79,6 @@ class Lattice:
         """Of all thrusters open all the time, and a rounding error of it, N s."""
         return steps * self.period * float(sum(self.forces)) * (1.0 + 1e-12)
 
-    @property
-    def parity(self) -> bool:
-        """Whether the number of pulses is even or odd as the change of spin in quanta is."""
-        return self.pulse is not None and bool((self.multiples % 2 == 1).all())
-
     def next_fuel(self, fuel: float, net: set[int]) -> float:
         """Least fuel that pulses can add up to and that is not below this, N s.
 
@@ -92,8 +87,8 @@ class Lattice:
         if self.pulse is None:
             return fuel
         count = round(rounded_up(fuel, self.pulse) / self.pulse)
-        if self.parity and len({n % 2 for n in net}) == 1:
-            count += (count - next(iter(net))) % 2
+        if (self.multiples % 2 == 1).all() and len({n % 2 for n in net}) == 1:
+            count += (count - next(iter(net))) % 2  # as even or odd as the change of spin in quanta
         return count * self.pulse
 
     def fuel_above(self, fuel: float, net: set[int]) -> float:

@@ -34,7 +34,6 @@ def test_platform_by_hand() -> None:
     assert lattice.spin == pytest.approx(0.31 * 0.2 / (0.4 * 5.32 * 0.31**2), rel=1e-6)
     assert sorted(lattice.multiples) == [-1] * 4 + [1] * 4
     assert lattice.pulse == pytest.approx(0.2)
-    assert lattice.parity
 
 
 def test_unequal_thrusters() -> None:
@@ -42,7 +41,7 @@ def test_unequal_thrusters() -> None:
     assert list(lattice.multiples) == [1, -1, 2, -1, 0]
     assert lattice.torque == pytest.approx(0.3)
     assert lattice.pulse is None
-    assert not lattice.parity
+    assert lattice.next_fuel(0.01, {1}) == 0.01
 
 
 def test_a_quantum_that_no_thruster_has() -> None:

@@ -146,12 +146,12 @@ def test_nothing_is_planned_at_rest() -> None:
     goal = scenarios(TASK, PLATFORM, 36, 3).goal
     controller = MPC(PLATFORM, TASK, TIMING)
     controller.reset(3)
-    controller._planned = None  # type: ignore[assignment] - calling it fails
+    controller._program = None  # type: ignore[assignment] - asking it fails
     assert not controller.act(goal, goal, np.zeros((3, 10))).any()
     restless = MPC(PLATFORM, TASK, TIMING, deadband=Deadband(share=0.0))
     restless.reset(3)
-    restless._planned = None  # type: ignore[assignment]
-    with pytest.raises(TypeError):
+    restless._program = None  # type: ignore[assignment]
+    with pytest.raises(AttributeError):
         restless.act(goal, goal, np.zeros((3, 10)))
 
 
