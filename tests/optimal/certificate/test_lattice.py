@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rans.errors import ConfigError
+from rans.model.actuators import Actuators, Pulsed, Throttle
 from rans.model.body import Body
 from rans.model.dynamics import PlanarState, advance, wrench
 from rans.model.fields import Heading, Vec2
@@ -111,6 +112,16 @@ def test_patterns_are_all_that_differ() -> None:
 ])
 def test_fuel_comes_in_pulses(fuel: float, net: set[int], expected: float) -> None:
     assert Lattice(PLATFORM, 0.2).next_fuel(fuel, net) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("actuators", [Pulsed(20), Throttle()], ids=str)
+def test_who_may_open_for_a_part_of_a_period_has_no_lattice(actuators: Actuators) -> None:
+    """Half a pulse would be off it: neither a certificate nor rounding up to whole pulses holds for him."""
+    craft = dataclasses.replace(PLATFORM, actuators=actuators)
+    with pytest.raises(ConfigError, match=f"does not cover its {actuators.kind} actuators"):
+        Lattice(craft, 0.2)
+    assert pulse(PLATFORM, 0.2) == pytest.approx(0.2)
+    assert pulse(craft, 0.2) is None
 
 
 def test_no_lattice_is_a_sentence() -> None:
