@@ -101,3 +101,11 @@ def test_wrong_arguments(capsys: pytest.CaptureFixture[str], arguments: list[str
     error = capsys.readouterr().err
     assert message in error
     assert error.count("\n") == 1
+
+
+def test_a_sweep_that_goes_on_replaces_its_best_agent() -> None:
+    """Nothing of what was the best before is left among it."""
+    assert main([*tiny(), "--seeds", "1", "--total-timesteps", "128", "--run", "sweep"]) == 0
+    Path("sweep/best/of-before").write_text("")
+    assert main(["sweep", "--resume", "sweep"]) == 0
+    assert (Path("sweep/best/policy.zip").exists(), Path("sweep/best/of-before").exists()) == (True, False)

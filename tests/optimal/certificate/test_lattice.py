@@ -192,6 +192,25 @@ def test_goal_set_refuses(key: str, value: float) -> None:
         GoalSet(**{key: value})
 
 
+@pytest.mark.parametrize(("share", "inside"), [(0.99, True), (1.01, False)])
+def test_a_goal_set_is_a_ball_of_its_own_in_each_quantity(share: float, inside: bool) -> None:
+    """Of sizes that differ; the heading goes on beyond half a turn."""
+    goal = PlanarState(Vec2(1.0, 2.0), Heading(3.1), Vec2(0.1, -0.2), 0.3)
+    aside = Vec2(0.6 * share, 0.8 * share)
+    for state in (dataclasses.replace(goal, p=goal.p + aside.scale(0.4)),
+                  dataclasses.replace(goal, v=goal.v + aside.scale(0.2)),
+                  dataclasses.replace(goal, attitude=Heading(3.1 + 0.1 * share - 2.0 * math.pi)),
+                  dataclasses.replace(goal, w=goal.w - 0.05 * share)):
+        assert GoalSet(0.4, 0.2, 0.1, 0.05).contains(state, goal) is inside
+
+
+def test_heading_drifts_with_the_square_of_time() -> None:
+    """1e-6 rad/s^2 that are not on the lattice turn by half of it times 2 s squared in ten periods."""
+    lattice = Lattice(PLATFORM, 0.2)
+    lattice._angular_error = 1e-6
+    assert lattice.drift(10) == pytest.approx(2e-6)
+
+
 def test_missing_numba_is_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
     import rans.optimal.certificate as package
 
