@@ -53,7 +53,9 @@ class List:
             raise ConfigError(f"--picture {self.picture} draws one spacecraft: name it, for example "
                               f"rans list floating-platform --picture {self.picture}.")
         if self.name is None:
-            return (_all_spacecraft(), _all_tasks(), _all_controllers(), *([_all_agents()] if agents else []))
+            controllers = ", ".join(_named(CONTROLLERS, name) for name in CONTROLLERS)
+            return (_all_spacecraft(), _all_tasks(), f"Controllers (NAME:TASK-2d): {controllers}",
+                    *([_all_agents()] if agents else []))
         if self.name in TASKS:
             return _task_details(self.name)
         if self.name in agents:
@@ -141,10 +143,6 @@ def _all_tasks() -> Table:
 
     return table("Tasks", ("name, Gymnasium ids", "flag", "what"), [
         ("\n  ".join((_named(TASKS, n), *gymnasium_ids(n))), *_or_why_not(row, n)) for n in TASKS])
-
-
-def _all_controllers() -> str:
-    return f"Controllers (NAME:TASK-2d): {', '.join(_named(CONTROLLERS, name) for name in CONTROLLERS)}"
 
 
 def _named(registry: Registry[Any], name: str) -> str:
