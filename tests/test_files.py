@@ -3,6 +3,7 @@ from __future__ import annotations
 import math
 import os
 import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -150,6 +151,31 @@ def test_environment() -> None:
     assert known["numpy"].count(".") >= 1
     assert known["cores"] == str(os.cpu_count())
     assert all(isinstance(value, str) and value for value in known.values())
+
+
+@pytest.mark.parametrize(("told", "name"), [
+    ("vendor_id\t: Acme\nmodel name\t: Acme Quick 7: two of it\nmodel name\t: Acme Slow 1\n",
+     "Acme Quick 7: two of it"),
+    ("processor\t: 0\nCPU implementer\t: 0x41\n", "unknown"),
+])
+def test_the_processors_name(monkeypatch: pytest.MonkeyPatch, told: str, name: str) -> None:
+    """As Linux tells it of the first core."""
+    read = Path.read_text
+
+    def reading(file: Path, *rest: Any, **more: Any) -> str:
+        return told if file.name == "cpuinfo" else read(file, *rest, **more)
+
+    monkeypatch.setattr(Path, "read_text", reading)
+    assert environment()["processor"] == name
+
+
+def test_what_the_environment_says_is_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of what other modules know as well; a package that is not there is said to be missing."""
+    monkeypatch.setattr(files, "_PACKAGES", ("numpy", "no-such-package"))
+    known = environment()
+    assert (known["numpy"], known["no-such-package"]) == (np.__version__, "not installed")
+    assert known["python"] == ".".join(map(str, sys.version_info[:3]))
+    assert known["system"] == f"{os.uname().sysname} {os.uname().machine}"
 
 
 def test_revision_without_git(monkeypatch: pytest.MonkeyPatch) -> None:

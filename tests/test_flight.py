@@ -127,3 +127,24 @@ def test_an_episode_does_not_depend_on_its_neighbours(shipped: Spacecraft, index
     alone = fly(shipped, task, Recorded(count, opened), scenarios(task, shipped, 2, 1, index), timing)
     for a, b in zip(leaves(many.states), leaves(alone.states), strict=True):
         np.testing.assert_allclose(a[:, index], b[:, 0], rtol=0, atol=1e-13)  # last digits of sin, cos
+
+
+def test_what_is_no_longer_a_number_has_failed_and_stops_there() -> None:
+    """The second of three spacecraft is commanded with infinity in the third period."""
+    class Overflowing(Recorded):
+        def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
+            command = super().act(state, goal, observation)
+            command[1, 0] = math.inf if len(self.seen) == 3 else 0.0
+            return command
+
+    craft = load_spacecraft("floating-platform")
+    task, pilot = GoToPose(), Overflowing(8)
+    starts = scenarios(task, craft, 1, 3)
+    with np.errstate(invalid="ignore"):
+        flight = fly(craft, task, pilot, starts, Timing(episode_steps=5))
+    assert flight.failed().tolist() == [False, True, False]
+    gone = [[False, late, False] for late in (False, False, False, True, True, True)]
+    shown = leaves(pilot.told[4][0])
+    for flown, told, start in zip(leaves(flight.states), shown, leaves(starts.start), strict=True):
+        assert np.isnan(flown).tolist() == gone
+        assert told[1] == start[1]  # the controller sees its start, not what is no number

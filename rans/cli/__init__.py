@@ -46,16 +46,11 @@ def main(arguments: list[str] | None = None) -> int:
         return _end(f"rans: {error}.", 2)
     except OverflowError as error:
         return _end(f"rans: a number is too large to compute with: {error}.", 2)
-    except (MemoryError, RuntimeError) as error:
-        if not _lacks_memory(error):
+    except (MemoryError, RuntimeError) as error:  # torch has its own for a GPU, and a sentence for a CPU
+        if not (isinstance(error, MemoryError) or type(error).__name__ == "OutOfMemoryError"
+                or "DefaultCPUAllocator: can't allocate memory" in str(error)):
             raise
         return _end(f"rans: out of memory, fewer at once may do: {first_line(error)}.", 2)
-
-
-def _lacks_memory(error: Exception) -> bool:
-    """Python's and NumPy's error, torch's on a GPU, or what torch says for lack of one on a CPU."""
-    return (isinstance(error, MemoryError) or type(error).__name__ == "OutOfMemoryError"
-            or "DefaultCPUAllocator: can't allocate memory" in str(error))
 
 
 def check_count(option: str, value: int | None) -> None:

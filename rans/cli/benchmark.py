@@ -53,6 +53,7 @@ class Benchmark:
         import torch
 
         from rans.fast.learn.trainer import check_device
+        from validation.speed.ratios import bounds
 
         if self.output is not None:
             if self.output.suffix != ".json":
@@ -64,12 +65,14 @@ class Benchmark:
             _check_compiler()
         console = Terminal()
         measured = self._measure(console, device)
-        shares, peers, ratios = self._compare(console, device, measured)
-        about = _about(device)
-        console.print(
-            table(_hardware(about), ("ratio", "value", "of"),
-                  [(r.name, f"{r.value:,.3g}", r.note) for r in (*ratios, *shares)]),
-            table("", ("", "measurement", "value", "unit", "warm-up", "note"), map(_measured, measured)))
+        name = torch.cuda.get_device_name(device) if device.startswith("cuda") else "CPU"
+        about = environment() | {"device": name, "threads": str(torch.get_num_threads())}
+        shares = list(bounds(measured))
+        peers, ratios = self._compare(console, device)
+        console.print(table(_hardware(about), ("ratio", "value", "of"),
+                            [(r.name, f"{r.value:,.3g}", r.note) for r in (*ratios, *shares)]))
+        console.print(table("", ("", "measurement", "value", "unit", "warm-up", "note"),
+                            map(_measured, measured)))
         if peers:
             console.print(table("", ("peer", "version", "environments", "M steps/s", "task", "command"),
                                 map(_peer, peers)))
@@ -81,32 +84,27 @@ class Benchmark:
         from validation.speed.suite import effort, measurements
 
         crafts, task, found = [load_spacecraft(name) for name in self.spacecraft], TASKS[self.task](), []
+        usual = (16_384, 262_144, 4_194_304) if device.startswith("cuda") else (1024, 16_384, 262_144)
+        sizes = self.num_envs or ((1024,) if self.quick else usual)
         with console.status("measuring ...") as status:
-            for m in measurements(crafts, self.task, task, self._sizes(device), effort(device, self.quick)):
+            for m in measurements(crafts, self.task, task, sizes, effort(device, self.quick)):
                 found.append(m)
                 gc.collect()  # engines hang in reference cycles, and with them the device's memory
                 status.update(f"measured {m.name}")
         return found
 
-    def _sizes(self, device: str) -> tuple[int, ...]:
-        usual = (16_384, 262_144, 4_194_304) if device.startswith("cuda") else (1024, 16_384, 262_144)
-        return self.num_envs or ((1024,) if self.quick else usual)
-
-    def _compare(self, console: Terminal, device: str, measured: list[Measurement],
-                 ) -> tuple[list[Ratio], list[PeerResult], list[Ratio]]:
-        """Shares of bounds, peers, and ratios over them."""
+    def _compare(self, console: Terminal, device: str) -> tuple[list[PeerResult], list[Ratio]]:
+        """Peers, and ratios over them."""
         from validation.peers.runner import default_folder
-        from validation.speed.ratios import bounds, compare_peers
+        from validation.speed.ratios import compare_peers
         from validation.speed.suite import effort
 
-        shares = list(bounds(measured))
         if not self.peers:
-            return shares, [], []
+            return [], []
         with console.status("measuring peers ...") as status:
-            peers, ratios = compare_peers(
+            return compare_peers(
                 effort(device, self.quick), self.peer_folder or default_folder(), self.quick,
                 lambda name: status.update(f"measuring {name}, and ours; it may have to be installed ..."))
-        return shares, peers, ratios
 
     def _write(self, file: Path, about: dict[str, str], measured: list[Measurement], shares: list[Ratio],
                peers: list[PeerResult], ratios: list[Ratio]) -> None:
@@ -121,13 +119,6 @@ class Benchmark:
         figure = file.with_suffix(".svg")
         write_text(figure, svg(speed_figure(_hardware(about), measured, ratios)))
         print(f"Written to {file} and {figure}.")
-
-
-def _about(device: str) -> dict[str, str]:
-    import torch
-
-    name = torch.cuda.get_device_name(device) if device.startswith("cuda") else "CPU"
-    return environment() | {"device": name, "threads": str(torch.get_num_threads())}
 
 
 def _hardware(about: dict[str, str]) -> str:

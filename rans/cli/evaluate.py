@@ -60,11 +60,8 @@ class Evaluate:
         from rans.evaluation.fly.contestants import contestant, output_folder
         from rans.evaluation.measure.aggregate import ROOM, measure
         from rans.evaluation.measure.agreement import compare_engines
-        from rans.model.conditions_file import load_conditions
 
-        run = contestant(self.contestant, self.protocol)
-        if self.conditions is not None:
-            run = run._replace(conditions=load_conditions(self.conditions).or_none)
+        run = contestant(self.contestant, self.protocol).under(self.conditions)
         ready_folder(output_folder(self.contestant))
         flights = self._fly(run)
         measured = {name: measure(flight) for name, flight in flights.items()}

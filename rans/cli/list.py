@@ -18,7 +18,7 @@ from tyro import conf
 from rans.errors import ConfigError
 from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.files import number
-from rans.model.conditions_file import CONDITIONS, conditions_text
+from rans.model.conditions_file import CONDITIONS
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import SPACECRAFT, load_spacecraft, spacecraft_names
 from rans.pretrained import pretrained_card, pretrained_folder, pretrained_names
@@ -55,12 +55,13 @@ class List:
             raise ConfigError(f"--picture {self.picture} draws one spacecraft: name it, for example "
                               f"rans list floating-platform --picture {self.picture}.")
         if self.name is None:
-            everything = _all_spacecraft(), _all_tasks(), _all_conditions(), _all_controllers()
-            return (*everything, *([_all_agents()] if agents else []))
+            controllers = ", ".join(_named(CONTROLLERS, name) for name in CONTROLLERS)
+            return (_all_spacecraft(), _all_tasks(), _all_conditions(),
+                    f"Controllers (NAME:TASK-2d): {controllers}", *([_all_agents()] if agents else []))
         if self.name.lower() == "conditions":
             return (_all_conditions(),)
         if self.name in CONDITIONS:
-            return (conditions_text(self.name).rstrip(),)
+            return (CONDITIONS[self.name].text.rstrip(),)
         if self.name in TASKS:
             return _task_details(self.name)
         if self.name in agents:
@@ -141,10 +142,6 @@ def _all_tasks() -> Table:
 def _all_conditions() -> Table:
     return table("Conditions (rans list NAME tells every number and its source)", ("name", "what"),
                  [(_named(CONDITIONS, name), CONDITIONS[name].conditions.description) for name in CONDITIONS])
-
-
-def _all_controllers() -> str:
-    return f"Controllers (NAME:TASK-2d): {', '.join(_named(CONTROLLERS, name) for name in CONTROLLERS)}"
 
 
 def _named(registry: Registry[Any], name: str) -> str:

@@ -29,9 +29,9 @@ if TYPE_CHECKING:
 class Optimal:
     """Find optimal trajectories with relaxed thrust, and fly them in Drake.
 
-    Thrust may be anything between shut and open: the trajectories are marks to measure by, no controllers
-    and no certificates. Writes optimal.json and optimal.npz. Exit code 1 if any start was left without a
-    trajectory that Drake flies.
+    Thrust may be anything between shut and open, in Drake too: the trajectories are marks to measure by, no
+    controllers and no certificates. Writes optimal.json and optimal.npz. Exit code 1 if any start was left
+    without a trajectory that Drake flies.
     """
 
     task: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="TASK")]

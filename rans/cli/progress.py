@@ -10,8 +10,20 @@ from rich.progress import BarColumn, Progress, TextColumn
 
 from rans.terminal import Terminal
 
-PLAIN_SECONDS = 5.0
+_SECONDS = 5.0
 """Between plain lines."""
+
+
+class NowAndThen:
+    """Plain lines on standard error, not too many."""
+
+    _last = -_SECONDS
+
+    def say(self, line: str, surely: bool = False) -> None:
+        """Say it if the last line was some seconds ago, or surely."""
+        if surely or time.monotonic() - self._last > _SECONDS:
+            self._last = time.monotonic()
+            print(line, file=sys.stderr, flush=True)
 
 
 class TrainingProgress(Progress):
@@ -22,15 +34,14 @@ class TrainingProgress(Progress):
         super().__init__(TextColumn("training"), BarColumn(bar_width=20), TextColumn("{task.description}"),
                          console=console, disable=not console.is_terminal)
         self._bar, self._total = self.add_task("compiling and warming up ...", total=total), total
-        self._last = -PLAIN_SECONDS
+        self._plain = NowAndThen()
 
     def show(self, row: dict[str, Any]) -> None:
         """Show the newest row."""
-        text, now = describe(row, self._total), time.monotonic()
+        text = describe(row, self._total)
         self.update(self._bar, completed=row["steps"], description=text)
-        if self.disable and (now - self._last > PLAIN_SECONDS or row["steps"] >= self._total):
-            print(f"training: {text}", file=sys.stderr, flush=True)
-            self._last = now
+        if self.disable:
+            self._plain.say(f"training: {text}", surely=row["steps"] >= self._total)
 
 
 def describe(row: dict[str, Any], total: int) -> str:

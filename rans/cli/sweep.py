@@ -17,7 +17,7 @@ from rich.table import Table
 from tyro.conf import Positional, UseAppendAction, arg
 
 from rans.cli import STARTED
-from rans.cli.progress import PLAIN_SECONDS
+from rans.cli.progress import NowAndThen
 from rans.cli.train import StopGently, Train, compile_in_this_process
 from rans.errors import ConfigError
 from rans.files import environment, plain, write_json, write_text
@@ -60,9 +60,10 @@ class Sweep:
         """Train with progress and print a table; 130 when it was stopped early."""
         compile_in_this_process()
         sweep = self._trainings()
-        folder, first = sweep.path, sweep.processes.is_first
+        folder, first, plain = sweep.path, sweep.processes.is_first, NowAndThen()
         with StopGently() as stop:
-            sweep.train(_Progress(sweep).show if first else lambda _: None, lambda: stop.asked)
+            sweep.train(lambda batch: plain.say(f"sweep: {describe(sweep, batch)}") if first else None,
+                        lambda: stop.asked)
         if not first:
             return 130 if stop.asked else 0
         _save(sweep, folder)
@@ -82,23 +83,19 @@ class Sweep:
         from rans.fast.distributed import join
         from rans.fast.learn.sweep import Sweep as Trainings
         from rans.fast.learn.sweep import read_configs
+        from rans.fast.learn.trainer import unused_path
 
         if self.resume is not None:
             if replace(self, resume=None) != Sweep():
                 raise ConfigError("--resume takes everything from the sweep's folder; give nothing else.")
             configs, command = read_configs(self.resume)
             return Trainings(configs, self.resume, command, join(configs[0].device))
-        configs = list(self._configs())
-        world = join(configs[0].device)
-        folder = world.first_says(self._folder(configs[0]))
-        return Trainings(configs, folder, shlex.join(["rans", *sys.argv[1:]]), world)
-
-    def _folder(self, config: TrainConfig) -> Path:
-        from rans.fast.learn.trainer import unused_path
-
+        config, *_ = configs = list(self._configs())
         if self.output is not None and self.output.exists():
             raise ConfigError(f"{self.output} exists already; choose another folder with --run.")
-        return self.output or unused_path(f"sweep-{config.task}-{Path(config.spacecraft).stem}")
+        world = join(config.device)
+        folder = self.output or unused_path(f"sweep-{config.task}-{Path(config.spacecraft).stem}")
+        return Trainings(configs, world.first_says(folder), shlex.join(["rans", *sys.argv[1:]]), world)
 
     def _configs(self) -> Iterator[TrainConfig]:
         """Every combination, the seeds of one beside each other."""
@@ -157,19 +154,6 @@ def _table(sweep: Trainings) -> Table:
         table.add_row(str(row["seed"]), *choice, ended, *(f"{number:.2f}" for number in numbers),
                       style="bold" if row["member"] == best else None)
     return table
-
-
-class _Progress:
-    """Plain lines on standard error, now and then."""
-
-    def __init__(self, sweep: Trainings) -> None:
-        self._sweep, self._last = sweep, -PLAIN_SECONDS
-
-    def show(self, batch: Sequence[Member]) -> None:
-        """Say how far a batch is."""
-        if time.monotonic() - self._last > PLAIN_SECONDS:
-            self._last = time.monotonic()
-            print(f"sweep: {describe(self._sweep, batch)}", file=sys.stderr, flush=True)
 
 
 def describe(sweep: Trainings, batch: Sequence[Member]) -> str:

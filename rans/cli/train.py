@@ -19,7 +19,7 @@ from tyro.conf import Positional, UseAppendAction, arg
 from rans.cli import STARTED
 from rans.cli.progress import TrainingProgress
 from rans.errors import ConfigError, RansError
-from rans.files import replace_file
+from rans.files import write_text
 from rans.model.spacecraft_file import load_spacecraft
 from rans.processes import beside
 from rans.registry import meant
@@ -150,11 +150,10 @@ def compile_in_this_process() -> None:
 
 def _draw(run: RunFolder) -> None:
     """The learning curve, with Matplotlib, for which training need not wait."""
-    from rans.show.figures import learning_curve
+    from rans.show.figures import learning_curve, svg
 
     if rows := run.metrics():
-        replace_file(run.path / "learning_curve.svg",
-                     lambda draft: learning_curve(rows).savefig(draft, format="svg"))
+        write_text(run.path / "learning_curve.svg", svg(learning_curve(rows)))
 
 
 def _summary(trainer: Trainer, stopped: bool, seconds: float) -> str:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from rich.text import Text
 
@@ -31,11 +30,19 @@ class Validate:
     def run(self) -> int:
         """Print the table of checks."""
         from validation.page import page
+        from validation.study import study
 
         console = Terminal()
         if self.output is not None:
             ready_folder(self.output)
-        report = self._study()
+        with progress() as bars:
+            bar = bars.add_task("validating", total=None)
+
+            def show(name: str, count: int) -> None:
+                done = bars.tasks[0].completed if bars.tasks[0].total else -1
+                bars.update(bar, total=count, completed=done + 1, description=name)
+
+            report = study(load_spacecraft(self.spacecraft), self.seed, self.quick, self.layer, show)
         console.print(report.table())
         failed = [check for check in report.checks if not check.passed]
         for check in failed:
@@ -49,15 +56,3 @@ class Validate:
             page(report, self.spacecraft).write(self.output / "validation.html")
             console.print(f"Written to {self.output / 'validation.json'} and validation.html.")
         return 1 if failed else 0
-
-    def _study(self) -> Any:
-        from validation.study import study
-
-        with progress() as bars:
-            bar = bars.add_task("validating", total=None)
-
-            def show(name: str, count: int) -> None:
-                done = bars.tasks[0].completed if bars.tasks[0].total else -1
-                bars.update(bar, total=count, completed=done + 1, description=name)
-
-            return study(load_spacecraft(self.spacecraft), self.seed, self.quick, self.layer, show)

@@ -44,30 +44,23 @@ class View:
 
     def run(self) -> int:
         """Serve the page, or write what was asked for."""
+        from rans.evaluation.fly.contestants import contestant
+        from rans.evaluation.fly.judge import flown
+        from rans.show.frames import save_frames
+
         if not self.contestants:
             raise ConfigError("say who flies, such as `rans view runs/first`.")
         check_count("--episodes", self.episodes)
         if self.save is not None and self.save.suffix != ".html":
             raise ConfigError(f"--save writes a page, whose name must end in .html, got {str(self.save)!r}.")
-        flights = [self._fly(spec) for spec in self.contestants]
+        who = (contestant(spec).under(self.conditions) for spec in self.contestants)
+        flights = [flown(run.controller, run.judged, self.seed, self.episodes, self.engine).flight for run in who]
         if self.frames is not None:
-            from rans.show.frames import save_frames
-
             save_frames(flights[0], 0, self.frames)
             print(f"Ten frames of {flights[0].controller} are in {self.frames}.")
         if self.save is not None or self.frames is None:
             self._show(flights)
         return 0
-
-    def _fly(self, spec: str) -> Flight:
-        from rans.evaluation.fly.contestants import contestant
-        from rans.evaluation.fly.judge import flown
-        from rans.model.conditions_file import load_conditions
-
-        run = contestant(spec)
-        if self.conditions is not None:
-            run = run._replace(conditions=load_conditions(self.conditions).or_none)
-        return flown(run.controller, run.judged, self.seed, self.episodes, self.engine).flight
 
     def _show(self, flights: list[Flight]) -> None:
         from rans.show.view import View as Page

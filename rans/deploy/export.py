@@ -15,13 +15,11 @@ from rans.evaluation.fly.agent import load_agent
 from rans.evaluation.fly.contestants import contestant, judged_separately
 from rans.evaluation.fly.judge import flown
 from rans.evaluation.fly.protocols import ProtocolName, fitting_protocols
-from rans.evaluation.measure.aggregate import Metrics, measure
+from rans.evaluation.measure.aggregate import measure
 from rans.fast.learn.config import to_table
 from rans.fast.learn.run_folder import RunFolder
 from rans.files import read_json, replace_file, write_json, write_text
 from rans.scenario import EVALUATION_SEED
-
-_OPTIMISER, _SYSTEM = "policy.optimizer.pth", "system_info.txt"
 
 
 def export(run: Path, folder: Path, episodes: int = 1024, seed: int = EVALUATION_SEED) -> dict[str, Any]:
@@ -43,24 +41,23 @@ def export(run: Path, folder: Path, episodes: int = 1024, seed: int = EVALUATION
     replace_file(target.policy_file, lambda draft: draft.write_bytes(content))
     write_json(target.config_file, to_table(config) | {"spacecraft": craft.name})
     write_text(target.spacecraft_file, source.spacecraft_file.read_text("utf-8"))
-    evaluations = {protocol: judged(str(folder), protocol, episodes, seed)
+    evaluations = {protocol: _judged(str(folder), protocol, episodes, seed)
                    for protocol in fitting_protocols(craft)}
     card = {"name": folder.resolve().name, "task": config.task, "spacecraft": craft.name,
             "training": training, "episodes": episodes, "evaluation_seed": seed,
-            "evaluation": {name: {task: _values(metrics) for task, metrics in by_task.items()}
-                           for name, by_task in evaluations.items()},
-            "date": datetime.now(UTC).date().isoformat()}
+            "evaluation": evaluations, "date": datetime.now(UTC).date().isoformat()}
     write_json(folder / "card.json", card)
     return card
 
 
-def judged(spec: str, protocol: ProtocolName, episodes: int, seed: int) -> dict[str, Metrics]:
-    """Metrics of a contestant by the task's name, which is "" unless it has several."""
+def _judged(spec: str, protocol: ProtocolName, episodes: int, seed: int) -> dict[str, Any]:
+    """By the task's name, "" unless there are several: value, 95 % interval and unit of every metric."""
     found = {}
     for one in judged_separately(spec):
         run = contestant(one, protocol)
-        flight = flown(run.controller, run.judged, seed, episodes).flight
-        found[one.removeprefix(spec).removeprefix("#")] = measure(flight)
+        rows = measure(flown(run.controller, run.judged, seed, episodes).flight).rows
+        found[one.removeprefix(spec).removeprefix("#")] = {
+            r.name: [*(float(f"{x:.5g}") for x in (r.value, r.low, r.high)), r.unit] for r in rows}
     return found
 
 
@@ -69,12 +66,12 @@ def _without_optimiser(policy: Path) -> bytes:
     content = io.BytesIO()
     with zipfile.ZipFile(policy) as old, zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as new:
         for name in old.namelist():
-            if name == _OPTIMISER:
+            if name == "policy.optimizer.pth":
                 state = torch.load(io.BytesIO(old.read(name)), map_location="cpu", weights_only=True)
                 packed = io.BytesIO()
                 torch.save(state | {"state": {}}, packed)
                 new.writestr(name, packed.getvalue())
-            elif name != _SYSTEM:
+            elif name != "system_info.txt":
                 new.writestr(name, old.read(name))
     return content.getvalue()
 
@@ -88,9 +85,3 @@ def _training(run: RunFolder) -> dict[str, Any]:
     about = read_json(run.config_file).get("about", {})
     return {"seed": config.seed, "steps": rows[-1]["steps"], "seconds": rows[-1]["seconds"],
             "device": config.device, "environment": about.get("environment", {})}
-
-
-def _values(metrics: Metrics) -> dict[str, Any]:
-    """Value, ends of the 95 % interval and unit of every metric."""
-    return {row.name: [*(float(f"{x:.5g}") for x in (row.value, row.low, row.high)), row.unit]
-            for row in metrics.rows}

@@ -34,11 +34,6 @@ CONDITIONS = Registry("conditions", "rans.conditions", {
 """All conditions that have a name."""
 
 
-def conditions_text(name: str) -> str:
-    """The TOML text of the conditions of this name, with the source of every number."""
-    return CONDITIONS[name].text
-
-
 def load_conditions(name_or_file: str | Path) -> Conditions:
     """The conditions of this name, MODULE:NAME, or of a path that ends in ``.toml``.
 

@@ -19,7 +19,7 @@ from rans.show.page import Finding, Page, Picture, Section, Table, header
 from rans.show.report import comparison_section
 
 TEXT = (
-    "All fly from the same starts, at the same rate, and open or shut whole thrusters. Arrival is the first "
+    "All fly the same craft from the same starts at the same rate. Arrival is the first "
     "time within the task's tolerances and, for a pose or position, at rest (5 cm/s, 5 degrees/s); settling "
     "is when the errors enter their tolerances for good. Thrust-time is force times open time, summed over "
     "the thrusters. Who never gets there counts as infinitely late. Medians and means stand with 95 % "

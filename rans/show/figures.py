@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import base64
 import io
+import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -92,7 +93,8 @@ def save_flight_figures(flight: Flight, folder: Path, suffix: str = "") -> None:
 def svg(figure: Figure) -> str:
     """The figure as the text of an SVG file."""
     buffer = io.StringIO()
-    with matplotlib.rc_context(STYLE):
+    with matplotlib.rc_context(STYLE), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Creating legend with loc")  # only says that this machine is busy
         figure.savefig(buffer, format="svg", metadata={"Date": None})
     return buffer.getvalue()
 

@@ -2,12 +2,17 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
 
 from rans.cli import main
-from validation.peers.runner import Peer
+from rans.cli.benchmark import Benchmark, _measured, _peer
+from rans.tasks import TASKS
+from rans.terminal import Terminal
+from validation.peers.runner import Peer, PeerResult
+from validation.speed.measurement import Measurement
 
 
 @pytest.fixture(autouse=True)
@@ -39,6 +44,7 @@ def test_figures(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     assert "floating-platform, 64 environments" in file.with_suffix(".svg").read_text()
 
 
+@pytest.mark.slow  # runs Stable-Baselines3 in a process of its own
 def test_peers_that_cannot_be_installed_are_rows_that_say_why(
         capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """pip finds no such version; Stable-Baselines3 is there anyway."""
@@ -77,3 +83,34 @@ def test_without_a_compiler(capsys: pytest.CaptureFixture[str], monkeypatch: pyt
     monkeypatch.setenv("PATH", "/nowhere")
     assert main(["benchmark", "--device", "cpu"]) == 2
     assert "needs a C++ compiler" in capsys.readouterr().err
+
+
+def test_a_peer_is_a_row_with_its_rate_in_millions() -> None:
+    figures = {"version": "2.1", "num_envs": 4096, "steps_per_s": 2_500_000.0, "task": "ant"}
+    assert _peer(PeerResult("brax", "python brax.py", figures=figures)) == (
+        "brax", "2.1", "4,096", "2.5", "ant", "python brax.py")
+    assert _peer(PeerResult("brax", "python brax.py", reason="no wheel")) == (
+        "brax", "-", "-", "-", "no wheel", "python brax.py")
+
+
+def test_a_measurement_is_a_row_with_its_unit() -> None:
+    """Warm-up in s; one that could not be made says why and has no value."""
+    assert _measured(Measurement("engine", "x", 12_345_678.0, "steps/s", 2.25, "a note")) == (
+        "engine", "x", "1.235e+07", "steps/s", "2.2 s", "a note")
+    assert _measured(Measurement("policy", "y", None, "us", note="no ONNX")) == (
+        "policy", "y", "-", "us", "", "no ONNX")
+
+
+@pytest.mark.parametrize(("options", "expected"), [
+    ({"device": "cpu"}, (1024, 16_384, 262_144)), ({"device": "cuda"}, (16_384, 262_144, 4_194_304)),
+    ({"device": "cpu", "quick": True}, (1024,)), ({"device": "cuda", "quick": True}, (1024,)),
+    ({"device": "cuda", "quick": True, "num_envs": (7, 8)}, (7, 8))])
+def test_sizes(options: dict[str, Any], expected: tuple[int, ...], monkeypatch: pytest.MonkeyPatch) -> None:
+    """What was asked for, or what its help promises."""
+    asked: list[tuple[Any, ...]] = []
+    monkeypatch.setattr("validation.speed.suite.measurements", lambda *given: asked.append(given) or ())
+    assert Benchmark(task="track-twist", **options)._measure(Terminal(), options["device"]) == []
+    [(crafts, name, task, sizes, _)] = asked
+    assert sizes == expected
+    assert ([craft.name for craft in crafts], name) == (["floating-platform", "free-flyer"], "track-twist")
+    assert isinstance(task, TASKS["track-twist"])

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from rans.cli import main
+from rans.evaluation.compare.run import Comparison
 
 IDLE = "python:tests.evaluation.policies:idle"
 
@@ -48,9 +50,23 @@ def test_interrupted_it_still_writes(tmp_path: Path, monkeypatch: pytest.MonkeyP
     ([IDLE], "knows no task"),
     (["lqr:go-to-pose-2d", "--certified", "-1"], "--certified must be >= 0, got -1"),
     (["lqr:go-to-pose-2d", "--output", "/dev/null/x"], "cannot write into /dev/null/x: Not a directory"),
+    (["lqr:go-to-pose-2d", "--with", "lqr", "pid"], "no controller named 'pid'"),
     (["lqr:go-to-pose-2d", "--episodes", "0"], "--episodes must be >= 1 and < 2^31, got 0"),
 ])
 def test_mistakes_end_in_a_sentence(arguments: list[str], sentence: str,
                                     capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["compare", *arguments]) == 2
     assert sentence in capsys.readouterr().err
+
+
+def test_every_option_reaches_the_comparison(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fill(comparison: Comparison, *given: Any) -> None:
+        contest = comparison.contest
+        told.append(((contest.episodes, contest.seed, contest.engine), *given[:-1]))
+
+    told: list[Any] = []
+    monkeypatch.setattr("rans.evaluation.compare.run.fill", fill)
+    assert main(["compare", "lqr:go-to-pose-2d", IDLE, "--with", "mpc", "--episodes", "5", "--seed", "11",
+                 "--engine", "drake", "--certified", "2", "--output", str(tmp_path)]) == 0
+    assert told == [((5, 11, "drake"), ("lqr:go-to-pose-2d", IDLE), ("mpc",), 2,
+                     tmp_path / "compare-bounds.json")]

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from rans.cli import main
+from rans.cli.evaluate import Evaluate
 from rans.show.report import report_from_run
 from rans.tasks.multi_task import MultiTask
 from tests.fast.training import CONFIG, tiny_trainer
@@ -89,3 +90,10 @@ def test_wrong_arguments(capsys: pytest.CaptureFixture[str], run_folder: Path, t
     assert "policy.zip is damaged" in refused(capsys, str(run_folder))
     (run_folder / "policy.zip").unlink()
     assert "no policy.zip yet" in refused(capsys, str(run_folder))
+
+
+def test_one_task_on_which_the_engines_disagree_is_enough(monkeypatch: pytest.MonkeyPatch) -> None:
+    answers = iter([False, True])
+    monkeypatch.setattr("rans.evaluation.fly.contestants.judged_separately", lambda _: ["run#a", "run#b"])
+    monkeypatch.setattr(Evaluate, "judge", lambda command: next(answers))
+    assert Evaluate("run", engine="both").run() == 1

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import warnings
 from importlib import resources
 from pathlib import Path
 
@@ -130,3 +131,20 @@ def test_no_thruster_hides_another(craft: Spacecraft) -> None:
         text = text.replace(letter, " ")
     assert sorted(int(word) for word in text.replace("·", " ").replace("+", " ").split()) == list(
         range(len(craft.thrusters)))
+
+
+def test_a_thruster_is_a_row_by_value(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    """At (0.3, 0.1) of a craft whose centre of mass is at (0.1, 0), 2 N along y: 0.2 m times 2 N."""
+    file = tmp_path / "one.toml"
+    file.write_text('name = "one"\ndimension = 2\nmass = 4.5\ninertia = 0.25\nradius = 0.4\n'
+                    "centre_of_mass = [0.1, 0.0]\n"
+                    "[[thruster]]\nposition = [0.3, 0.1]\ndirection = [0.0, 1.0]\nforce = 2.0\n")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # one thruster cannot steer
+        text = listed(capsys, str(file))
+    rows = [[cell.strip() for cell in line.replace("┃", "│").split("│")[1:-1]] for line in text.splitlines()]
+    assert ["", "position, m", "direction", "force, N", "torque, N m"] in rows
+    assert ["0", "0.3  0.1", "0  1", "2", "0.4"] in rows
+    for row in (["mass", "4.5 kg"], ["outer radius", "0.4 m"], ["centre of mass, m", "0.1  0"],
+                ["thrust sharing", "none"]):
+        assert row in rows

@@ -126,13 +126,13 @@ def test_a_warning_is_one_sentence(monkeypatch: pytest.MonkeyPatch,
                                    capsys: pytest.CaptureFixture[str]) -> None:
     class Warns:
         def run(self) -> int:
-            warnings.warn("its thrusters\n  cannot turn it.", stacklevel=2)
+            warnings.warn("its thrusters\n  cannot turn \x1b[31mit.", stacklevel=2)
             return 0
 
     monkeypatch.setattr(cli, "_parse", lambda _: Warns())
     before = warnings.showwarning
     assert main(["list"]) == 0
-    assert capsys.readouterr().err == "rans: warning: its thrusters cannot turn it.\n"
+    assert capsys.readouterr().err == "rans: warning: its thrusters cannot turn \\x1b[31mit.\n"
     assert warnings.showwarning is before
 
 

@@ -2,11 +2,13 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from rans.cli import main
+from rans.optimal.certificate.certificate import Effort
 
 
 def run(*arguments: str) -> int:
@@ -60,3 +62,18 @@ def test_mistakes_are_one_sentence(capsys: pytest.CaptureFixture[str], arguments
     error = capsys.readouterr().err
     assert message in error
     assert error.count("\n") == 1
+
+
+def test_guesses_are_tried_and_the_certificate_has_the_time_it_is_given(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each answer counts its guesses; the questions are looked at, not answered."""
+    asked: list[Any] = []
+    monkeypatch.setattr("rans.evaluation.compare.bounds.bounds", lambda *given: asked.append(given) or ())
+    options = ["--episodes=1", "--guesses=2", "--horizon=8", "--control-period=0.5", "--certify",
+               "--certify-seconds=3.5", "--seed=4"]
+    assert run("go-to-position", *options, "--output", str(tmp_path)) == 0
+    written = json.loads((tmp_path / "optimal.json").read_text())
+    assert (written["starts"][0]["attempts"], written["seed"]) == (2, 4)
+    [([question], starts, workers, _)] = asked
+    assert (question.effort, question.horizon, question.period) == (Effort(3.5), 8.0, 0.5)
+    assert (list(starts), workers) == ([0], 1)

@@ -15,7 +15,7 @@ from rans.cli import main
 from rans.cli import train as training
 from rans.cli.list import _agent_details, layout_text
 from rans.cli.optimal import Optimal
-from rans.cli.progress import describe
+from rans.cli.progress import TrainingProgress, describe
 from rans.cli.sweep import _table
 from rans.cli.sweep import describe as describe_sweep
 from rans.evaluation.measure.agreement import EngineComparison
@@ -204,3 +204,14 @@ def test_counts_beyond_31_bits_are_a_sentence(arguments: list[str], count: str,
     assert main([*arguments, count]) == 2
     assert capsys.readouterr().err == (
         f"rans: {arguments[-1]} must be >= 1 and < 2^31, got {count}.\n")
+
+
+def test_the_last_line_of_a_training_is_always_told(capsys: pytest.CaptureFixture[str]) -> None:
+    """Others only every five seconds, which these take no part of."""
+    row = {"success": 0.5, "steps_per_s": 1e6, "return/position": 1.0}
+    with TrainingProgress(300) as progress:
+        for steps in (100, 200, 300):
+            progress.show(row | {"steps": steps})
+    told = capsys.readouterr().err.splitlines()
+    assert [line.partition(" at most ")[2] for line in told] == ["0 s left", "0 s left"]
+    assert told[0].startswith("training: 0.00 M steps, success 50.0%, return: position 1, ")

@@ -77,7 +77,7 @@ def test_values_of_every_kind() -> None:
 def test_an_interrupt_keeps_what_there_is(monkeypatch: pytest.MonkeyPatch,
                                           capsys: pytest.CaptureFixture[str]) -> None:
     signals = iter([signal.SIGINT])
-    monkeypatch.setattr("rans.cli.sweep._Progress.show", lambda *_: [*map(signal.raise_signal, signals)])
+    monkeypatch.setattr("rans.cli.progress.NowAndThen.say", lambda *_: [*map(signal.raise_signal, signals)])
     assert main([*tiny(report_interval="1"), "--seeds", "2", "--run", "sweep"]) == 130
     assert "Stopped: 0 of 2 members solved" in capsys.readouterr().out
     # Interrupted in the first report, it reports once more.
@@ -101,3 +101,11 @@ def test_wrong_arguments(capsys: pytest.CaptureFixture[str], arguments: list[str
     error = capsys.readouterr().err
     assert message in error
     assert error.count("\n") == 1
+
+
+def test_a_sweep_that_goes_on_replaces_its_best_agent() -> None:
+    """Nothing of what was the best before is left among it."""
+    assert main([*tiny(), "--seeds", "1", "--total-timesteps", "128", "--run", "sweep"]) == 0
+    Path("sweep/best/of-before").write_text("")
+    assert main(["sweep", "--resume", "sweep"]) == 0
+    assert (Path("sweep/best/policy.zip").exists(), Path("sweep/best/of-before").exists()) == (True, False)

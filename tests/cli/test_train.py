@@ -14,7 +14,8 @@ import torch
 from torch import Tensor
 
 from rans.cli import main
-from rans.cli.train import compile_in_this_process
+from rans.cli.train import Train, compile_in_this_process
+from rans.fast.learn.config import to_table
 from rans.fast.learn.run_folder import RunFolder, read_config
 from tests.fast.training import weights
 from tests.processes import PATIENCE, command
@@ -141,6 +142,7 @@ def test_wrong_options(capsys: pytest.CaptureFixture[str]) -> None:
                    ["--spacecraft", "floating-platform"], ["--config", "x"], ["--set", "seed=1"],
                    ["go-to-pose"]):
         assert "give nothing else" in refused(capsys, *option, "--resume", "nowhere")
+    assert "nowhere is not a run folder" in refused(capsys, "--view", "--resume", "nowhere")
     Path("file").write_text("")
     assert "cannot write file/run/" in refused(capsys, *tiny()[1:], "--run", "file/run")
 
@@ -205,3 +207,13 @@ def test_an_agent_that_comes_with_rans_is_trained_again_by_its_name() -> None:
     config = read_config(Path("runs/go-to-pose-floating-platform-shared-seed3/config.json"))
     assert (config.spacecraft, config.seed, config.ppo.n_envs) == ("floating-platform-shared", 3, 16)
     assert config.ppo.anneal == 0.7
+
+
+def test_the_device_that_is_asked_for_trains(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever there is; also with the config of a run on another one."""
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    assert Train("go-to-pose").resolved().device == "cpu"
+    assert Train("go-to-pose", device="cuda").resolved().device == "cuda"
+    Path("config.json").write_text(json.dumps(to_table(Train("go-to-pose").resolved())))
+    assert Train(config=Path("config.json")).resolved().device == "cpu"
+    assert Train(config=Path("config.json"), device="cuda").resolved().device == "cuda"

@@ -10,6 +10,8 @@ import subprocess
 import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -107,3 +109,22 @@ def cmdline(pid: int) -> str:
         return Path(f"/proc/{pid}/cmdline").read_text()
     except OSError:
         return ""
+
+
+def test_every_option_reaches_the_flights(monkeypatch: pytest.MonkeyPatch,
+                                          capsys: pytest.CaptureFixture[str]) -> None:
+    """And of all flights the first is framed."""
+    asked, framed = [], []
+
+    def flown(controller: Any, _: Any, *given: Any) -> Any:
+        asked.append((controller.name, *given))
+        return SimpleNamespace(flight=SimpleNamespace(controller=controller.name))
+
+    monkeypatch.setattr("rans.evaluation.fly.judge.flown", flown)
+    monkeypatch.setattr("rans.show.frames.save_frames", lambda *given: framed.append(given))
+    options = ["--episodes", "3", "--seed", "8", "--engine", "drake", "--frames", "ten.png"]
+    assert main(["view", "lqr:go-to-pose-2d", "mpc:go-to-pose-2d", *options]) == 0
+    assert asked == [("LQR", 8, 3, "drake"), ("MPC", 8, 3, "drake")]
+    [(flight, number, file)] = framed
+    assert (flight.controller, number, file) == ("LQR", 0, Path("ten.png"))
+    assert capsys.readouterr().out == "Ten frames of LQR are in ten.png.\n"

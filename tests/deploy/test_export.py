@@ -52,6 +52,7 @@ def test_it_is_the_same_agent_in_less(run: Path, shipped: Path) -> None:
 
 def test_the_card_says_what_evaluate_finds(run: Path, shipped: Path) -> None:
     card = json.loads((shipped / "card.json").read_text("utf-8"))
+    assert card["episodes"] == 16
     assert (card["name"], card["task"], card["spacecraft"]) == ("small-pose-2d", "go-to-pose",
                                                                "floating-platform")
     assert card["training"]["seed"] == 0

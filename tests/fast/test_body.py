@@ -69,6 +69,21 @@ def test_thrusters_fail_one_by_one() -> None:
         np.testing.assert_allclose(engine.state.w - spin, -0.31 * np.array(forces) * 0.2 / 0.5, atol=1e-7)
 
 
+@both_crafts
+def test_what_a_simulator_knows(craft: Spacecraft) -> None:
+    """5.32 kg, 0.2045008 kg m^2 and 0.31 m of radius are one; so are a well thruster and one stuck open."""
+    axes, others = craft.dimension, len(craft.thrusters) - 3
+    inertia = (0.1,) if axes == 2 else (0.1, 0.02, 0.0, 0.2, 0.0, 0.25)
+    gain, leak = (1.0, 0.6, 0.0, *[1.0] * others), (0.0, 0.0, 1.0, *[0.0] * others)
+    body = Body(torch.tensor([2.66, 10.64]), inertia, (0.031, *[-0.155] * (axes - 1)), gain, leak)
+    engine = Engine(craft, GoToPose(), 2, body=body, dtype=torch.float64)
+    moments = (0.4889956,) if axes == 2 else (0.4889956, 0.0977991, 0.0, 0.9779913, 0.0, 1.2224891)
+    rest = (*moments, 0.1, *[-0.5] * (axes - 1), *gain, *leak)
+    # Masses were given in float32; moments are worked out to seven digits.
+    np.testing.assert_allclose(engine.privileged(), [(0.5, *rest), (2.0, *rest)], rtol=1e-6, atol=1e-7)
+    assert engine.privileged_width == 1 + len(rest)
+
+
 def test_a_shifted_centre_of_mass_turns_where_none_did() -> None:
     """Thrusters 1 and 6 push along -x with 2 sqrt(1/2) N and no torque; a centre 0.1 m to the left gives
     one of -0.1414 N m."""

@@ -174,6 +174,19 @@ def test_stagger_spreads_the_ends(backend: Any) -> None:
     assert (truncated.sum(dim=0) == 3).all()
 
 
+def test_stagger_forgets_the_steps_and_keeps_the_episodes(backend: Any) -> None:
+    """Of an engine that has flown before, as a second training on it begins."""
+    fresh, used = (backend(PLATFORM, NEAR, 16, SHORT) for _ in range(2))
+    run(used, 27)
+    before = torch.as_tensor(used._episode.clock).clone() // 32
+    for engine in (fresh, used):
+        engine.stagger(torch.Generator().manual_seed(1))
+    clock = torch.as_tensor(used._episode.clock)
+    assert before.min() > 0
+    assert torch.equal(clock // 32, before)
+    assert torch.equal(clock % 32, torch.as_tensor(fresh._episode.clock))
+
+
 @both_crafts
 def test_a_loaded_state_goes_on_bit_for_bit(backend: Any, craft: Spacecraft) -> None:
     engine = backend(craft, NEAR, 16, SHORT, seed=9)

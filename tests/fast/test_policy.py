@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 from scipy.spatial.transform import Rotation
+from scipy.stats import norm
 from stable_baselines3.common.policies import ActorCriticPolicy
 from torch import Tensor
 
@@ -110,6 +111,19 @@ def test_many_members_say_what_each_says_alone() -> None:
                 torch.testing.assert_close(remembered[own], expected, rtol=0, atol=1e-12)
 
 
+@both_crafts
+def test_a_critic_that_is_told_nothing_goes_by_the_design(craft: Any) -> None:
+    """It values states as if told the numbers of the nominal craft, not all of them one; in files too."""
+    learner = tiny_learner(craft, privileged_critic=True)
+    network, told, observations = scatter(learner.network), learner.engine.privileged()[:8], seen(craft, 8)
+    value = network.evaluate(observations).value
+    assert {0.0, 1.0} <= set(told[0].tolist())
+    torch.testing.assert_close(network.evaluate(observations, None, told).value, value, rtol=0, atol=0)
+    assert (network.evaluate(observations, None, torch.ones_like(told)).value != value).all()
+    policy = sb3_policy(network.architecture, network.member(0), dtype=torch.float32)
+    torch.testing.assert_close(policy.predict_values(observations)[:, 0], value, rtol=0, atol=0)
+
+
 def test_the_recurrent_core_is_torchs() -> None:
     """Step by step, and over whole sequences with episodes that begin anew."""
     network = make_network(PLATFORM, units=8)
@@ -169,6 +183,16 @@ def test_samples_have_their_probabilities() -> None:
     bound = 5 * (probability * (1 - probability) / 20_000).sqrt()
     assert ((samples.mean(dim=0) - probability).abs() < bound).all()
     assert (samples.T.corrcoef() - torch.eye(4)).abs().max() < 5 / math.sqrt(20_000)
+
+
+def test_duties_are_drawn_from_a_gaussian() -> None:
+    """Far out too; but zero, which float32 gives once in 3e7 numbers, is six standard deviations away."""
+    uniform = torch.tensor([[1e-8, 1e-4, 0.02, 0.5, 0.84, 1 - 1e-6, 0.0]], dtype=torch.float64)
+    mean, log_std = torch.linspace(-1, 2, 7, dtype=torch.float64)[None], torch.linspace(-2, 1, 7).double()
+    far = np.array([*norm.ppf(uniform[0, :6].numpy()), -6.0])
+    expected = mean.numpy() + np.exp(log_std.numpy()) * far
+    # Rounding of 1 - 2e-8 to float64, in the tail: 1e-16 over a density of 1e-8.
+    np.testing.assert_allclose(Duty(mean, log_std).sample(uniform), expected, rtol=0, atol=1e-7)
 
 
 def test_body_frame_in_the_plane() -> None:

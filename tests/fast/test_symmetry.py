@@ -103,6 +103,13 @@ def test_spacecraft_with_less_symmetry() -> None:
     assert symmetries(nasty_spatial()) is None
 
 
+def test_twin_thrusters_never_share_a_place() -> None:
+    """Of two at one place it cannot be said which becomes which, and one command must not go to both."""
+    views = symmetries(replace(PLATFORM, thrusters=PLATFORM.thrusters * 2))
+    places = [] if views is None else views.place.tolist()
+    assert all(sorted(place) == list(range(16)) for place in places)
+
+
 def test_thrusters_without_a_lever_arm_have_their_own_view_only() -> None:
     centred = tuple(replace(t, position=(0.0, 0.0, 0.0)) for t in PLATFORM.thrusters)
     with pytest.warns(UserWarning, match="cannot"):

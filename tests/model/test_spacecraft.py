@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import warnings
 from typing import Any
 
 import numpy as np
@@ -85,6 +86,31 @@ def test_torque_is_about_the_centre_of_mass() -> None:
 def test_python_descriptions_are_checked_too(change: dict[str, Any], says: str) -> None:
     with pytest.raises(ConfigError, match=says):
         dataclasses.replace(load_spacecraft("floating-platform"), **change)
+
+
+@pytest.mark.parametrize(("change", "says"), [
+    (lambda x: {"thrusters": (Thruster((0.1, 0.1, 0.0), (0.6, 0.8 + x, 0.0), 1.0),)}, "unit vector"),
+    (lambda x: {"thrusters": (Thruster((0.1, 0.1, x), (0.6, 0.8, 0.0), 1.0),)}, "in the plane of"),
+    (lambda x: {"thrusters": (Thruster((0.1, 0.1, 0.0), (0.6, 0.8, -x), 1.0),)}, "in the plane of"),
+    (lambda x: {"inertia": ((0.3, x, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))}, "symmetric"),
+    (lambda x: {"inertia": ((0.5, 0.0, 0.0), (0.0, 0.5, 0.0), (0.0, 0.0, 1.0 + x))}, "rigid body"),
+])
+def test_rounding_passes_and_mistakes_do_not(change: Any, says: str) -> None:
+    """A part in two thousand million is rounding of a file, one in two hundred million is none."""
+    platform = load_spacecraft("floating-platform")
+    with warnings.catch_warnings(action="ignore"):  # one thruster cannot do much
+        dataclasses.replace(platform, **change(5e-10))
+        with pytest.raises(ConfigError, match=says):
+            dataclasses.replace(platform, **change(5e-9))
+
+
+@pytest.mark.parametrize("key", ["mass", "radius"])
+@pytest.mark.parametrize(("fits", "does_not"), [(1e-9, 0.9e-9), (1e9, 1.1e9)])
+def test_the_least_and_the_most(key: str, fits: float, does_not: float) -> None:
+    platform = load_spacecraft("floating-platform")
+    assert getattr(dataclasses.replace(platform, **{key: fits}), key) == fits
+    with pytest.raises(ConfigError, match=f"{key} must be a number from 1e-09 to 1e\\+09"):
+        dataclasses.replace(platform, **{key: does_not})
 
 
 def test_rounding_in_a_rotated_tensor_is_no_asymmetry() -> None:

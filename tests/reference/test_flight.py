@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from rans.flight import fly
+from rans.model.body import Body
+from rans.model.drift import ClohessyWiltshire, Drift
 from rans.model.fields import leaves, map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
@@ -33,6 +35,50 @@ def test_closed_loop_agrees_with_our_equations(craft: Spacecraft) -> None:
     assert 0.05 < ours.commands.mean() < 0.95, "a controller that does something"
     assert max(gap(drake.states, ours.states).values()) < 1e-8  # truncation over 4 s
     assert (drake.engine, drake.controller) == ("drake", "restless")
+
+
+@dataclass(frozen=True)
+class Low(GoToPose):
+    """On an orbit so low that a second of it is felt."""
+
+    @property
+    def drift(self) -> Drift:
+        return ClohessyWiltshire(0.2)
+
+
+@by_name
+def test_other_bodies_on_an_orbit_fly_alike(craft: Spacecraft) -> None:
+    """Each spacecraft with a mass and a weak thruster of its own; both matter by centimetres and more."""
+    timing, starts = Timing(substeps=16, episode_steps=5), scenarios(TASK, craft, 5, 3)
+    count = len(craft.thrusters)
+    body = replace(Body.of(craft), mass=np.array([4.0, 7.0, 12.0]),
+                   gain=(np.array([1.0, 0.3, 0.0]), *(1.0,) * (count - 1)))
+    ours = fly(craft, Low(), Restless(craft, 1), starts, timing, body=body)
+    drake = fly_in_drake(craft, Low(), Restless(craft, 1), starts, timing, body)
+    assert max(gap(drake.states, ours.states).values()) < 1e-8  # truncation over 1 s
+    for other in (fly_in_drake(craft, TASK, Restless(craft, 1), starts, timing, body),
+                  fly_in_drake(craft, Low(), Restless(craft, 1), starts, timing)):
+        assert max(gap(other.states, ours.states).values()) > 0.01
+    commands, start = drake.commands[:, 0], map_leaves(lambda x: float(x[0]), starts.start)
+    alone = fly(craft, Low(), Recited(commands), map_leaves(lambda x: x[:1], starts), timing)
+    again = replay(craft, start, commands, timing, Low().drift)
+    for told, flown in zip(leaves(again.p), leaves(alone.states.p), strict=True):
+        np.testing.assert_allclose(told, flown[:, 0], rtol=0, atol=1e-8)
+
+
+class Recited:
+    """Gives commands by heart, (T, thrusters)."""
+
+    name = "recited"
+
+    def __init__(self, commands: np.ndarray) -> None:
+        self._commands = iter(commands)
+
+    def reset(self, count: int) -> None:
+        pass
+
+    def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
+        return next(self._commands)[None]
 
 
 @by_name

@@ -129,8 +129,8 @@ def gap(a: Any, b: Any) -> float:
 
 
 def slow(dimension: int, kind: str) -> Any:
-    """In space every piece of a period takes substeps, and fourteen valves may shut at fourteen times."""
-    return [pytest.mark.slow] if dimension == 3 and kind != "on-off" else []
+    """In space every piece of a period takes substeps, and pulsed valves may shut at fourteen times."""
+    return [pytest.mark.slow] if dimension == 3 and kind == "pulsed" else []
 
 
 every_world = pytest.mark.parametrize(

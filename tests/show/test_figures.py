@@ -1,13 +1,18 @@
 from __future__ import annotations
 
 import base64
+import io
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
+from itertools import count
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
+import pytest
+from matplotlib import legend
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
@@ -24,6 +29,7 @@ from rans.show.figures import (
     save_flight_figures,
     svg,
 )
+from rans.show.panels import RED
 from rans.tasks import GoToPose
 from tests.evaluation.flights import TrackNothing, flight_of, many_episodes, two_episodes
 
@@ -81,6 +87,45 @@ def test_summaries_show_mean_best_and_worst() -> None:
     rewards = panel(figure, "h")
     assert line(rewards, "best episode")[0, 1] > line(rewards, "worst episode")[0, 1]
     np.testing.assert_allclose(line(panel(figure, "d"), "mean")[:, 1], 0.1)
+
+
+def test_activations_are_seconds_an_episode() -> None:
+    """The first thruster of the first episode is open for four periods of half a second, no other ever."""
+    axes = panel(evaluation_figure(two_episodes()), "a")
+    red = [x for x in axes.get_lines() if x.get_markerfacecolor() == RED]
+    heights = [np.asarray(x.get_ydata())[0] for x in red]
+    assert heights == pytest.approx([1.0] + [0.0] * 7)  # means of 2 s and 0 s
+    assert axes.get_ylabel() == "open time an episode, s"
+    texts = axes.get_legend()
+    assert texts is not None
+    assert [text.get_text() for text in texts.get_texts()] == [
+        "middle half (whiskers 5 to 95 %)", "median", "mean"]
+
+
+def test_errors_and_their_tolerances_are_in_the_units_of_the_axis() -> None:
+    """At most 100 cm and 10 degrees, where 5 cm and 5 degrees count as reached."""
+    figure = evaluation_figure(two_episodes())
+    for letter, most in (("b", 100.0), ("f", 10.0)):
+        axes = panel(figure, letter)
+        [drawn] = (x for x in axes.collections if isinstance(x, LineCollection))
+        assert max(segment[:, 1].max() for segment in drawn.get_segments()) == pytest.approx(most)
+        assert line(axes, "tolerance")[:, 1] == pytest.approx([5.0, 5.0])
+    assert line(panel(figure, "c"), "tolerance")[:, 1] == pytest.approx([5.0, 5.0])
+
+
+def test_errors_of_an_episode_are_multiples_of_their_tolerances() -> None:
+    """1 m is 20 times 5 cm, 10 degrees are twice 5 degrees."""
+    axes = panel(episode_figure(two_episodes()), "b")
+    assert line(axes, "position (tolerance 5 cm)")[0] == pytest.approx([0.0, 20.0])
+    assert line(axes, "attitude (tolerance 5 deg)")[0] == pytest.approx([0.0, 2.0])
+    assert line(axes, "position (tolerance 5 cm)")[-1] == pytest.approx([5.0, 0.08])
+
+
+def test_open_thrusters_stand_in_their_rows_and_times() -> None:
+    image, = panel(episode_figure(two_episodes()), "c").get_images()
+    shown = np.asarray(image.get_array())
+    assert np.argwhere(shown).tolist() == [[0, k] for k in range(4)]
+    assert list(image.get_extent()) == [0.0, 5.0, 7.5, -0.5]  # five seconds; the first thruster is on top
 
 
 def test_every_episode_is_drawn_and_rasterised() -> None:
@@ -148,6 +193,15 @@ def test_episode_figure_draws_that_episode() -> None:
 
 def test_equal_figures_give_equal_bytes() -> None:
     assert svg(episode_figure(two_episodes())) == svg(episode_figure(two_episodes()))
+
+
+def test_a_busy_machine_is_no_news(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Matplotlib warns if the place of a legend was found late, and warnings are errors here."""
+    monkeypatch.setattr(legend, "time", SimpleNamespace(perf_counter=count(0, 10).__next__))
+    figure = learning_curve(ROWS)
+    with pytest.warns(UserWarning, match="Creating legend"):
+        figure.savefig(io.BytesIO(), format="svg")
+    svg(figure)
 
 
 def test_learning_curve() -> None:

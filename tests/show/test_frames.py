@@ -13,6 +13,7 @@ from PIL import Image
 from rans.errors import ConfigError
 from rans.show import frames
 from rans.show.frames import require_egl, save_frames
+from tests.evaluation.flights import flight_of, two_episodes
 from tests.reference.flights import TRACKING, drifting, lqr_flight
 
 WIDTH, HEIGHT = 480, 420
@@ -65,6 +66,23 @@ def test_plumes_are_seen_while_a_thruster_is_open(tmp_path: Path) -> None:
     save_frames(drifting(TRACKING), 0, tmp_path / "drift.png")
     orange = [share(frame, PLUME) for frame in frames_in(tmp_path / "drift.png")]
     assert np.flatnonzero(np.array(orange) > 1e-3).tolist() == [1]
+
+
+@pytest.mark.parametrize(("episode", "instant", "text"), [
+    (0, 2, "1.0 s    20.0 cm    6.0 deg"), (1, 10, "5.0 s    6.0 cm    0.0 deg")])
+def test_what_is_written_into_a_frame(episode: int, instant: int, text: str) -> None:
+    """Instants are half a second apart."""
+    assert frames._text(two_episodes(), episode, instant) == text
+
+
+def test_frames_end_a_second_after_the_goal_is_reached_for_good() -> None:
+    """There from instant 10 on, of 0.5 s each: up to instant 12. Short flights are shown to their end."""
+    distance = np.where(np.arange(41) < 10, 1.0, 0.01)
+    distance[3] = 0.01  # passing by is not reaching
+    flight = flight_of(np.stack((distance, np.ones(41)), axis=1), 0.0)
+    assert frames._instants(flight, 0, 41).tolist() == [0, 1, 3, 4, 5, 7, 8, 9, 11, 12]
+    assert frames._instants(flight, 1, 41)[-1] == 40  # never there
+    assert frames._instants(flight, 0, 11).tolist() == [0, 1, 2, 3, 4, 6, 7, 8, 9, 10]
 
 
 def test_missing_libraries_are_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -17,12 +17,15 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.show.scene import (
     Motion,
+    Part,
     craft_parts,
     floor_parts,
     goal_parts,
     plume_parts,
+    shadow_part,
     trail_parts,
     velocity_arrow,
+    velocity_parts,
 )
 from rans.tasks import GoToPose, GoToPosition
 from tests.reference.flights import FLYER, TRACKING, drifting, lqr_flight
@@ -125,3 +128,41 @@ def test_an_arrow_points_along_the_velocity() -> None:
     np.testing.assert_allclose(turn.matrix()[:, 0], [0.0, -0.6, 0.8], atol=1e-12)
     assert length == pytest.approx(1.0)  # the way of 2 s
     assert velocity_arrow(np.zeros(3))[1] > 0.0  # Meshcat cannot invert a scale of 0
+
+
+def strongest(part: Part) -> int:
+    """0 for a red, 1 for a green, 2 for a blue part."""
+    return int(np.argmax([part.colour.r(), part.colour.g(), part.colour.b()]))
+
+
+def test_colours_say_what_is_what() -> None:
+    """The goal and its velocity are green, one's own velocity and trail are blue; axes x, y, z as usual."""
+    for goal, colour in ((True, 1), (False, 2)):
+        assert [strongest(part) for part in velocity_parts(goal)] == [colour] * 2
+    assert {strongest(part) for part in goal_parts(FLYER, {"position"})} == {1}
+    assert strongest(goal_parts(FLYER, {"position", "attitude"})[0]) == 1
+    assert [strongest(part) for _, part in trail_parts(np.eye(3))] == [2, 2]
+    axes = {part.name: strongest(part) for part in craft_parts(FLYER, Rgba()) if "axis" in part.name}
+    assert axes == {"x axis": 0, "y axis": 1, "z axis": 2}
+    assert {strongest(part) for part in plume_parts(FLYER)} == {0}  # flames
+
+
+def test_an_arrow_is_as_long_as_it_is_told() -> None:
+    """A shaft of four fifths along x, where the head goes on: 2 m in all."""
+    shaft, head = velocity_parts(True, 2.0)
+    np.testing.assert_allclose(head.pose.translation(), [1.6, 0.0, 0.0])
+    for part in (shaft, head):
+        np.testing.assert_allclose(part.pose.rotation().matrix()[:, 2], [1.0, 0.0, 0.0], atol=1e-12)
+        assert part.shape.scale() == 2.0  # type: ignore[attr-defined]
+
+
+def test_sizes_are_those_of_the_craft() -> None:
+    """Radii and lengths in units of the craft's radius: the heading sticks out, the shadow is as wide."""
+    craft = replace(PLATFORM, radius=0.5, shape="cylinder")
+    shadow = shadow_part(craft).shape
+    assert shadow.radius() == 0.5  # type: ignore[attr-defined]
+    body, heading, *nozzles = craft_parts(craft, Rgba())
+    assert body.shape.length() == pytest.approx(0.4)  # type: ignore[attr-defined]
+    assert heading.shape.length() == pytest.approx(1.7 * 0.5)  # type: ignore[attr-defined]
+    np.testing.assert_allclose(heading.pose.translation(), [0.5 * 1.7 * 0.5, 0.0, 0.0], atol=1e-12)
+    assert [part.name for part in nozzles] == [f"nozzle {k}" for k in range(8)]

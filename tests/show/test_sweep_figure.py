@@ -3,6 +3,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 from matplotlib.colors import to_hex
 
 from rans.fast.learn.member import Member
@@ -39,5 +40,14 @@ def test_every_member_has_a_curve_and_a_mark_and_the_best_stands_out() -> None:
     marks = [(float(dot.get_offsets()[0][0]), to_hex(dot.get_facecolor()[0])) for dot in ends.collections]  # type: ignore[index]
     assert [x for x, _ in marks] == [500, 400, 200, 300]
     assert [colour == ORANGE.lower() for _, colour in marks] == [False, False, True, False]
+    # a cross has four ends, a disc many points: the first never solved it
+    crosses = [np.asarray(dot.get_paths()[0].vertices).shape == (4, 2) for dot in ends.collections]
+    assert crosses == [True, False, False, False]
     names = [text.get_text() for text in ends.get_yticklabels()]
     assert names == ["learning_rate 0.001", "learning_rate 0.0003"]
+    texts = [(x.get_title(loc="left"), x.get_xlabel(), x.get_ylabel()) for x in (curves, ends)]
+    assert texts == [
+        ("success of 4 members while training", "environment steps a member", "episodes, %"),
+        ("until solved (x: never)", "environment steps a member", "")]
+    assert [list(line.get_ydata()) for line in curves.get_lines()[:2]] == [  # type: ignore[arg-type]
+        [50.0, 50.0], [100.0, 100.0]]

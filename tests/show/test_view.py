@@ -11,6 +11,7 @@ import shutil
 import socket
 import subprocess
 import urllib.request
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from PIL import Image
 
 from rans.errors import ConfigError
 from rans.model.fields import leaves
+from rans.show.scene import BODIES
 from rans.show.view import View
 from tests.processes import PATIENCE
 from tests.reference.flights import TRACKING, drifting, lqr_flight
@@ -112,6 +114,46 @@ def test_several_flights_and_episodes_are_on_one_page(tmp_path: Path) -> None:
     assert b"/flights/0 LQR/episode 0/velocity" not in text
     with urllib.request.urlopen(view.url, timeout=PATIENCE) as page:
         assert b"meshcat" in page.read()
+
+
+class Told:
+    """What a page is told, as it is told."""
+
+    def __init__(self, meshcat: Any) -> None:
+        self.meshcat, self.places, self.colours = meshcat, {}, {}
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.meshcat, name)
+
+    def SetTransform(self, path: str, pose: Any) -> None:
+        self.places[path] = pose.translation()
+
+    def SetObject(self, path: str, shape: Any, colour: Any) -> None:
+        self.colours[path] = colour
+
+
+def test_every_episode_has_a_tile_of_its_own() -> None:
+    """A row along x for every agent, the first farthest from the viewer, who stands at negative y."""
+    view, flights = View(), [lqr_flight(steps=20), drifting(TRACKING), lqr_flight(steps=20)]
+    told = view._meshcat = Told(view._meshcat)  # type: ignore[assignment]
+    colours = view.show(flights)
+    names = [[f"/flights/{r} {flight.controller}/episode {k}" for k in range(flight.commands.shape[1])]
+             for r, flight in enumerate(flights)]
+    rows = [np.array([told.places[name] for name in row]) for row in names]
+    np.testing.assert_array_equal(rows[0][0], 0.0)
+    first, second = rows[0]
+    assert (first[0] < second[0], first[1], second[1]) == (True, 0.0, 0.0)
+    assert 0.0 > rows[1][0, 1] > rows[2][0, 1] == 2.0 * rows[1][0, 1]
+    # no way of one tile, with the craft's radius around it, comes into another
+    boxes = []
+    for flight, row in zip(flights, rows, strict=True):
+        p = np.array(leaves(flight.states.p))[:2]
+        boxes += [(p[:, :, k].min(axis=1) + tile[:2] - flight.craft.radius,
+                   p[:, :, k].max(axis=1) + tile[:2] + flight.craft.radius) for k, tile in enumerate(row)]
+    for (low, high), (other_low, other_high) in combinations(boxes, 2):
+        assert ((high < other_low) | (low > other_high)).any()
+    for row, colour in zip(names, colours, strict=True):
+        assert all(told.colours[f"{name}/craft/body"] is BODIES[colour] for name in row)
 
 
 def test_showing_again_replaces(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from rans.model.fields import leaves
+from rans.scenario import EVALUATION_SEED, scenarios
 from rans.show import watch
 from tests.fast.training import tiny_trainer
 
@@ -40,6 +41,9 @@ def test_new_agents_are_shown_once_each(tmp_path: Path, monkeypatch: pytest.Monk
     assert first.commands.shape[1] == second.commands.shape[1] == 4
     starts = [[x[0].tolist() for x in leaves(flight.states)] for flight in shown]
     assert starts[0] == starts[1]
+    config = trainer.run.config()
+    judged = scenarios(config.settings.for_evaluation(), trainer.run.spacecraft(), EVALUATION_SEED, 4)
+    assert starts[0] == [x.tolist() for x in leaves(judged.start)]
     assert (first.commands != second.commands).any()
     assert pauses == [0.5, 0.5, 10.0, 0.5, 0.5, 10.0, 0.5, 0.5, 0.5]
 

@@ -12,7 +12,8 @@ from rans.errors import ConfigError
 from rans.model.timing import Timing
 from rans.tasks import GoToPosition, TrackVelocity
 from tests.fast.training import CONFIG, tiny_trainer
-from validation.agent_rows import ROWS, Goal
+from validation import agents
+from validation.agent_rows import ROWS, Goal, Row
 from validation.agents import Agents, Line, conditions_of, means, with_table
 
 PAGE = "before\n<!-- table: python -m validation.agents -->\nold\n<!-- end of table -->\nafter\n"
@@ -98,3 +99,37 @@ def test_settling_times_are_medians_and_all_else_means() -> None:
     values = {"settling time": np.array([1.0, 2.0, np.inf]), "duty": np.array([1.0, 2.0, 6.0])}
     assert means(values, Goal(("settling time", "duty"), "")) == (2.0, 3.0)
     assert means(values, Goal(("duty",), ""), 2) == (1.5,)
+
+
+def test_a_target_may_be_what_time_optimal_trajectories_reach_less_some_slack(
+        monkeypatch: pytest.MonkeyPatch) -> None:
+    """90 and 70 % of the optimum's first two starts, less 2: the agent's mean over the same two is judged."""
+    row = Row("row", "agent", (Goal(("PT5", "PT2"), "%", at_least=True, slack=2.0),
+                               Goal(("PT5",), "%", (50.0,), at_least=True)))
+    judged = Agents(Path("runs"), episodes=3, starts=2)
+    measured = {"PT5": np.array([88.0, 90.0, 2.0]), "PT2": np.array([67.0, 67.0, 99.0])}
+    optimum = {"PT5": np.array([85.0, 95.0]), "PT2": np.array([60.0, 80.0])}
+    monkeypatch.setattr(Path, "glob", lambda *_: [Path("runs/agent-seed0")])
+    monkeypatch.setattr(Agents, "_measured", lambda *_: measured)
+    monkeypatch.setattr(Agents, "_optimal", lambda *_: optimum)
+    near, whole = judged._lines(row)
+    assert near.targets == pytest.approx((88.0, 68.0))
+    assert near.worst == pytest.approx((89.0, 67.0))
+    assert not near.passed
+    assert near.what == "PT5 / 2, first 2 starts; time-optimal: 90 / 70 %"
+    assert whole.worst == pytest.approx((60.0,))  # over all three episodes
+    assert whole.passed
+
+
+@pytest.mark.parametrize(("value", "code", "verdict"), [(95.0, 0, "met"), (85.0, 1, "missed")])
+def test_the_command_says_whether_targets_are_met(value: float, code: int, verdict: str,
+                                                  monkeypatch: pytest.MonkeyPatch,
+                                                  capsys: pytest.CaptureFixture[str]) -> None:
+    """One missed target is enough."""
+    monkeypatch.setenv("COLUMNS", "200")
+    monkeypatch.setattr("sys.argv", ["agents", "runs"])
+    monkeypatch.setattr(Agents, "run", lambda _: [line(True, (91.0, 99.0)), line(True, (value, 80.0))])
+    assert agents.main() == code
+    last = capsys.readouterr().out.splitlines()[-2]
+    assert f"{value:g} / 80 % (of 1)" in last
+    assert verdict in last

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from rans.errors import ConfigError
 from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading, Vec2
+from rans.model.spacecraft import Thruster
 from rans.optimal.certificate import hull
 from rans.optimal.certificate.dual import Relaxation
 from rans.optimal.certificate.lattice import GoalSet, Lattice
@@ -98,3 +100,34 @@ def test_the_command_names_what_flew_below_its_bound(share: float, monkeypatch: 
     monkeypatch.setattr(bounds, "beaten", lambda _: {"least time": 1.0 + 1e-10})
     assert bounds.main() == 0
     assert capsys.readouterr().out.rstrip().endswith("pass")
+
+
+def test_flights_that_spin_too_fast_to_be_exact_are_left_out() -> None:
+    """In space from 3 rad/s on, of which eight steps a period are not exact; in the plane any step is."""
+    fastest, lost = {2: 0.0, 3: 0.0}, {2: 0, 3: 0}
+    for seed in range(150):
+        random = np.random.default_rng(seed)
+        craft = random_craft(random)
+        flown = bounds._flight(craft, random)
+        if flown is None:
+            lost[craft.dimension] += 1
+        else:
+            fastest[craft.dimension] = max(fastest[craft.dimension], float(np.linalg.norm(flown[1].spin())))
+    assert 1.5 < fastest[3] < 3.0 < fastest[2]
+    assert lost[3] > 10 > lost[2] == 0
+
+
+def test_thrust_time_by_the_velocity_it_gives() -> None:
+    """One thruster of 2 N through the centre of 4 kg, not turning: what is gained is all it spent."""
+    with warnings.catch_warnings(action="ignore"):  # that it cannot be steered does not matter
+        craft = replace(lopsided(), thrusters=(Thruster((0.1, 0.0, 0.0), (1.0, 0.0, 0.0), 2.0),))
+    gained = []
+    for seed in range(20):
+        flown = bounds._flight(craft, np.random.default_rng(seed))
+        assert flown is not None
+        start, end, spent, steps = flown
+        if start.w == 0.0:
+            gained.append(spent)
+            assert 4.0 * float((end.v - start.v).norm()) == pytest.approx(spent)
+            assert spent <= 2.0 * 0.2 * steps + 1e-12
+    assert len(set(gained)) > 4

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ from rans.evaluation.measure.aggregate import save_arrays
 from rans.evaluation.measure.metrics import DISPLAY
 from rans.files import environment, write_json
 from rans.flight import Flight
+from rans.model.actuators import Pulsed, Throttle
 from rans.model.fields import leaves, map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
@@ -115,8 +116,11 @@ def episode(craft: Spacecraft, task: Task, timing: Timing, scenario: Scenario,
             trajectory: Trajectory) -> Flight:
     """A trajectory that was solved, flown by Drake for a whole episode, thrusters shut once it has arrived.
 
-    The timing says how long; the control period is the trajectory's own. The scenario is of floats.
+    The timing says how long; the control period is the trajectory's own. The scenario is of floats. Thrust is
+    what the optimiser took it for: steady over each period, also of a craft whose valves give it in pulses.
     """
+    if isinstance(craft.actuators, Pulsed):
+        craft = replace(craft, actuators=Throttle())
     period, planned = trajectory.control_period, len(trajectory.commands)
     steps = max(planned, math.ceil(timing.episode_steps * timing.control_period / period - 1e-9))
     commands = np.vstack([trajectory.commands, np.zeros((steps - planned, len(craft.thrusters)))])

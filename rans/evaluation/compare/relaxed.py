@@ -1,7 +1,7 @@
 """Relaxed optima: trajectories whose thrust may be anything between shut and open, flown in Drake.
 
-They are locally optimal, know the future and, but for the greatest reward, arrive at the exact goal:
-marks to measure by, neither controllers nor certificates.
+Drake throttles there too, whatever the craft's valves can do. They are locally optimal, know the future and,
+but for the greatest reward, arrive at the exact goal: marks to measure by, no controllers or certificates.
 """
 
 from __future__ import annotations

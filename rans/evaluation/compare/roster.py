@@ -11,7 +11,6 @@ from rans.evaluation.fly.controllers import CONTROLLERS, controller, is_user_pol
 from rans.evaluation.fly.judge import EngineName
 from rans.fast.learn.run_folder import RunFolder
 from rans.files import read_json
-from rans.model.conditions_file import load_conditions
 from rans.pretrained import pretrained_folder
 from rans.scenario import EVALUATION_SEED
 
@@ -28,11 +27,10 @@ def contest_of(spec: str, episodes: int, seed: int = EVALUATION_SEED, engine: En
     """
     if episodes < 1:
         raise ConfigError(f"--episodes must be at least 1, got {episodes}.")
-    run = contestant(spec)
+    run = contestant(spec).under(conditions)
     if first := next(iter(run.task.parts())):
         raise ConfigError(f"{spec} knows several tasks: pick one, as in {spec}#{first}.")
-    craft, task, timing, own = run.judged
-    world = load_conditions(conditions).or_none if conditions else own
+    craft, task, timing, world = run.judged
     return Contest(craft, task, timing, seed, episodes, engine, world)
 
 

@@ -16,6 +16,7 @@ from rans.fast.learn.selection import likeliest
 from rans.fast.policy import read_policy
 from rans.flight import Controller
 from rans.model.conditions import Conditions
+from rans.model.conditions_file import load_conditions
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.tasks import Task, observation_width
@@ -54,6 +55,10 @@ class LoadedRun(NamedTuple):
     def judged(self) -> Setup:
         """What it is judged in: the same, with the task's evaluation starts."""
         return Setup(self.craft, self.task.for_evaluation(), self.timing, self.conditions)
+
+    def under(self, conditions: str | None) -> LoadedRun:
+        """The same under other conditions, by name or file; None: its own."""
+        return self if conditions is None else self._replace(conditions=load_conditions(conditions).or_none)
 
 
 def load_agent(path: Path) -> LoadedRun:

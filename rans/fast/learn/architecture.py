@@ -14,7 +14,9 @@ from torch.nn import functional
 
 from rans.fast.engine import Engine
 from rans.fast.learn.config import PPOSettings
+from rans.fast.step import relative
 from rans.fast.symmetry import Symmetries, symmetries
+from rans.model.body import Body
 from rans.tasks.base import example
 from rans.tasks.sight import Block, Drawn, Layout, OwnAttitude, Scalar, Spin, Turn, VectorInW
 
@@ -64,6 +66,8 @@ class Architecture:
     """Of a recurrent core after the trunk; 0: none."""
     privileged: int = 0
     """Numbers that only the critic, which then has a trunk of its own, is given."""
+    nominal: tuple[float, ...] = ()
+    """Those of the spacecraft as designed, for where it is given none; older files have ones instead."""
     clip: float = 10.0
     """Bound of a normalised column."""
     bounds: tuple[float, ...] = ()
@@ -79,6 +83,7 @@ class Architecture:
                    craft.actuators.is_continuous, settings.history if settings.memory == "history" else 0,
                    settings.recurrent_units if settings.memory == "recurrent" else 0,
                    engine.privileged_width if settings.privileged_critic else 0,
+                   tuple(relative(Body.of(craft), craft)) if settings.privileged_critic else (),
                    bounds=example(engine.task, craft.dimension).bounds())
 
     @property

@@ -36,6 +36,7 @@ class Network:
         self.architecture, self.members, self.tensors = architecture, members, dict[str, Tensor]()
         self._activation = ACTIVATIONS[architecture.activation]()
         self.adopt(tensors)
+        self._nominal = self._mean.new_tensor(architecture.nominal or (1.0,) * architecture.privileged)
         device, views = self._mean.device, architecture.symmetries
         self._views = None if views is None else Symmetries(*(
             torch.as_tensor(table, device=device).to(self._mean.dtype if at < 2 else torch.int64)
@@ -123,7 +124,7 @@ class Network:
             features = self._core(features, memory, going_on)
         if not given.privileged:
             return features, features
-        known = seen.new_ones(len(seen), given.privileged) if privileged is None else privileged
+        known = self._nominal.expand(len(seen), -1) if privileged is None else privileged
         return features, self._through(self._critic, torch.cat((x, self._rows(known)), dim=-1))
 
     def remember(self, seen: Tensor, memory: Tensor | None, command: Tensor, output: Output) -> Tensor | None:

@@ -98,8 +98,7 @@ def _highest(cuts: list[Cut], centre: np.ndarray, trust: float,
 
     planes = np.array([np.append(-cut.slope, 1.0) for cut in cuts])
     box = [(x - trust, x + trust) for x in centre]
-    plane = None if normal is None else np.append(normal, 0.0)[None]
-    level = None if normal is None else [normal @ centre]
+    plane, level = (None, None) if normal is None else (np.append(normal, 0.0)[None], [normal @ centre])
     answer = linprog([0.0, 0.0, 0.0, 0.0, -1.0], A_ub=planes, b_ub=[cut.offset for cut in cuts],
                      A_eq=plane, b_eq=level, bounds=[*box, (None, None)], method="highs")
     if answer.x is None:  # planes so large that the solver gives up: stay

@@ -20,7 +20,6 @@ from rans.optimal.certificate.lattice import GoalSet, Lattice
 _EPSILON = float(np.finfo(np.float64).eps)
 _MERGED = 3e-12
 """Patterns whose forces differ by less than 1e-12 of the largest, in x and in y, count as one."""
-_LARGEST = float(np.finfo(np.float64).max)
 _HUGE = 1e200
 """A margin (which exceeds 1e-12 of any sum) from which on sums of costs might overflow, N s."""
 
@@ -164,7 +163,7 @@ class Relaxation:
 
     def reachable(self) -> Branch:
         """All paths that end in the goal attitude within the cap."""
-        limit = _LARGEST if self.cap is None else self.cap * self.fuel
+        limit = float(np.finfo(np.float64).max) if self.cap is None else self.cap * self.fuel
         return self.shrunk(np.zeros(4), self.everything, limit)
 
     def shrunk(self, costate: np.ndarray, branch: Branch, limit: float) -> Branch:

@@ -90,17 +90,13 @@ def least_time(craft: Spacecraft, aims: Collection[str], start: State, goal: Sta
     push = float(reach.force.max()) / craft.mass
     way, before, after = (np.array(x.columns()) for x in (goal.p - start.p, start.v, goal.v))
     margin = goal_set.velocity if "velocity" in aims else math.inf
-    for axis in _axes(way, after - before, before):
+    vectors = [v / np.linalg.norm(v) for v in (way, after - before, before) if np.linalg.norm(v) > 0]
+    for axis in (sign * v for v in vectors for sign in (1.0, -1.0)):
         far = way @ axis - goal_set.position if "position" in aims else -math.inf
         change = max(0.0, abs(float((after - before) @ axis)) - margin)
         speeds = float(before @ axis), float(after @ axis) + margin
         times.append(_least_time(float(far), *speeds, change, push))
     return max(times) * (1.0 - _ROUNDING)
-
-
-def _axes(*vectors: np.ndarray) -> list[np.ndarray]:
-    """Unit vectors along these and against them."""
-    return [sign * v / np.linalg.norm(v) for v in vectors if np.linalg.norm(v) > 0 for sign in (1.0, -1.0)]
 
 
 def _least_time(way: float, before: float, after: float, change: float, push: float) -> float:

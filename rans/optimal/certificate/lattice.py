@@ -18,6 +18,7 @@ from functools import cached_property
 import numpy as np
 
 from rans.errors import ConfigError
+from rans.model.actuators import ON_OFF
 from rans.model.dynamics import PlanarState, State
 from rans.model.fields import leaves, wrap
 from rans.model.spacecraft import Spacecraft
@@ -79,11 +80,6 @@ class Lattice:
         """Of all thrusters open all the time, and a rounding error of it, N s."""
         return steps * self.period * float(sum(self.forces)) * (1.0 + 1e-12)
 
-    @property
-    def parity(self) -> bool:
-        """Whether the number of pulses is even or odd as the change of spin in quanta is."""
-        return self.pulse is not None and bool((self.multiples % 2 == 1).all())
-
     def next_fuel(self, fuel: float, net: set[int]) -> float:
         """Least fuel that pulses can add up to and that is not below this, N s.
 
@@ -92,8 +88,8 @@ class Lattice:
         if self.pulse is None:
             return fuel
         count = round(rounded_up(fuel, self.pulse) / self.pulse)
-        if self.parity and len({n % 2 for n in net}) == 1:
-            count += (count - next(iter(net))) % 2
+        if (self.multiples % 2 == 1).all() and len({n % 2 for n in net}) == 1:
+            count += (count - next(iter(net))) % 2  # as even or odd as the change of spin in quanta
         return count * self.pulse
 
     def fuel_above(self, fuel: float, net: set[int]) -> float:
@@ -187,9 +183,12 @@ def check_period(period: float) -> None:
 
 
 def pulse(craft: Spacecraft, period: float) -> float | None:
-    """Unit of thrust-time in on/off periods, shared or not, N s; None where thrusters differ in strength."""
+    """Unit of thrust-time in on/off periods, shared or not, N s; None where there is none.
+
+    Thrusters differ in strength there, or may be open for a part of a period.
+    """
     forces = np.array([thruster.force for thruster in craft.thrusters])
-    equal = np.ptp(forces) <= 1e-12 * forces.max()
+    equal = craft.actuators == ON_OFF and np.ptp(forces) <= 1e-12 * forces.max()
     return float(forces[0]) * period if equal else None
 
 
@@ -206,6 +205,9 @@ def _check(craft: Spacecraft) -> None:
         raise ConfigError(f"spacecraft {craft.name!r}: the on/off certificate does not cover "
                           f'thrust_sharing = "{craft.thrust_sharing}", where a pulse\'s torque '
                           "depends on how many thrusters are open.")
+    if craft.actuators != ON_OFF:
+        raise ConfigError(f"spacecraft {craft.name!r}: the on/off certificate does not cover its "
+                          f"{craft.actuators.kind} actuators, which can do more than open for whole periods.")
 
 
 def _quantum(craft: Spacecraft, torques: np.ndarray) -> tuple[float, np.ndarray]:

@@ -60,8 +60,7 @@ def sweep(fuel: float, turns: np.ndarray, tables: Tables, low: np.ndarray, high:
                 end = min(high[k, i], high[k + 1, j] - n)
                 if begin >= end:
                     continue
-                price_row(fuel, turns[k, i, t], tables, firsts[t], firsts[t + 1], allowed[k],
-                          begin, end, row)
+                price_row(fuel, turns[k, i, t], tables, firsts[t], firsts[t + 1], allowed[k], begin, end, row)
                 for a in range(begin, end):
                     if ahead:
                         value[k + 1, j, a + n] = min(value[k + 1, j, a + n], row[a] + value[k, i, a])

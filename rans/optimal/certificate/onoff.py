@@ -30,17 +30,14 @@ def fuel(craft: Spacecraft, commands: np.ndarray, period: float) -> float:
 
 def nozzles(relaxation: Relaxation, path: np.ndarray, bound: DualValue, limit: float,
             seconds: float) -> np.ndarray | None:
-    """Commands that turn the spacecraft as the path does and end in the goal set, if any are found.
+    """Commands (N, thrusters) that turn as a path does and end, replayed, in the goal set, if any are found.
 
-    With the attitude known, velocity and position at the end are linear in the choice of one pattern
-    per period: a mixed-integer linear program (HiGHS). Patterns whose reduced cost alone exceeds what
-    is left of the limit are not offered.
+    With the attitude known, velocity and position at the end are linear in the choice of one pattern per
+    period: a mixed-integer linear program (HiGHS). Patterns whose reduced cost alone exceeds what is left of
+    the limit are not offered.
 
     Only the net torques of the path's patterns (N,) matter; the bound's costate gives the reduced costs. The
     limit is the most fuel, N s, 0 where fuel is free; the solver has so many seconds.
-
-    Returns:
-        (N, thrusters) zeros and ones, replayed into the goal set, or None.
     """
     choices = _choices(relaxation, path, bound, limit)
     chosen = _solve(relaxation, *choices, limit, seconds)

@@ -91,19 +91,13 @@ class MPC:
         rest = self._deadband.holds(self._craft, self._task, state, goal)
         errors, goals = shortest(state, goal), np.array(leaves(goal))
         self._plans[rest] = 0.0
-        for k in np.flatnonzero(~rest):
-            self._plans[k] = self._planned(self._plans[k], errors[:, k], goals[:, k])
+        for k in np.repeat(np.flatnonzero(~rest), self._settings.iterations):
+            better = self._program.improved(self._plans[k], errors[:, k], goals[:, k])
+            self.failures += better is None
+            self._plans[k] = self._plans[k] if better is None else better
         first = self._plans[..., 0]  # then one period later; what follows the end is a coast
         self._plans = np.concatenate([self._plans[..., 1:], np.zeros_like(self._plans[..., :1])], axis=-1)
         return self._rounding.round(first @ self._wrenches, rest)
-
-    def _planned(self, plan: np.ndarray, error: np.ndarray, goal: np.ndarray) -> np.ndarray:
-        """The plan (thrusters, horizon) of one episode, from the one before."""
-        for _ in range(self._settings.iterations):
-            better = self._program.improved(plan, error, goal)
-            self.failures += better is None
-            plan = plan if better is None else better
-        return plan
 
 
 class _Program:
@@ -132,9 +126,8 @@ class _Program:
         flown, matrix = self._linearised(error, plan, goal)
         joined = matrix @ ca.vertcat(ca.vec(ca.DM(plan)), ca.vec(flown))
         sums = self._sharing.size1()
-        answer = self._solver(**self._fixed, a=ca.vertcat(matrix, self._sharing),
-                              lba=ca.vertcat(joined, -ca.inf * ca.DM.ones(sums)),
-                              uba=ca.vertcat(joined, ca.DM.ones(sums)))
+        low, high = (ca.vertcat(joined, bound * ca.DM.ones(sums)) for bound in (-ca.inf, 1.0))
+        answer = self._solver(**self._fixed, a=ca.vertcat(matrix, self._sharing), lba=low, uba=high)
         if not self._solver.stats()["success"]:
             return None
         commands = np.array(answer["x"])[:plan.size].reshape(plan.shape, order="F")
@@ -162,17 +155,13 @@ class _Program:
         force, _ = allocation.authority()
         full = allocation.commands(np.eye(craft.degrees_of_freedom)[:1] * force)
         effort = 1.0 / float((full * full).sum())
-        stage = _over_axes(craft, np.diag(regulator.translation.price), np.diag(regulator.rotation.price))
-        last = _over_axes(craft, regulator.translation.cost_to_go, regulator.rotation.cost_to_go)
-        blocks = [ca.sparsify(ca.DM(m)) for m in (stage, last)]
+        straight = np.diag([1.0] * craft.dimension + [0.0] * (craft.degrees_of_freedom - craft.dimension))
+        axes = ((regulator.translation, straight), (regulator.rotation, np.eye(len(straight)) - straight))
+        # of (deviation, speed) per axis, over the entries of an error
+        stage = ca.sparsify(ca.DM(sum(np.kron(np.diag(axis.price), along) for axis, along in axes)))
+        last = ca.sparsify(ca.DM(sum(np.kron(axis.cost_to_go, along) for axis, along in axes)))
         return 2.0 * ca.diagcat(effort * ca.DM.eye(self._nozzles * self._count),
-                                *[blocks[0]] * (self._count - 1), blocks[1])
-
-
-def _over_axes(craft: Spacecraft, translation: np.ndarray, rotation: np.ndarray) -> np.ndarray:
-    """Of (deviation, speed) per axis, as a matrix over the entries of an error."""
-    straight = np.diag([1.0] * craft.dimension + [0.0] * (craft.degrees_of_freedom - craft.dimension))
-    return np.kron(translation, straight) + np.kron(rotation, np.eye(len(straight)) - straight)
+                                *[stage] * (self._count - 1), last)
 
 
 def _step(craft: Spacecraft, period: float, like: State) -> ca.Function:

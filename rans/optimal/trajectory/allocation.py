@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 
 from rans.errors import ConfigError
@@ -120,7 +122,9 @@ class SigmaDelta:
         metric[:craft.dimension, :craft.dimension] = np.eye(craft.dimension) / craft.mass
         metric[craft.dimension:, craft.dimension:] = np.linalg.inv(inertia(craft))
         self._root = np.linalg.cholesky(metric)
-        self._flips = _none_one_or_two(len(self._wrenches))
+        one = np.eye(len(self._wrenches), dtype=bool)  # every way to choose at most two, none first
+        pairs = map(np.bitwise_or.reduce, itertools.combinations_with_replacement(one, 2))
+        self._flips = np.array([one[0] & ~one[0], *pairs])
         self._carried = np.ones(size, bool) if carried is None else carried
         self._owed = np.zeros((0, size))
 
@@ -169,10 +173,3 @@ class SigmaDelta:
         if self._shared:
             opened /= np.maximum(opened.sum(axis=-1, keepdims=True), 1.0)
         return opened @ self._wrenches
-
-
-def _none_one_or_two(count: int) -> np.ndarray:
-    """(choices, count) bool: every way to choose at most two, none first."""
-    one = np.eye(count, dtype=bool)
-    pairs = [one[i] | one[j] for i in range(count) for j in range(i, count)]
-    return np.array([np.zeros(count, bool), *pairs])

@@ -37,11 +37,9 @@ def guess(aims: Collection[str], start: State, goal: State, duration: float, int
           number: int = 0) -> np.ndarray:
     """A motion that meets the aims (`rans.optimal.trajectory.arrival.aims`) and leaves all else alone.
 
-    Guesses of odd numbers turn the other way round, by 2 pi minus the angle (in space: to the other of the
-    two quaternions of the goal's attitude); from 2 on the path is bowed at random.
-
-    Returns:
-        (leaves of the state, N): the states at the ends of N equal intervals of the duration, s.
+    It is (leaves of the state, N): the states at the ends of N equal intervals of the duration, s. Guesses of
+    odd numbers turn the other way round, by 2 pi minus the angle (in space: to the other of the two
+    quaternions of the goal's attitude); from 2 on the path is bowed at random.
     """
     s = np.arange(1, intervals + 1) / intervals
     p, v = _translation(aims, start, goal, duration, s)

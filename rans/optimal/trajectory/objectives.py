@@ -117,7 +117,7 @@ class QuadraticTracking(_GivenTime):
         """The integral of |residual - target|^2 + weight |commands|^2 over time, s."""
         (state, goal), arguments = _symbols(path)
         stage = ca.Function("gap", arguments, [sum(x**2 for x in residual(path.task, state, goal))])
-        far = ca.sum2(stage.map(self.intervals)(path.states, _each_step(path)))
+        far = ca.sum2(stage.map(self.intervals)(path.states, ca.repmat(path.goal, 1, self.intervals)))
         return path.period * (far + self.command_weight * ca.sumsqr(path.commands))
 
 
@@ -142,7 +142,7 @@ class MaximumReward(_GivenTime):
         stage = ca.Function("reward", [*arguments, ca.vertcat(*now), ca.vertcat(*before)],
                             [sum(terms.values())])
         previous = ca.horzcat(ca.MX(len(now), 1), path.commands[:, :-1])
-        given = [path.states, _each_step(path), path.commands, previous]
+        given = [path.states, ca.repmat(path.goal, 1, self.intervals), path.commands, previous]
         if path.corner is not None:
             stage = rounded(stage, ca.SX.sym("corner"))
             given.append(ca.repmat(path.corner, 1, self.intervals))
@@ -183,7 +183,3 @@ def _symbols(path: SymbolicTrajectory) -> tuple[list[Any], list[ca.SX]]:
     like = scenario(path.task, path.craft.dimension, seed=0, episode=0)
     states: list[Any] = [map_leaves(lambda _: ca.SX.sym("s"), s) for s in (like.start, like.goal)]
     return states, [ca.vertcat(*leaves(s)) for s in states]
-
-
-def _each_step(path: SymbolicTrajectory) -> Any:
-    return ca.repmat(path.goal, 1, path.states.shape[1])

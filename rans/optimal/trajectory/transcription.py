@@ -174,16 +174,21 @@ class Transcription:
         return _best(found)
 
     def _trajectory(self, solution: dict[str, Any], start: State, goal: State, seconds: float) -> Trajectory:
-        statistics = self._solver.stats()
-        variables = np.array(solution["x"]).ravel()
-        states, commands, period = self._unpack(variables, start)
+        statistics, variables = self._solver.stats(), np.array(solution["x"]).ravel()
+        table, (nozzles, forces, _) = variables[:-1].reshape(self._objective.intervals, -1), self._rows
+        states = unflatten(self._like, np.vstack([leaves(start), table[:, nozzles + forces:]]).T)
+        commands = np.clip(table[:, :nozzles], 0.0, 1.0)  # interior point methods leave bounds by up to 1e-8
         return Trajectory(self._objective.name, statistics["return_status"], statistics["success"],
-                          float(self._cost(variables, leaves(goal))), states, commands, period,
+                          float(self._cost(variables, leaves(goal))), states, commands, float(variables[-1]),
                           statistics["iter_count"], seconds)
 
     def _bounds_and_guess(self, start: State, goal: State, number: int) -> dict[str, np.ndarray]:
         count, (_, forces, width) = self._objective.intervals, self._rows
-        shortest, period, longest = self._periods(start, goal)
+        period = given = self._objective.control_period
+        if period is None:
+            period = transfer_time(self._craft, self._aims, start, goal) / count
+        # without bounds the optimiser can wander to zero
+        shortest, longest = (0.1 * period, 10.0 * period) if given is None else (given, given)
         states = self._guess(start, goal, count, period, number)
         command = self._commands(start, states, period)
 
@@ -198,14 +203,6 @@ class Transcription:
                 "ubx": pack(0.0 * command + 1.0, unbound, free, longest),
                 "lbg": np.concatenate([joined, self._arrival.low, 0.0 * sums]),
                 "ubg": np.concatenate([joined, self._arrival.high, sums])}
-
-    def _periods(self, start: State, goal: State) -> tuple[float, float, float]:
-        """Least, guessed and greatest control period, s."""
-        given = self._objective.control_period
-        if given is not None:
-            return given, given, given
-        period = transfer_time(self._craft, self._aims, start, goal) / self._objective.intervals
-        return 0.1 * period, period, 10.0 * period  # without bounds the optimiser can wander to zero
 
     def _guess(self, start: State, goal: State, count: int, period: float, number: int) -> np.ndarray:
         """Arrives at the end; where no end is prescribed, soon, and then moves on as the goal does."""
@@ -225,13 +222,6 @@ class Transcription:
         wrenches = needed_wrenches(
             self._craft, unflatten(start, np.column_stack([leaves(start), states])), period)
         return np.clip(self._allocation.commands(wrenches).T + _AJAR, _AJAR, 1.0 - _AJAR)
-
-    def _unpack(self, variables: np.ndarray, start: State) -> tuple[State, np.ndarray, float]:
-        nozzles, forces, _ = self._rows
-        table = variables[:-1].reshape(self._objective.intervals, -1)
-        rows = np.vstack([leaves(start), table[:, nozzles + forces:]])
-        # the interior point method leaves bounds by up to 1e-8
-        return unflatten(self._like, rows.T), np.clip(table[:, :nozzles], 0.0, 1.0), float(variables[-1])
 
 
 def _step(craft: Spacecraft, like: State, drift: Drift) -> ca.Function:

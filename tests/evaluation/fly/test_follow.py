@@ -19,7 +19,6 @@ from rans.model.fields import Heading, Vec2
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
-from rans.show.path_figures import following_figure
 from rans.tasks import GoToPosition, TrackVelocity
 
 PLATFORM, FLYER = load_spacecraft("floating-platform"), load_spacecraft("free-flyer")
@@ -162,28 +161,6 @@ def test_the_tracker_sees_the_command_as_its_goal() -> None:
 def test_what_cannot_be_followed(planner: LookAhead, task: Any, said: str) -> None:
     with pytest.raises(ConfigError, match=said):
         follow(PLATFORM, task, Tracker(PLATFORM), planner, Timing(), 0, 2)
-
-
-def test_the_figure_shows_path_velocities_and_distances() -> None:
-    following = by_hand()
-    ways, v_x, v_y, distances = following_figure(following).axes
-    lines = {line.get_label(): np.asarray(line.get_xydata()) for line in ways.get_lines()}
-    np.testing.assert_allclose(lines["path"][[0, -1]], [(0, 0), (2, 0)])
-    # until it arrived: the start and five periods
-    np.testing.assert_allclose(lines["flight 0"], following.positions[:6, 0])
-    for axes, axis in ((v_x, 0), (v_y, 1)):
-        flown_line, command = (np.asarray(line.get_xydata()) for line in axes.get_lines())
-        np.testing.assert_allclose(flown_line[:, 1], following.velocities[:6, 0, axis])
-        np.testing.assert_allclose(command[:, 1], following.commands[:5, 0, axis])
-    bold = next(line for line in distances.get_lines() if line.get_zorder() == 3)
-    np.testing.assert_allclose(np.asarray(bold.get_xydata())[1:, 1], [3, 3, 4, 4], atol=1e-9)
-
-
-def test_a_spatial_figure_has_three_velocities() -> None:
-    following = flown(LookAhead(helix(0.75, 0.3, 0.2)), FLYER, count=2)
-    ways, *stack = following_figure(following).axes
-    assert ways.name == "3d"
-    assert [axes.get_ylabel() for axes in stack] == ["v_x, m/s", "v_y, m/s", "v_z, m/s", "cm"]
 
 
 def test_drake_follows_as_we_do() -> None:

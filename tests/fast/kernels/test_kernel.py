@@ -114,6 +114,9 @@ def test_actions_may_lie_anywhere(on_host: Any) -> None:
     shifted = torch.zeros(25, dtype=torch.uint8)[1:].view(3, 8).copy_(action)
     sparse = torch.zeros(3, 16, dtype=torch.uint8)[:, ::2].copy_(action)
     seen = [on_host(*made).step(form).observation for form in (action, shifted, sparse)]
+    # A GPU reads 16 bytes at once, from where a multiple of them lies.
+    assert shifted.data_ptr() % 16 == 1
+    assert on_host(*made)._kernel._readable(shifted).data_ptr() % 16 == 0
     assert torch.equal(seen[0], seen[1])
     assert torch.equal(seen[0], seen[2])
 
@@ -165,6 +168,11 @@ def test_settings_that_would_be_read_wrongly_are_refused(on_host: Any) -> None:
     task = Curriculum([NEAR], [Ramp("thrust_weight", 0.5, 100)], torch.float64).task
     with pytest.raises(TypeError, match=r"must be torch\.float32 on cpu, got torch\.float64 on cpu"):
         on_host(PLATFORM, task, 4)
+    engine = on_host(PLATFORM, NEAR, 4)
+    elsewhere = replace(NEAR, thrust_weight=torch.empty((), device="meta"))
+    engine._world = replace(engine._world, task=elsewhere)
+    with pytest.raises(TypeError, match=r"must be torch\.float32 on cpu, got torch\.float32 on meta"):
+        Kernel(engine._world, engine._episode, engine._seed, ALONE, engine.dtype)
 
 
 @pytest.mark.parametrize("error", [

@@ -23,7 +23,7 @@ from rans.model.actuators import ON_OFF, Actuators, Throttle
 from rans.model.timing import Timing
 from tests.fast.engines import FLYER, NEAR, PLATFORM, SHORT
 from tests.fast.test_policy import seen
-from tests.fast.training import weights
+from tests.fast.training import scatter, weights
 
 SMALL: dict[str, Any] = {"n_steps": 8, "layers": (16, 16)}
 
@@ -45,6 +45,14 @@ def test_learning_in_pieces_changes_nothing() -> None:
     for piece in (128, 256, 640):
         parts.learn(piece)
     assert torch.equal(weights(whole.network), weights(parts.network))
+
+
+def test_step_sizes_fall_towards_the_end() -> None:
+    """Every update wants longer steps, so the bound is what is taken: in the last of eight an eighth."""
+    rates: list[float] = []
+    model = made(desired_kl=1e6, learning_rate=1e-3, max_learning_rate=1e-3, anneal=1.0)
+    model.learn(1024, lambda model: rates.append(model.log["train/learning_rate"]))
+    assert rates == pytest.approx([1e-3 * (8 - n) / 8 for n in range(8)], rel=1e-6)
 
 
 def test_an_engine_or_sb3s_environment_around_it() -> None:
@@ -80,6 +88,24 @@ def test_saved_agents_open_in_sb3(craft: Any, kind: dict[str, Any], tmp_path: Pa
     forgets = "memory" not in kind
     assert (np.array(said) == np.array(first)).all() == forgets
     assert (here is None) == forgets
+
+
+@pytest.mark.parametrize("kind", KINDS[1:3], ids=["history", "recurrent"])
+def test_where_an_episode_begins_nothing_is_remembered(kind: dict[str, Any]) -> None:
+    """And elsewhere what was: row by row as if each spacecraft had flown alone."""
+    model, begins = made(symmetric=False, **kind), np.arange(60) % 3 == 0
+    scatter(model.network)
+    before, now = (seen(PLATFORM, 60, seed).numpy() for seed in (1, 2))
+    _, state = model.predict(before)
+    said, after = model.predict(now, state, begins)
+    blank, old = model.predict(now), model.predict(now, state)
+    assert state is not None
+    assert after is not None
+    assert (blank[0] != old[0]).any(axis=1).sum() > 20
+    for rows, (command, memory) in ((begins, blank), (~begins, old)):
+        assert memory is not None
+        np.testing.assert_array_equal(said[rows], command[rows])
+        np.testing.assert_array_equal(after[0][rows], memory[0][rows])
 
 
 @pytest.mark.parametrize("kind", KINDS, ids=["plain", "history", "recurrent", "privileged"])

@@ -7,6 +7,7 @@ import itertools
 import math
 from collections.abc import Callable
 from functools import lru_cache
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -21,8 +22,8 @@ from rans.model.fields import Heading, Vec2, map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
-from rans.optimal.certificate import hull
-from rans.optimal.certificate.ascent import ascend, scale, towards_goal
+from rans.optimal.certificate import certificate, hull
+from rans.optimal.certificate.ascent import Ascent, Cut, ascend, scale, towards_goal
 from rans.optimal.certificate.certificate import Effort, least_fuel, least_time
 from rans.optimal.certificate.dual import Relaxation
 from rans.optimal.certificate.lattice import GoalSet, Lattice
@@ -314,3 +315,57 @@ def test_what_cannot_be_split_is_not_excluded(monkeypatch: pytest.MonkeyPatch) -
     answer = least_fuel(Lattice(PLATFORM, PERIOD), start, goal, 2, SNUG)
     assert answer.lower <= flown.fuel[reached].min() + 1e-12
     assert answer.commands is None
+
+
+@pytest.mark.parametrize(("ends", "bounds"), [
+    ("xx?c", (0.6, 0.8)), ("x?xc", (0.4, 0.8)), ("??c", (0.2, 0.6)), ("x?", (0.4, math.inf)),
+    ("xxxx", (1.0, math.inf)), ("c", (0.2, 0.2)), ("???c", (0.2, math.inf))])
+def test_the_bound_of_time_is_the_first_that_was_not_excluded(
+        ends: str, bounds: tuple[float, float], monkeypatch: pytest.MonkeyPatch) -> None:
+    """By periods of 0.2 s: excluded (x), left open (?) or reached by commands (c); three open end it."""
+    def decide(relaxation: Relaxation, *_: object) -> Any:
+        end, fired = ends[min(relaxation.steps, len(ends)) - 1], np.ones((relaxation.steps, 4))
+        return certificate._Outcome(excluded=end == "x", commands=fired if end == "c" else None, nodes=2)
+
+    monkeypatch.setattr(certificate, "_decide", decide)
+    root = SimpleNamespace(best=SimpleNamespace(value=0.0))
+    monkeypatch.setattr(certificate, "_root_ascent", lambda *_: root)
+    rest = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
+    away = dataclasses.replace(rest, p=Vec2(1.0, 0.0))
+    found = least_time(Lattice(doubled(), PERIOD), away, rest, len(ends), effort=Effort(levels=3))
+    assert (found.lower, found.upper) == pytest.approx(bounds)
+    assert found.nodes == 2 * len(ends) if ends != "???c" else 6
+    assert (found.commands is not None) == math.isfinite(bounds[1])
+
+
+@pytest.mark.parametrize(("lower", "upper", "gap"), [
+    (2.0, 3.0, 0.5), (4.0, 4.0, 0.0), (0.0, 0.0, 0.0), (0.0, 1.0, math.inf), (2.0, math.inf, math.inf)])
+def test_a_gap_is_relative(lower: float, upper: float, gap: float) -> None:
+    assert certificate.Certificate(lower, upper, None, lower, 0, 0.0).gap == gap
+
+
+def test_parts_share_out_a_branch() -> None:
+    """Each of all paths of three periods is in one part and not in the other; no part holds a whole mixture.
+
+    Split where the mixture's headings differ, where only its patterns do, and where it is one path."""
+    lattice, rest = Lattice(doubled(), PERIOD), PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
+    loose = GoalSet(1.0, 1.0, math.pi, 100.0)
+    relaxation = Relaxation(lattice, rest, rest, loose, 3, None)
+    patterns = lattice.patterns
+    paths = [np.array(path) for path in itertools.product(range(len(patterns.torque)), repeat=3)]
+    same = np.flatnonzero(patterns.torque == patterns.torque[3])
+    assert len(same) > 1
+    still = int(np.flatnonzero(patterns.thrust == 0.0)[0])
+    mixtures = [[(still, still, still), (len(patterns.torque) - 1, still, still)],
+                [(int(same[0]), still, still), (int(same[1]), still, still)], [(still, still, still)]]
+    for mixture in mixtures:
+        cuts = [Cut(0.0, np.zeros(4), np.array(path)) for path in mixture]
+        best: Any = None
+        found = Ascent(best, cuts, np.full(len(cuts), 1.0 / len(cuts)))
+        parts = certificate._parts(relaxation, relaxation.everything, found)
+        held = np.array([[relaxation.inside(path, part) for path in paths] for part in parts])
+        assert held.shape == (2, len(paths))
+        assert (held.sum(axis=0) == 1).all()
+        assert held.any(axis=1).all()
+        if len(mixture) > 1:
+            assert not any(all(relaxation.inside(cut.path, part) for cut in cuts) for part in parts)

@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rans.errors import ConfigError
+from rans.model.actuators import Actuators, Pulsed, Throttle
 from rans.model.body import Body
 from rans.model.dynamics import PlanarState, advance, wrench
 from rans.model.fields import Heading, Vec2
@@ -34,7 +35,6 @@ def test_platform_by_hand() -> None:
     assert lattice.spin == pytest.approx(0.31 * 0.2 / (0.4 * 5.32 * 0.31**2), rel=1e-6)
     assert sorted(lattice.multiples) == [-1] * 4 + [1] * 4
     assert lattice.pulse == pytest.approx(0.2)
-    assert lattice.parity
 
 
 def test_unequal_thrusters() -> None:
@@ -42,7 +42,7 @@ def test_unequal_thrusters() -> None:
     assert list(lattice.multiples) == [1, -1, 2, -1, 0]
     assert lattice.torque == pytest.approx(0.3)
     assert lattice.pulse is None
-    assert not lattice.parity
+    assert lattice.next_fuel(0.01, {1}) == 0.01
 
 
 def test_a_quantum_that_no_thruster_has() -> None:
@@ -114,6 +114,16 @@ def test_fuel_comes_in_pulses(fuel: float, net: set[int], expected: float) -> No
     assert Lattice(PLATFORM, 0.2).next_fuel(fuel, net) == pytest.approx(expected)
 
 
+@pytest.mark.parametrize("actuators", [Pulsed(20), Throttle()], ids=str)
+def test_who_may_open_for_a_part_of_a_period_has_no_lattice(actuators: Actuators) -> None:
+    """Half a pulse would be off it: neither a certificate nor rounding up to whole pulses holds for him."""
+    craft = dataclasses.replace(PLATFORM, actuators=actuators)
+    with pytest.raises(ConfigError, match=f"does not cover its {actuators.kind} actuators"):
+        Lattice(craft, 0.2)
+    assert pulse(PLATFORM, 0.2) == pytest.approx(0.2)
+    assert pulse(craft, 0.2) is None
+
+
 def test_no_lattice_is_a_sentence() -> None:
     with pytest.raises(ConfigError, match=r"'nasty-planar'.*whole multiples"):
         Lattice(nasty_planar(), PERIOD)
@@ -180,6 +190,25 @@ def test_spin_off_the_lattice() -> None:
 def test_goal_set_refuses(key: str, value: float) -> None:
     with pytest.raises(ConfigError, match=key):
         GoalSet(**{key: value})
+
+
+@pytest.mark.parametrize(("share", "inside"), [(0.99, True), (1.01, False)])
+def test_a_goal_set_is_a_ball_of_its_own_in_each_quantity(share: float, inside: bool) -> None:
+    """Of sizes that differ; the heading goes on beyond half a turn."""
+    goal = PlanarState(Vec2(1.0, 2.0), Heading(3.1), Vec2(0.1, -0.2), 0.3)
+    aside = Vec2(0.6 * share, 0.8 * share)
+    for state in (dataclasses.replace(goal, p=goal.p + aside.scale(0.4)),
+                  dataclasses.replace(goal, v=goal.v + aside.scale(0.2)),
+                  dataclasses.replace(goal, attitude=Heading(3.1 + 0.1 * share - 2.0 * math.pi)),
+                  dataclasses.replace(goal, w=goal.w - 0.05 * share)):
+        assert GoalSet(0.4, 0.2, 0.1, 0.05).contains(state, goal) is inside
+
+
+def test_heading_drifts_with_the_square_of_time() -> None:
+    """1e-6 rad/s^2 that are not on the lattice turn by half of it times 2 s squared in ten periods."""
+    lattice = Lattice(PLATFORM, 0.2)
+    lattice._angular_error = 1e-6
+    assert lattice.drift(10) == pytest.approx(2e-6)
 
 
 def test_missing_numba_is_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,7 +9,7 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.certificate.ascent import scale, towards_goal
 from rans.optimal.certificate.dual import Relaxation
 from rans.optimal.certificate.lattice import GoalSet, Lattice
-from rans.optimal.certificate.onoff import fuel, nozzles, replay
+from rans.optimal.certificate.onoff import flown, fuel, nozzles, replay
 from tests.optimal.tiny import PERIOD, instance, lopsided
 
 PLATFORM = load_spacecraft("floating-platform")
@@ -52,6 +52,23 @@ def test_no_nozzles_where_none_exist() -> None:
     bound = relaxation.bound(np.zeros(4), relaxation.reachable())
     path = _path(lattice, flown.commands[best])
     assert nozzles(relaxation, path, bound, float(flown.fuel[best]) - 0.01, 5.0) is None
+
+
+def test_a_path_is_flown_at_its_price_and_not_below() -> None:
+    craft, steps = lopsided(), 3
+    start, goal, arrived = instance(craft, steps, 1)
+    relaxation = Relaxation(Lattice(craft, PERIOD), start, goal, SNUG, steps, None)
+    [best, *_] = np.flatnonzero(arrived.arrived(goal, SNUG, NAMES))
+    patterns, wrenches = relaxation.lattice.patterns, np.array(craft.wrench_map)
+    path = np.array([np.abs((patterns.commands - fired) @ wrenches).max(axis=1).argmin()
+                     for fired in arrived.commands[best]])
+    price = float(patterns.thrust[path].sum()) * PERIOD
+    commands = flown(relaxation, path, price)
+    assert commands is not None
+    assert fuel(craft, commands, PERIOD) == pytest.approx(price)
+    assert flown(relaxation, path, 0.99 * price) is None
+    free = Relaxation(relaxation.lattice, start, goal, SNUG, steps, None, fuel=0.0)
+    assert flown(free, path, 0.0) is not None
 
 
 def _path(lattice: Lattice, commands: np.ndarray) -> np.ndarray:

@@ -142,16 +142,30 @@ def test_a_copy_by_way_of_a_file_does_the_same() -> None:
     np.testing.assert_array_equal(*pulses)
 
 
+def test_a_plan_ends_where_it_rests() -> None:
+    """Who was at rest plans anew, as one does who has just begun, and not along what was left to fly."""
+    starts = scenarios(TASK, PLATFORM, 36, 2)
+    plans = []
+    for path in ((starts.start,), (starts.start, starts.goal, starts.start)):
+        controller = MPC(PLATFORM, TASK, TIMING)
+        controller.reset(2)
+        for state in path:
+            controller.act(state, starts.goal, np.zeros((2, 10)))
+        plans.append(controller._plans)
+    assert plans[0].max() > 0.1
+    np.testing.assert_array_equal(*plans)
+
+
 def test_nothing_is_planned_at_rest() -> None:
     goal = scenarios(TASK, PLATFORM, 36, 3).goal
     controller = MPC(PLATFORM, TASK, TIMING)
     controller.reset(3)
-    controller._planned = None  # type: ignore[assignment] - calling it fails
+    controller._program = None  # type: ignore[assignment] - asking it fails
     assert not controller.act(goal, goal, np.zeros((3, 10))).any()
     restless = MPC(PLATFORM, TASK, TIMING, deadband=Deadband(share=0.0))
     restless.reset(3)
-    restless._planned = None  # type: ignore[assignment]
-    with pytest.raises(TypeError):
+    restless._program = None  # type: ignore[assignment]
+    with pytest.raises(AttributeError):
         restless.act(goal, goal, np.zeros((3, 10)))
 
 

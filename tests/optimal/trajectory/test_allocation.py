@@ -185,3 +185,15 @@ def test_reset_forgets() -> None:
     modulator.round(wanted)
     modulator.reset(1)
     assert not modulator.round(wanted).any()
+
+
+@pytest.mark.parametrize("craft", [nasty_planar(), nasty_spatial()], ids=lambda craft: craft.name)
+def test_authority_is_there_in_both_senses(craft: Spacecraft) -> None:
+    """Along the weakest axis and sense it is all there is; along no other more is asked for than there is."""
+    allocation, size = Allocation(craft), craft.degrees_of_freedom
+    for reach, axes in zip(allocation.authority(), (range(craft.dimension), range(craft.dimension, size)),
+                           strict=True):
+        wrenches = np.array([sense * reach * np.eye(size)[axis] for axis in axes for sense in (1.0, -1.0)])
+        loads = allocation.load(wrenches)
+        assert loads.max() == pytest.approx(1.0, rel=1e-6)  # the allocation is exact to 1e-9 of a wrench
+        assert loads.min() < 0.99  # they differ, so that the weakest shows

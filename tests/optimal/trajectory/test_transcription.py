@@ -24,7 +24,7 @@ from rans.optimal.trajectory.objectives import (
     Objective,
     QuadraticTracking,
 )
-from rans.optimal.trajectory.transcription import Transcription, _best
+from rans.optimal.trajectory.transcription import Trajectory, Transcription, _best, unsolved
 from rans.reference.flight import replay
 from rans.scenario import scenario
 from rans.tasks import (
@@ -242,3 +242,19 @@ def test_optima_under_a_drift_fly_in_drake(drift: Drift, monkeypatch: pytest.Mon
     # In free flight the same commands end elsewhere: the drift was felt.
     free: Any = replay(PLATFORM, start, found.commands, timing)
     assert float((free.p - found.states.p).norm().max()) > 1.0
+
+
+def test_where_no_guess_leads_anywhere_the_next_one_is_tried(monkeypatch: pytest.MonkeyPatch) -> None:
+    """And not one that has failed already; where one of them does, no more."""
+    problem, tried = transcription(PLATFORM, MinimumTime(20)), []
+    lost = unsolved(MinimumTime(20), PLATFORM, planar(), "Infeasible_Problem_Detected")
+
+    def attempt(start: Any, goal: Any, number: int) -> Trajectory:
+        tried.append(number)
+        return replace(lost, solved=number == good)
+
+    monkeypatch.setattr(problem, "_attempt", attempt)
+    for good, numbers in ((None, [0, 1, 2]), (1, [0, 1]), (2, [0, 1, 2])):
+        tried.clear()
+        assert problem.solve(planar(1.0), planar(), 2).solved is (good is not None)
+        assert tried == numbers

@@ -63,12 +63,21 @@ def test_wrong_values_are_sentences(given: list[str], said: str, monkeypatch: py
     assert said in capsys.readouterr().err
 
 
+def test_steps_are_shown_in_millions() -> None:
+    figure = tradeoff_figure("", [Trained(32, seed, Success(True, 1.0, 0.0, steps))
+                                  for seed, steps in enumerate((2_000_000, 500_000, 8_000_000))])
+    line, *marks = figure.axes[1].lines
+    assert [(x, y) for x, y in line.get_xydata()] == [(32, 2.0)]  # type: ignore[union-attr]
+    assert [float(mark.get_ydata()[0]) for mark in marks] == [2.0, 0.5, 8.0]  # type: ignore[index]
+    assert figure.axes[1].get_ylabel() == "million steps"
+
+
 def test_the_figure_joins_medians_and_shows_what_was_not_solved() -> None:
-    ends = {32: (5.0, 9.0, 7.0), 128: (3.0, 4.0, 8.0)}
+    ends = {32: (5.0, 9.0, 8.0), 128: (3.0, 4.0, 8.0)}
     figure = tradeoff_figure("", [Trained(count, seed, Success(seconds < 9.0, seconds, 0.0, 10**6))
                                   for count, found in ends.items() for seed, seconds in enumerate(found)])
     line, *marks = figure.axes[0].lines
-    assert [(x, y) for x, y in line.get_xydata()] == [(32, 7.0), (128, 4.0)]  # type: ignore[union-attr]
+    assert [(x, y) for x, y in line.get_xydata()] == [(32, 8.0), (128, 4.0)]  # type: ignore[union-attr]
     assert [mark.get_fillstyle() for mark in marks].count("none") == 1
 
 

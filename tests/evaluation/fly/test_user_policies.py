@@ -1,0 +1,150 @@
+"""Other people's policies: what works flies, what does not ends in a sentence that names it."""
+
+from __future__ import annotations
+
+import pickle
+import sys
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+
+import numpy as np
+import pytest
+from gymnasium.spaces import Box, MultiBinary, MultiDiscrete
+from stable_baselines3 import A2C, PPO
+from stable_baselines3.common.vec_env import DummyVecEnv
+
+import rans
+from rans.errors import ConfigError
+from rans.evaluation.fly.controllers import is_user_policy, user_policy
+from rans.model.spacecraft_file import load_spacecraft
+from rans.tasks import GoToPose
+
+CRAFT = load_spacecraft("floating-platform")
+OBSERVATIONS = np.random.default_rng(0).normal(size=(7, 10)).astype(np.float32)
+
+
+
+
+def saved(path: Path, algorithm: type, action_space: object, width: int = 10) -> tuple[str, object]:
+    """A policy that was never trained, with somebody's spaces."""
+    import gymnasium
+
+    class Still(gymnasium.Env):
+        observation_space = Box(-np.inf, np.inf, (width,), np.float32)
+
+        def reset(self, *, seed: int | None = None, options: dict | None = None) -> tuple:
+            return np.zeros(width, np.float32), {}
+
+    Still.action_space = action_space  # type: ignore[assignment]
+    model = algorithm("MlpPolicy", DummyVecEnv([Still]), seed=1, device="cpu")
+    model.save(path)
+    return str(path), model
+
+
+@pytest.mark.parametrize("algorithm", [PPO, A2C])
+@pytest.mark.parametrize("space", [MultiDiscrete([2] * 8), MultiBinary(8)])
+def test_sb3_file_does_what_its_model_does(tmp_path: Path, algorithm: type, space: object) -> None:
+    file, model = saved(tmp_path / "policy.zip", algorithm, space)
+    policy = user_policy(f"sb3:{file}", CRAFT, GoToPose())
+    expected, _ = model.predict(OBSERVATIONS, deterministic=True)  # type: ignore[attr-defined]
+    assert 0 < expected.sum() < expected.size  # not trivial
+    np.testing.assert_array_equal(policy.act(None, None, OBSERVATIONS), expected)
+
+
+def test_other_processes_load_it_anew(tmp_path: Path) -> None:
+    file, model = saved(tmp_path / "policy.zip", PPO, MultiBinary(8))
+    policy = pickle.loads(pickle.dumps(user_policy(f"sb3:{file}", CRAFT, GoToPose())))
+    expected, _ = model.predict(OBSERVATIONS, deterministic=True)  # type: ignore[attr-defined]
+    np.testing.assert_array_equal(policy.act(None, None, OBSERVATIONS), expected)
+
+
+def test_agent_of_rans_train_is_such_a_file(tmp_path: Path) -> None:
+    engine = rans.Engine(CRAFT, rans.GoToPose(), num_envs=2)
+    model = rans.PPO(rans.SB3VecEnv(engine), n_steps=2, batch_size=2, seed=5)
+    model.save(tmp_path / "policy.zip")
+    policy = user_policy(f"sb3:{tmp_path / 'policy.zip'}", CRAFT, GoToPose())
+    expected, _ = model.predict(OBSERVATIONS, deterministic=True)
+    np.testing.assert_array_equal(policy.act(None, None, OBSERVATIONS), expected)
+
+
+@pytest.mark.parametrize(("space", "width", "sentence"), [
+    (Box(-1, 1, (8,)), 10, r"8 thrusters, .* 0 \(shut\) or 1 \(open\): MultiDiscrete\(.*, MultiBinary\(8\)"),
+    (MultiBinary(16), 10, "has 8 thrusters"),
+    (MultiDiscrete([3] * 8), 10, "has 8 thrusters"),
+    (MultiBinary(8), 22, r"observes \(22,\), but floating-platform shows \(10,\)"),
+])
+def test_sb3_file_for_something_else(tmp_path: Path, space: object, width: int, sentence: str) -> None:
+    file, _ = saved(tmp_path / "policy.zip", PPO, space, width)
+    with pytest.raises(ConfigError, match=sentence):
+        user_policy(f"sb3:{file}", CRAFT, GoToPose())
+
+
+def test_python_function() -> None:
+    policy = user_policy("python:tests.evaluation.policies:full", CRAFT, GoToPose())
+    assert policy.name == "python:tests.evaluation.policies:full"
+    np.testing.assert_array_equal(policy.act(None, None, OBSERVATIONS), np.ones((7, 8)))
+
+
+@pytest.mark.parametrize(("name", "sentence"), [
+    ("unsure", "answers what floating-platform cannot do: .* 0 .shut. or 1 .open.*got .*0.5"),
+    ("narrow", r"7 observations with commands of shape \(7, 8\), got \(7, 7\)"),
+    ("broken", "broken failed: KeyError: 'no such layer'"),
+])
+def test_answers_are_checked(name: str, sentence: str) -> None:
+    policy = user_policy(f"python:tests.evaluation.policies:{name}", CRAFT, GoToPose())
+    with pytest.raises(ConfigError, match=sentence):
+        policy.act(None, None, OBSERVATIONS)
+
+
+@pytest.mark.parametrize(("spec", "sentence"), [
+    ("python:tests.evaluation.policies:none", "cannot be imported: AttributeError"),
+    ("python:tests.evaluation.policies:PI", "is a float, no function"),
+    ("python:no_such_module:act", "cannot be imported: ModuleNotFoundError"),
+    ("python:tests.evaluation.policies", "must name a module and a function"),
+    ("python:", "there is no policy 'python:'; known are sb3:"),
+    ("sb3:/no/such.zip", "there is no file /no/such.zip"),
+    (f"sb3:{__file__}", "is no policy that Stable-Baselines3 saved"),
+])
+def test_what_cannot_be_loaded(spec: str, sentence: str) -> None:
+    assert is_user_policy(spec)
+    with pytest.raises(ConfigError, match=sentence):
+        user_policy(spec, CRAFT, GoToPose())
+
+
+def test_onnx_needs_its_package(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setitem(sys.modules, "onnxruntime", None)
+    with pytest.raises(ConfigError, match=r"needs the package onnxruntime: pip install 'rans\[onnx\]'"):
+        user_policy(f"onnx:{tmp_path / 'policy.onnx'}", CRAFT, GoToPose())
+
+
+class Session:
+    """Stands in for onnxruntime's: opens every thruster whose observation is positive."""
+
+    def __init__(self, name: str, providers: list[str]) -> None:
+        if "damaged" in name:
+            raise ValueError("bad magic\nbytes")
+        self.inputs = ["a", "b"] if "two" in name else ["seen"]
+
+    def get_inputs(self) -> list[SimpleNamespace]:
+        return [SimpleNamespace(name=name) for name in self.inputs]
+
+    def run(self, outputs: None, feed: dict[str, np.ndarray]) -> list[np.ndarray]:
+        return [(feed["seen"][:, :8] > 0).astype(np.int64)]
+
+
+def test_onnx_file(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    runtime = ModuleType("onnxruntime")
+    runtime.InferenceSession = Session  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "onnxruntime", runtime)
+    for name in ("policy", "damaged", "two"):
+        (tmp_path / name).write_bytes(b"")
+    policy = user_policy(f"onnx:{tmp_path / 'policy'}", CRAFT, GoToPose())
+    np.testing.assert_array_equal(policy.act(None, None, OBSERVATIONS), OBSERVATIONS[:, :8] > 0)
+    with pytest.raises(ConfigError, match="damaged is no ONNX network: bad magic"):
+        user_policy(f"onnx:{tmp_path / 'damaged'}", CRAFT, GoToPose())
+    with pytest.raises(ConfigError, match="must have one input, the observation, got a, b"):
+        user_policy(f"onnx:{tmp_path / 'two'}", CRAFT, GoToPose())
+
+
+def test_others_are_no_user_policies() -> None:
+    assert not any(map(is_user_policy, ("runs/sb3", "lqr:go-to-pose-2d", "sb3", "")))

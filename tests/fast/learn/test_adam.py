@@ -1,0 +1,77 @@
+"""The optimiser against torch's own, with torch's own clipping."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from rans.fast.distributed import ALONE
+from rans.fast.learn.adam import EPSILON, Adam
+from rans.fast.learn.architecture import Architecture, paper_layout
+from rans.fast.learn.network import Network
+
+GIVEN = Architecture(paper_layout(10), 2, (5, 3))
+RATES = torch.tensor([1e-2, 3e-3], dtype=torch.float64)
+NORMS = torch.tensor([0.5, 1e3], dtype=torch.float64)
+"""The first member's gradients are longer, the second's shorter."""
+
+
+def made(*seeds: int) -> Network:
+    return Network.stacked(GIVEN, [GIVEN.initial(seed, 0.3)[0] for seed in seeds], torch.device("cpu"),
+                           torch.float64)
+
+
+def loss(weights: list[Tensor], step: int) -> Tensor:
+    """Anything whose gradient differs from weight to weight and from step to step."""
+    return torch.stack([(x * (n + 1) + step).sin().sum() for n, x in enumerate(weights)]).sum()
+
+
+def learnt(network: Network) -> list[Tensor]:
+    return [network.tensors[name] for name in network.learnt]
+
+
+def descend(adam: Adam, network: Network, step: int, norms: Tensor = NORMS) -> Tensor:
+    return adam.descend(loss(learnt(network), step), norms, ALONE)
+
+
+def test_every_member_steps_as_with_torchs_adam() -> None:
+    network = made(1, 2)
+    copies = [[x.detach().clone().requires_grad_() for x in learnt(made(seed))] for seed in (1, 2)]
+    theirs = [torch.optim.Adam(copy, float(rate), eps=EPSILON)
+              for copy, rate in zip(copies, RATES, strict=True)]
+    adam = Adam(network, RATES)
+    for step in range(4):
+        found = descend(adam, network, step)
+        for k, (copy, optimizer) in enumerate(zip(copies, theirs, strict=True)):
+            optimizer.zero_grad()
+            loss(copy, step).backward()
+            norm = torch.nn.utils.clip_grad_norm_(copy, float(NORMS[k]))
+            optimizer.step()
+            assert (norm > NORMS[k]) == (k == 0)
+            torch.testing.assert_close(found[k], norm, rtol=1e-12, atol=0)
+            for x, y in zip(learnt(network), copy, strict=True):
+                # Four steps of at most 1e-2 in float64, with the operations in another order.
+                torch.testing.assert_close(x[k], y, rtol=0, atol=1e-14)
+    for k, optimizer in enumerate(theirs):
+        kept = optimizer.state_dict()["state"]
+        for place, moments in adam.member(k).items():
+            assert moments["step"] == kept[place]["step"] == 4
+            for name in ("exp_avg", "exp_avg_sq"):
+                torch.testing.assert_close(moments[name], kept[place][name], rtol=1e-12, atol=1e-16)
+
+
+def test_it_goes_on_from_what_it_gave() -> None:
+    """Its first moments count for more than the later ones, so the number of steps matters."""
+    network, other = made(3), made(3)
+    adam, norms = Adam(network, RATES[:1]), NORMS[1:]
+    for step in range(3):
+        descend(adam, network, step, norms)
+    again = Adam(other, torch.ones(1, dtype=torch.float64))
+    with torch.no_grad():
+        for x, y in zip(learnt(other), learnt(network), strict=True):
+            x.copy_(y)
+    again.restore(adam.member(0), float(RATES[0]))
+    for optimizer, own in ((adam, network), (again, other)):
+        descend(optimizer, own, 3, norms)
+    for x, y in zip(learnt(other), learnt(network), strict=True):
+        torch.testing.assert_close(x, y, rtol=0, atol=0)

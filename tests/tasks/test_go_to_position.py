@@ -1,0 +1,68 @@
+"""Positions to go to, by hand."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rans.model.dynamics import PlanarState, SpatialState
+from rans.model.fields import Heading, Quat, Vec2, Vec3
+from rans.model.spacecraft_file import load_spacecraft
+from rans.scenario import scenarios
+from rans.tasks import GoToPosition, Transition
+
+SHUT = (0.0, 0.0)
+
+
+def planar(x: float, w: float = 0.0) -> PlanarState:
+    return PlanarState(Vec2(x, 0.0), Heading(0.0), Vec2(0.0, 0.0), w)
+
+
+def spatial(x: float, w: float = 0.0) -> SpatialState:
+    zero = Vec3(0.0, 0.0, 0.0)
+    return SpatialState(Vec3(x, 0.0, 0.0), Quat(1.0, 0.0, 0.0, 0.0), zero, Vec3(0.0, w, 0.0))
+
+
+@pytest.mark.parametrize("craft", ["floating-platform", "free-flyer"])
+def test_evaluations_start_where_they_say(craft: str) -> None:
+    """Not where trainings do: 2,000 starts fill each range to within a hundredth of it."""
+    task: Any = GoToPosition(spawn_distance=(0.5, 1.5), evaluation_distance=(2.0, 2.5))
+    for setting, (low, high) in ((task, (0.5, 1.5)), (task.for_evaluation(), (2.0, 2.5))):
+        distance = scenarios(setting, load_spacecraft(craft), seed=1, count=2000).start.p.norm()
+        room = 0.01 * (high - low)
+        assert low <= np.min(distance) < low + room
+        assert high - room < np.max(distance) <= high
+
+
+def test_a_slow_spin_is_still_enough() -> None:
+    """Half of it is paid for a spin of 0.3 less 0.1 rad/s at a scale of 0.2: exp(-1)."""
+    task = GoToPosition(stillness_weight=0.5, stillness_scale=0.2, rest_spin=0.1, thrust_weight=0.0)
+    paid = {w: float(task.reward(Transition(planar(0.0, w), planar(0.0), SHUT, SHUT))["stillness"])
+            for w in (0.0, 0.1, -0.1, 0.3)}
+    assert paid == pytest.approx({0.0: 0.5, 0.1: 0.5, -0.1: 0.5, 0.3: 0.5 * math.exp(-1.0)}, rel=1e-14)
+
+
+def test_what_it_pays_by_hand() -> None:
+    """0.5 m away: exp(-0.5 / 0.25), half of exp(-0.5 / 1.5), and a quarter of exp(-0.5 / 0.1)."""
+    task = GoToPosition(fine_weight=0.25, fine_scale=0.1)
+    terms = task.reward(Transition(planar(0.5), planar(0.0), SHUT, SHUT))
+    assert {name: float(x) for name, x in terms.items()} == pytest.approx({
+        "position": math.exp(-2.0), "approach": 0.5 * math.exp(-1.0 / 3.0), "stillness": 0.5,
+        "fine": 0.25 * math.exp(-5.0), "thrust": 0.0}, rel=1e-14)
+
+
+@pytest.mark.parametrize(("state", "fails"), [
+    (planar(7.9), False), (planar(8.1), True), (planar(0.0, 99.0), False),
+    (spatial(8.1), True), (spatial(0.0, 3.9), False), (spatial(0.0, -4.1), True),
+])
+def test_when_it_has_failed(state: Any, fails: bool) -> None:
+    goal: Any = planar(0.0) if isinstance(state, PlanarState) else spatial(0.0)
+    assert bool(GoToPosition().failed(state, goal)) is fails
+
+
+def test_reached_is_near_whatever_the_spin() -> None:
+    assert GoToPosition().reached(planar(0.049, 3.0), planar(0.0))
+    assert not GoToPosition().reached(planar(0.051), planar(0.0))
