@@ -191,9 +191,9 @@ class Conditions:
         """Those that an episode meets, which a number in [0, 1) decides: ranges that differ are `Varying`."""
         if not self.others:
             return self
-        parts = (self, *self.others)
+        parts = (replace(self, others=()), *self.others)
         ends = list(accumulate(part.weight for part in parts))
-        return replace(_mixed(parts, [end / ends[-1] for end in ends[:-1]], chance), others=())
+        return _mixed(parts, [end / ends[-1] for end in ends[:-1]], chance)
 
     @property
     def or_none(self) -> Conditions | None:

@@ -39,7 +39,7 @@ class Selection:
             task = Curriculum(fixed, (), field_dtype(device), device, EPISODES).task
             seeds = [SELECTION_SEED] * members
             return Engine(craft, task, members * EPISODES, timing, seed=seeds, device=device,
-                          conditions=conditions, remember=True)
+                          conditions=conditions)
 
         self._network, self._engines = network, {name: engine(name) for name in judged[0]}
         self._act, self._flight = fused(likeliest, device), graphed(self._fly, device)
