@@ -32,9 +32,19 @@ TROUBLES: dict[str, Conditions] = {
 """Each alone, over the whole range in which it broke agents that knew one perfect world."""
 
 
+_FINER, _COARSER = (SensorConditions(noise=(0.6 * size, size)) for size in (0.03, radians(3.0)))
+_HARD = (
+    Conditions(thrusters=ThrusterConditions(latency=(0.15, 0.2))),
+    Conditions(thrusters=ThrusterConditions(command_delay=(0.15, 0.2))),
+    Conditions(thrusters=ThrusterConditions(least_on=0.4)),
+    Conditions(body=BodyConditions(inertia=(0.5, 0.7))),
+    Conditions(sensors=SensorsConditions(_FINER, _COARSER, _FINER, _COARSER)),
+)
+"""The ends of those ranges that are learnt last."""
+
+
 def robust(share: float = 0.5) -> Conditions:
-    """In this share of the episodes `lab`, in the others a perfect world or one of the troubles, each as often.
-    """
+    """In this share of the episodes `lab`, in the others a perfect world or a trouble, the hard ends oftener."""
     lab = load_conditions("lab")
-    others = Conditions(), *TROUBLES.values()
+    others = Conditions(), *TROUBLES.values(), *_HARD
     return replace(lab, weight=len(others) * share / (1.0 - share), others=others)
