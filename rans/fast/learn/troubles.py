@@ -43,7 +43,7 @@ _HARD = (
 """The ends of those ranges that are learnt last."""
 
 
-def robust(share: float = 0.5) -> Conditions:
+def robust(share: float = 0.4) -> Conditions:
     """In this share of the episodes `lab`, in the others a perfect world or a trouble, the hard ends oftener."""
     lab = load_conditions("lab")
     others = Conditions(), *TROUBLES.values(), *_HARD
