@@ -33,7 +33,7 @@ def make_network(craft: Any, continuous: bool = False, **settings: Any) -> Netwo
                          continuous=continuous, **settings)
     tensors, _ = given.initial(0, 0.5)
     network = scatter(Network.stacked(given, [tensors], torch.device("cpu"), torch.float64))
-    network.update_statistics(network.look(seen(craft, 500))[0][None])
+    network.update_statistics(network.in_body(seen(craft, 500))[None])
     return network
 
 
