@@ -1,12 +1,13 @@
-"""What agents hold in a world that is not perfect: success under every trouble alone, and under all of `lab`.
+"""What agents hold in a world that is not perfect: under every trouble alone, and under all of `lab`.
 
-``python -m validation.robustness AGENT...`` flies run folders and ``pretrained:NAME`` on 10,000 episodes a row,
-on a GPU if there is one, prints the table and writes docs/validation/robustness.json. ``lqr`` flies beside them.
+``python -m validation.robustness AGENT...`` flies run folders and ``pretrained:NAME`` on 10,000 episodes a
+row, on a GPU if there is one, prints the table and writes docs/validation/robustness.json; with ``--lqr``
+the LQR beside them.
 """
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -27,7 +28,7 @@ from rans.fast.learn.troubles import TROUBLES
 from rans.fast.policy import read_policy
 from rans.files import environment, write_json
 from rans.flight import fly
-from rans.model.conditions import Conditions
+from rans.model.conditions import BodyConditions, Conditions
 from rans.model.conditions_file import load_conditions
 from rans.pretrained import pretrained_folder
 from rans.scenario import EVALUATION_SEED, scenarios
@@ -36,20 +37,19 @@ _LQR_EPISODES = 256
 
 
 def rows() -> dict[str, Conditions]:
-    """What is flown in, by its name: a perfect world, `lab`, and every trouble over its range and at its end."""
+    """What is flown in: a perfect world, `lab`, every trouble over its range and at its end."""
     worst = {f"{name}, worst": _at_worst(found) for name, found in TROUBLES.items()
              if name not in ("least on-time", "inertia")}
-    halved = replace(TROUBLES["inertia"], body=replace(TROUBLES["inertia"].body, inertia=0.5))
-    return {"none": Conditions(), "lab": load_conditions("lab"), **TROUBLES, **worst, "inertia halved": halved}
+    halved = Conditions(body=BodyConditions(inertia=0.5))
+    return {"none": Conditions(), "lab": load_conditions("lab"), **TROUBLES, **worst,
+            "inertia halved": halved}
 
 
 def _at_worst(given: Any) -> Any:
     """The same with every range at its largest."""
-    values = {name: getattr(given, name) for name in given.__dataclass_fields__}
-    changed = {name: _at_worst(x) if hasattr(x, "__dataclass_fields__") else x[1]
-               for name, x in values.items() if hasattr(x, "__dataclass_fields__")
-               or (name != "share" and isinstance(x, tuple) and len(x) == 2 and isinstance(x[1], float))}
-    return replace(given, **changed)
+    values = {one.name: getattr(given, one.name) for one in fields(given)}
+    return replace(given, **{name: _at_worst(x) if is_dataclass(x) else x[1] for name, x in values.items()
+                             if is_dataclass(x) or (isinstance(x, tuple) and set(map(type, x)) == {float})})
 
 
 class Found(NamedTuple):
@@ -134,7 +134,8 @@ def _loaded(name: str, device: str) -> tuple[Network, Setup]:
 
 def _said(found: Found) -> dict[str, Any]:
     return {"held": {key: 100.0 * x for key, x in asdict(share(found.held)).items()},
-            "settling time": float(np.median(found.settled)), "duty at rest": 100.0 * float(found.duty.mean())}
+            "settling time": float(np.median(found.settled)),
+            "duty at rest": 100.0 * float(found.duty.mean())}
 
 
 def main() -> None:

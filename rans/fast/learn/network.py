@@ -98,10 +98,10 @@ class Network:
 
     def look(self, columns: Tensor,
              memory: Tensor | None = None) -> tuple[Tensor, Tensor | None, Tensor | None]:
-        """Columns (N, k) and memory as seen from the side that has the goal ahead, and where each thruster is
-        in that view, (N, thrusters).
+        """Columns (N, k) in the body frame and the memory from the side of the craft that has the goal ahead.
 
-        They do not depend on weights, so one look serves an update. Without symmetry the place is None.
+        Also where each thruster is in that view, (N, thrusters), without symmetry None. They do not depend
+        on weights, so one look serves an update.
         """
         given, views = self.architecture, self._views
         layout, fields = given.layout.body, columns.unbind(dim=1)

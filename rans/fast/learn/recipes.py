@@ -128,7 +128,8 @@ def recipe(name: str, device: str) -> TrainConfig:
                   for ramp in given.curriculum)
     return TrainConfig(given.task, TASKS[given.task](**given.settings), given.spacecraft,
                        replace(given.ppo, **(_LARGE | given.large)) if large else given.ppo,
-                       conditions=given.conditions(), curriculum=ramps, device=device, total_timesteps=given.total_timesteps * times, report_interval=64, solved_share=None)
+                       conditions=given.conditions(), curriculum=ramps, device=device, solved_share=None,
+                       total_timesteps=given.total_timesteps * times, report_interval=64)
 
 
 def preset(task: str, dimension: int, device: str) -> PPOSettings:

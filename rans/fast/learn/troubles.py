@@ -44,7 +44,7 @@ _HARD = (
 
 
 def robust(share: float = 0.4) -> Conditions:
-    """In this share of the episodes `lab`, in the others a perfect world or a trouble, the hard ends oftener."""
+    """`lab` in this share of the episodes, else a perfect world or a trouble, the hard ends oftener."""
     lab = load_conditions("lab")
     others = Conditions(), *TROUBLES.values(), *_HARD
     return replace(lab, weight=len(others) * share / (1.0 - share), others=others)
