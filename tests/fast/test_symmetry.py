@@ -85,15 +85,15 @@ def test_what_is_remembered_is_seen_from_the_same_side(craft: Spacecraft) -> Non
     goal, *states = (random_states(craft.dimension, 50, seed) for seed in range(4))
 
     def flown(view: np.ndarray, place: np.ndarray) -> Tensor:
-        memory = network.blank(50)
+        memory, said = network.blank(50), torch.empty(0)
         for step, state in enumerate(states):
             seen = np.stack(observation(task, seen_as(view, state), seen_as(view, goal)), axis=1)
             output, columns = network.shown(torch.from_numpy(seen), memory)
             told = torch.randn(50, len(place), generator=torch.Generator().manual_seed(step)).double()
             command = torch.empty_like(told)
             command[:, place] = told  # the same nozzles, wherever they are now
-            memory = network.remember(columns, memory, command, output)
-        return output.policy[0][:, place]
+            memory, said = network.remember(columns, memory, command, output), output.policy[0][:, place]
+        return said
 
     views = views_of(craft)
     here = flown(np.eye(craft.dimension), np.arange(len(craft.thrusters)))

@@ -136,12 +136,14 @@ class Learner:
         gamma, gae_lambda, scale = map(self._spread, (given.gamma, given.gae_lambda, given.reward_scale))
         reward = kept.reward * scale + gamma * kept.truncated * beyond
         advantage = self._gae(reward, kept.value, kept.ended, last, gamma, gae_lambda)
-        flat = lambda x: None if x is None else x.flatten(0, 1)  # noqa: E731
-        seen, memory, action = (None if x is None else x.unflatten(0, reward.shape) for x in self._show(
-            self.network, flat(kept.observation), flat(kept.memory), flat(kept.action)))
+        seen, memory, action = self._show(
+            self.network, kept.observation.flatten(0, 1),
+            None if kept.memory is None else kept.memory.flatten(0, 1), kept.action.flatten(0, 1))
+        shape = reward.shape
         going_on = (1.0 - torch.cat((torch.zeros_like(kept.ended[:1]), kept.ended[:-1]))
                     if self.network.architecture.units else None)
-        return Batch(seen, action, kept.log_prob, advantage, advantage + kept.value, memory,
+        return Batch(seen.unflatten(0, shape), action.unflatten(0, shape), kept.log_prob, advantage,
+                     advantage + kept.value, None if memory is None else memory.unflatten(0, shape),
                      kept.privileged, going_on)
 
     def _beside(self, first: Tensor, second: Tensor | None) -> Tensor:
