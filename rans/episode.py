@@ -171,20 +171,25 @@ class World:
     def remembered(self) -> int:
         """How many commands an episode remembers."""
         held_for = 0.0
-        if self.conditions is not None:
-            thrusters = self.conditions.thrusters
+        if self._widest is not None:
+            thrusters = self._widest.thrusters
             held_for = max(largest(thrusters.least_on), largest(thrusters.least_off))
         return max(self._felt, self._periods(held_for), int(self.watches_switching))
 
     @cached_property
     def _felt(self) -> int:
         """How many commands before the newest may still be felt."""
-        return 0 if self.conditions is None else self._periods(self.conditions.lasting)
+        return 0 if self._widest is None else self._periods(self._widest.lasting)
+
+    @cached_property
+    def _widest(self) -> Conditions | None:
+        """The conditions, with the bounds of ranges those of all that an episode may meet."""
+        return self.conditions and self.conditions.met(0.0)
 
     @property
     def _past(self) -> int:
         """How many states before the present one a reading may be of."""
-        return 0 if self.conditions is None else int(largest(self.conditions.sensors.delay))
+        return 0 if self._widest is None else int(largest(self._widest.sensors.delay))
 
     def _periods(self, seconds: float) -> int:
         return math.ceil(seconds / self.timing.control_period - 1e-9)

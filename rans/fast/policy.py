@@ -61,7 +61,7 @@ class NormalisedMlp(BaseFeaturesExtractor):
     def forward(self, observations: Tensor) -> Tensor:
         """Features (N, units of the last layer) of observations (N, width)."""
         network = self.network({})
-        return network.features(network.look(observations)[0])[0]
+        return network.features(network.look(network.in_body(observations))[0])[0]
 
 
 def network_of(policy: ActorCriticPolicy) -> Network:
@@ -98,11 +98,11 @@ def predict(network: Network, observation: np.ndarray, state: tuple[np.ndarray, 
         memory = torch.as_tensor(state[0]).to(memory)
         if episode_start is not None:
             memory = memory * ~torch.as_tensor(episode_start, device=memory.device)[:, None]
-    output, seen = network.shown(rows, memory)
+    output, columns = network.shown(rows, memory)
     command = output.policy.mode()
     if not deterministic:
         command = output.policy.command(output.policy.sample(torch.rand_like(command)))
-    memory = network.remember(seen, memory, command, output)
+    memory = network.remember(columns, memory, command, output)
     said = command.cpu().numpy().astype(np.float32 if given.continuous else np.int64)
     said = said.reshape(*np.shape(observation)[:-1], said.shape[1])
     return said, None if memory is None else (memory.cpu().numpy(),)

@@ -129,6 +129,8 @@ def draw(conditions: Conditions, base: Body, steps: int, number: Field,
         number: of the episode.
         random: gives the random numbers of a stream.
     """
+    if conditions.others:
+        conditions = conditions.met(random(17).unit())
     body = _body(conditions, base, random(1), random(2))
     return Case(
         number,

@@ -7,22 +7,36 @@ the defaults are a perfect world, of which nothing is drawn, remembered or compu
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
-from typing import Any, Literal, get_args
+from itertools import accumulate
+from typing import Any, Literal, NamedTuple, get_args
 
 from rans.errors import ConfigError
+from rans.model.fields import Field, where
 from rans.structure import Range
 
 FaultKind = Literal["dead", "stuck-open", "stuck", "weak"]
 """Never open; always open; always open by a share; open by a share of what it is told."""
 
 
-def bounds(values: Range) -> tuple[float, float]:
+class Varying(NamedTuple):
+    """A range that is one of several, by episode."""
+
+    low: Field
+    high: Field
+    bounds: tuple[float, float]
+    """The least and the largest of them all."""
+
+
+def bounds(values: Range | Varying) -> tuple[float, float]:
     """The least and the largest of a range."""
+    if isinstance(values, Varying):
+        return values.bounds
     return values if isinstance(values, tuple) else (values, values)
 
 
-def largest(values: Range) -> float:
+def largest(values: Range | Varying) -> float:
     """The largest of a range."""
     return bounds(values)[1]
 
@@ -143,9 +157,17 @@ class Conditions:
     sensors: SensorsConditions = field(default_factory=SensorsConditions)
     description: str = ""
     """One line for lists."""
+    weight: float = 1.0
+    """How likely these are among others, relative to those."""
+    others: tuple[Conditions, ...] = ()
+    """That an episode may meet instead. They may differ in ranges only."""
 
     def __post_init__(self) -> None:
         _check(self, "")
+        _require(0 < self.weight < math.inf, "weight", self.weight, "a finite number > 0")
+        for other in self.others:
+            _require(not other.others, "others", "others of others", "without others of their own")
+            _check_alike(self, other, "")
         thrusters = self.thrusters
         for name, low in (("mass", self.body.mass), ("inertia", self.body.inertia)):
             _require(bounds(low)[0] > 0, f"body.{name}", low, "> 0")
@@ -164,6 +186,14 @@ class Conditions:
         for name, sensor in zip(("position", "attitude", "velocity", "spin"), self.sensors.each(),
                                 strict=True):
             _require(largest(sensor.dropout) < 1, f"sensors.{name}.dropout", sensor.dropout, "below 1")
+
+    def met(self, chance: Field) -> Conditions:
+        """Those that an episode meets, which a number in [0, 1) decides: ranges that differ are `Varying`."""
+        if not self.others:
+            return self
+        parts = (replace(self, others=()), *self.others)
+        ends = list(accumulate(part.weight for part in parts))
+        return _mixed(parts, [end / ends[-1] for end in ends[:-1]], chance)
 
     @property
     def or_none(self) -> Conditions | None:
@@ -189,10 +219,47 @@ def _check(conditions: Any, place: str) -> None:
         if is_dataclass(value):
             _check(value, name + ".")
         elif "Range" in str(one.type) and value is not None:
-            pair = value if isinstance(value, tuple) else (value, value)
+            pair = bounds(value)
             numbers = len(pair) == 2 and all(_is_number(x) for x in pair)
             _require(numbers and 0 <= pair[0] <= pair[1], name, value,
                      "a number >= 0, or the least and the largest of two")
+
+
+def _check_alike(one: Any, other: Any, place: str) -> None:
+    """What is no range is the same in both."""
+    for known in fields(one):
+        here, there, name = getattr(one, known.name), getattr(other, known.name), place + known.name
+        if is_dataclass(here):
+            _check_alike(here, there, name + ".")
+        elif name not in ("description", "weight", "others"):
+            free = "Range" in str(known.type) and (here is None) == (there is None)
+            _require(free or here == there, f"others: {name}", there, f"as in the first, {here!r}")
+
+
+def _mixed(parts: Sequence[Any], ends: Sequence[float], chance: Field) -> Any:
+    """The first part with its ranges those of the part in whose share of [0, 1) the chance lies."""
+    changed: dict[str, Any] = {}
+    for one in fields(parts[0]):
+        values = [getattr(part, one.name) for part in parts]
+        if is_dataclass(values[0]):
+            changed[one.name] = _mixed(values, ends, chance)
+        elif "Range" in str(one.type) and any(value != values[0] for value in values):
+            pairs = [bounds(value) for value in values]
+            low, high = (_piecewise(column, ends, chance) for column in zip(*pairs, strict=True))
+            least, most = min(pair[0] for pair in pairs), max(pair[1] for pair in pairs)
+            changed[one.name] = Varying(low, high, (least, most))
+    return replace(parts[0], **changed)
+
+
+def _piecewise(values: Sequence[float], ends: Sequence[float], chance: Field) -> Field:
+    """The value in whose share of [0, 1) the chance lies; all but the last share end somewhere."""
+    zero, last = chance * 0.0, values[0]
+    result = zero + last
+    for end, value in zip(ends, values[1:], strict=True):
+        if value != last:
+            result = where(chance >= end, zero + value, result)
+        last = value
+    return result
 
 
 def _is_number(x: Any) -> bool:

@@ -34,7 +34,7 @@ def make_network(craft: Any, continuous: bool = False, **settings: Any) -> Netwo
                          continuous=continuous, **settings)
     tensors, _ = given.initial(0, 0.5)
     network = scatter(Network.stacked(given, [tensors], torch.device("cpu"), torch.float64))
-    network.update_statistics(network.look(seen(craft, 500))[0][None])
+    network.update_statistics(network.in_body(seen(craft, 500))[None])
     return network
 
 
@@ -152,7 +152,7 @@ def test_a_history_holds_the_last_columns_and_commands() -> None:
         output, columns = network.shown(seen(PLATFORM, 3, seed=step).double(), memory)
         command = output.policy.mode()
         memory = network.remember(columns, memory, command, output)
-        rows.append(torch.cat((network._normalised(columns), command), dim=1))
+        rows.append(torch.cat((columns, command), dim=1))
     torch.testing.assert_close(memory, torch.cat(rows[1:], dim=1), rtol=0, atol=0)
 
 
@@ -253,7 +253,7 @@ def test_statistics_are_those_of_all_observations(dtype: torch.dtype) -> None:
     parts = [torch.randn(count, 10, generator=generator) * scale + shift * part
              for part, count in enumerate((3, 500, 1, 64))]
     for part in parts:
-        network.update_statistics(network.look(part)[0][None])
+        network.update_statistics(network.in_body(part)[None])
     everything = np.stack(paper_layout(10).in_body(torch.cat(parts).double().unbind(1)), axis=1)
     # Rounding of the dtype, and in float32 of the observations turned into the body frame.
     relative = 1e-12 if dtype == torch.float64 else 2e-5
@@ -266,7 +266,7 @@ def test_statistics_are_those_of_all_observations(dtype: torch.dtype) -> None:
 
 def test_normalised_observations() -> None:
     network, observations = untrained(), seen(PLATFORM, 1000)
-    network.update_statistics(network.look(observations)[0][None])
+    network.update_statistics(network.in_body(observations)[None])
     result = looks(network, observations).numpy()
     np.testing.assert_allclose(result.mean(axis=0), 0, atol=1e-12)
     flag = 3
@@ -340,4 +340,4 @@ def test_duties_are_clipped_where_they_act() -> None:
 
 
 def looks(network: Network, observations: Tensor) -> Tensor:
-    return network._looks(network.look(observations)[0])
+    return network._looks(network.in_body(observations))

@@ -77,6 +77,34 @@ def test_policies_fly_every_equivalent_view_alike(craft: Spacecraft, task: Any) 
 
 
 @both_crafts
+def test_what_is_remembered_is_seen_from_the_same_side(craft: Spacecraft) -> None:
+    """Flights of three steps, and the same flights of a craft turned about."""
+    task = TASKS["go-to-pose"]()
+    network = scatter(tiny_learner(craft, dtype=torch.float64, task=task, symmetric=True, memory="history",
+                                   history=2).network)
+    goal, *states = (random_states(craft.dimension, 50, seed) for seed in range(4))
+
+    def flown(view: np.ndarray, place: np.ndarray) -> Tensor:
+        memory, said = network.blank(50), torch.empty(0)
+        for step, state in enumerate(states):
+            seen = np.stack(observation(task, seen_as(view, state), seen_as(view, goal)), axis=1)
+            output, columns = network.shown(torch.from_numpy(seen), memory)
+            told = torch.randn(50, len(place), generator=torch.Generator().manual_seed(step)).double()
+            command = torch.empty_like(told)
+            command[:, place] = told  # the same nozzles, wherever they are now
+            memory, said = network.remember(columns, memory, command, output), output.policy[0][:, place]
+        return said
+
+    views = views_of(craft)
+    here = flown(np.eye(craft.dimension), np.arange(len(craft.thrusters)))
+    for view, place in zip(views.turn, views.place, strict=True):
+        # Rounding of float64 through rotations and weights of order one.
+        torch.testing.assert_close(flown(view, place), here, rtol=0, atol=1e-10)
+    mixed = flown(views.turn[-1], np.arange(len(craft.thrusters)))
+    assert (mixed - here).abs().max() > 0.1
+
+
+@both_crafts
 def test_thrusters_push_in_their_new_places_as_in_their_old_ones(craft: Spacecraft) -> None:
     views, wrench = views_of(craft), np.array(craft.wrench_map)
     d = craft.dimension

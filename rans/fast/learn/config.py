@@ -94,9 +94,9 @@ class PPOSettings:
         _require(self, "in (0, 1]", lambda x: 0 < x <= 1, "gamma", "gae_lambda")
         _require(self, "finite and > 0, or null", lambda x: x is None or 0 < x < math.inf, "desired_kl")
         _require(self, "one or more numbers >= 1", lambda x: len(x) > 0 and min(x) >= 1, "layers")
-        if self.memory != "none" and self.symmetric:
-            raise ConfigError(f"memory {self.memory!r} needs symmetric to be false: what is remembered was "
-                              "seen from one side of the spacecraft, and the next step may be from another.")
+        if self.memory == "recurrent" and self.symmetric:
+            raise ConfigError("memory 'recurrent' needs symmetric to be false: what is remembered was seen "
+                              "from one side of the spacecraft, and the next step may be from another.")
 
 
 class Coefficients(NamedTuple):

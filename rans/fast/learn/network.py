@@ -82,27 +82,42 @@ class Network:
 
     def shown(self, observation: Tensor, memory: Tensor | None = None,
               privileged: Tensor | None = None) -> tuple[Output, Tensor]:
-        """What every member says about its rows (N, width) of observations, and what it saw, see `look`.
+        """What every member says about its rows (N, width) of observations, and what to `remember` of them.
 
         Memories (N, m) are as from `blank`. What the critic is told, (N, p), is by default of the nominal
         spacecraft.
         """
-        seen, place = self.look(observation)
-        output = self.evaluate_seen(seen, memory, privileged)
-        return output if place is None else output._replace(policy=output.policy.placed(place)), seen
+        columns = self.in_body(observation)
+        seen, recalled, place = self.look(columns, memory)
+        output = self.evaluate_seen(seen, recalled, privileged)
+        return output if place is None else output._replace(policy=output.policy.placed(place)), columns
 
-    def look(self, observation: Tensor) -> tuple[Tensor, Tensor | None]:
-        """Columns (N, k) in the body frame, and where in that view each thruster is, (N, thrusters).
+    def in_body(self, observation: Tensor) -> Tensor:
+        """The columns (N, k) of observations (N, width) in the body frame."""
+        columns = self.architecture.layout.in_body(observation.to(self._mean.dtype).unbind(dim=1))
+        return torch.stack(columns, dim=1)
 
-        They do not depend on weights, so one look serves an update. Without symmetry the place is None.
+    def look(self, columns: Tensor,
+             memory: Tensor | None = None) -> tuple[Tensor, Tensor | None, Tensor | None]:
+        """Columns (N, k) in the body frame and the memory from the side of the craft that has the goal ahead.
+
+        Also where each thruster is in that view, (N, thrusters), without symmetry None. They do not depend
+        on weights, so one look serves an update.
         """
-        layout, views = self.architecture.layout, self._views
-        columns = layout.in_body(observation.to(self._mean.dtype).unbind(dim=1))
-        way = layout.body.ahead(columns)
+        given, views = self.architecture, self._views
+        layout, fields = given.layout.body, columns.unbind(dim=1)
+        way = layout.ahead(fields)
         if views is None or way is None:
-            return torch.stack(columns, dim=1), None
+            return columns, memory, None
         which = views.which(way)
-        return torch.stack(views.viewed(layout.body, columns, which), dim=1), views.place[which]
+        place, seen = views.place[which], torch.stack(views.viewed(layout, fields, which), dim=1)
+        if memory is None or not given.history:
+            return seen, memory, place
+        each = which.repeat_interleave(given.history)
+        then, told = memory.reshape(len(each), -1).tensor_split([given.seen], dim=1)
+        then = torch.stack(views.viewed(layout, then.unbind(dim=1), each), dim=1)
+        told = torch.empty_like(told).scatter(1, views.place[each], told)
+        return seen, torch.cat((then, told), dim=1).reshape(len(memory), -1), place
 
     def evaluate_seen(self, seen: Tensor, memory: Tensor | None = None, privileged: Tensor | None = None,
                       going_on: Tensor | None = None) -> Output:
@@ -118,7 +133,7 @@ class Network:
         """What actor and critic are heads on, by member; the same tensor unless the critic is privileged."""
         given, x = self.architecture, self._looks(self._rows(seen))
         if given.history and memory is not None:
-            x = torch.cat((x, self._rows(memory)), dim=-1)
+            x = torch.cat((x, self._recalled(memory)), dim=-1)
         features = self._through(self._trunk, x)
         if given.units and memory is not None:
             features = self._core(features, memory, going_on)
@@ -127,12 +142,21 @@ class Network:
         known = self._nominal.expand(len(seen), -1) if privileged is None else privileged
         return features, self._through(self._critic, torch.cat((x, self._rows(known)), dim=-1))
 
-    def remember(self, seen: Tensor, memory: Tensor | None, command: Tensor, output: Output) -> Tensor | None:
-        """The memory (N, m) after a command (N, thrusters) to what was seen."""
+    def remember(self, columns: Tensor, memory: Tensor | None, command: Tensor,
+                 output: Output) -> Tensor | None:
+        """The memory (N, m) after a command (N, thrusters) to columns (N, k) in the body frame."""
         if memory is None or self.architecture.units:
             return memory if memory is None else output.core
-        newest = torch.cat((self._flat(self._normalised(self._rows(seen))), command), dim=1)
+        newest = torch.cat((columns, command), dim=1)
         return torch.cat((memory[:, newest.shape[1]:], newest), dim=1)
+
+    def _recalled(self, memory: Tensor) -> Tensor:
+        """A history (N, m) by member, its columns normalised as those seen now are."""
+        given = self.architecture
+        rows = self._rows(memory.unflatten(1, (given.history, -1))).flatten(-3, -2)
+        then, told = rows.tensor_split([given.seen], dim=-1)
+        rows = torch.cat((self._normalised(then), told), dim=-1)
+        return rows.unflatten(-2, (-1, given.history)).flatten(-2)
 
     def _rows(self, x: Tensor) -> Tensor:
         """(N, ...) by member: (K, N / K, ...)."""

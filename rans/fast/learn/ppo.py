@@ -136,11 +136,14 @@ class Learner:
         gamma, gae_lambda, scale = map(self._spread, (given.gamma, given.gae_lambda, given.reward_scale))
         reward = kept.reward * scale + gamma * kept.truncated * beyond
         advantage = self._gae(reward, kept.value, kept.ended, last, gamma, gae_lambda)
-        seen, action = (x.unflatten(0, reward.shape) for x in self._show(
-            self.network, kept.observation.flatten(0, 1), kept.action.flatten(0, 1)))
+        seen, memory, action = self._show(
+            self.network, kept.observation.flatten(0, 1),
+            None if kept.memory is None else kept.memory.flatten(0, 1), kept.action.flatten(0, 1))
+        shape = reward.shape
         going_on = (1.0 - torch.cat((torch.zeros_like(kept.ended[:1]), kept.ended[:-1]))
                     if self.network.architecture.units else None)
-        return Batch(seen, action, kept.log_prob, advantage, advantage + kept.value, kept.memory,
+        return Batch(seen.unflatten(0, shape), action.unflatten(0, shape), kept.log_prob, advantage,
+                     advantage + kept.value, None if memory is None else memory.unflatten(0, shape),
                      kept.privileged, going_on)
 
     def _beside(self, first: Tensor, second: Tensor | None) -> Tensor:
@@ -195,21 +198,22 @@ class Learner:
 def act(network: Network, observation: Tensor, memory: Tensor | None, privileged: Tensor | None,
         uniform: Tensor) -> Acted:
     """Random actions that uniform random numbers (N, thrusters) in [0, 1) choose."""
-    output, seen = network.shown(observation, memory, privileged)
+    output, columns = network.shown(observation, memory, privileged)
     policy = output.policy
     action = policy.sample(uniform)
     command = policy.command(action)
     return Acted(action, policy.log_prob(action), output.value, command,
-                 network.remember(seen, memory, command, output))
+                 network.remember(columns, memory, command, output))
 
 
-def shown(network: Network, observation: Tensor, action: Tensor) -> tuple[Tensor, Tensor]:
-    """Observations (N, width) and actions (N, thrusters) from the sides the network sees them from.
+def shown(network: Network, observation: Tensor, memory: Tensor | None,
+          action: Tensor) -> tuple[Tensor, Tensor | None, Tensor]:
+    """Observations (N, width), memory and actions (N, thrusters) from the sides the network sees them from.
 
     In space that costs a fifth of an update; it is the same in every epoch.
     """
-    seen, place = network.look(observation)
-    return seen, action if place is None else torch.empty_like(action).scatter(1, place, action)
+    seen, recalled, place = network.look(network.in_body(observation), memory)
+    return seen, recalled, action if place is None else torch.empty_like(action).scatter(1, place, action)
 
 
 def losses(network: Network, batch: Batch, coefficients: Coefficients, with_entropy: bool) -> Losses:

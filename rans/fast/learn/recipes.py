@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 from rans.fast.learn.config import PPOSettings, TrainConfig
 from rans.fast.learn.curriculum import Ramp
+from rans.fast.learn.troubles import robust
+from rans.model.conditions import Conditions
 from rans.tasks import TASKS
 
 _CPU = PPOSettings()
@@ -30,6 +33,10 @@ class Recipe:
     ppo: PPOSettings = field(default_factory=PPOSettings)
     total_timesteps: int = 10_000_000
     curriculum: tuple[Ramp, ...] = ()
+    conditions: Callable[[], Conditions] = Conditions
+    """What episodes do not promise, made when it is asked for."""
+    large: dict[str, Any] = field(default_factory=dict)
+    """Of the hyper-parameters, on a GPU, where they are not `_LARGE`."""
 
 
 _PLANE = PPOSettings(n_envs=256, n_steps=64, batch_size=4096, gamma=0.99, max_learning_rate=3e-3, anneal=0.7)
@@ -38,9 +45,12 @@ _SHARP = replace(_PLANE, zoom=16.0)
 """For goals that are held to millimetres."""
 _STILL = replace(_SHARP, initial_duty=0.12)
 """With shut valves."""
+_ADAPTIVE = replace(_SHARP, gamma=0.98, initial_duty=0.2, memory="history", history=16)
+"""For a world that is not as designed, which only what has just happened tells."""
 _WIDE = (128, 128)  # layers for space
 _HOLD = {"fine_weight": 1.0, "rest_position": 0.006}
 _LARGE: dict[str, Any] = {"n_envs": 4096, "n_steps": 32, "batch_size": 32768, "layers": (256, 256)}
+_ADAPTIVE_LARGE = {"n_envs": 8192, "batch_size": 16384, "n_epochs": 2, "matmul": "bf16"}
 _LONGER = 16  # on a GPU
 _PLATFORM, _SHARED, _FLYER, _FLYER_SHARED = (
     "floating-platform", "floating-platform-shared", "free-flyer", "free-flyer-shared")
@@ -61,6 +71,9 @@ RECIPES: dict[str, Recipe] = {
         replace(_STILL, gamma=0.995, reward_scale=0.03), 75_000_000,
         tuple(Ramp(price, start, 52_500_000, shape="geometric") for price, start in
               (("thrust_weight", 0.1), ("spin_weight", 0.1), ("misaligned_weight", 0.3)))),
+    "go-to-pose-2d-robust": Recipe(
+        "go-to-pose", _PLATFORM, {"thrust_weight": 0.1}, _ADAPTIVE, 9_400_000,
+        (Ramp("thrust_weight", 0.02, 5_000_000, 625_000, "geometric"),), robust, _ADAPTIVE_LARGE),
     "go-to-pose-2d-shared": Recipe(
         "go-to-pose", _SHARED,
         {"fine_weight": 1.0, "fine_position_scale": 0.006, "fine_attitude_scale": 0.006,
@@ -80,6 +93,11 @@ RECIPES: dict[str, Recipe] = {
     "go-to-pose-3d": Recipe(
         "go-to-pose", _FLYER, {"fine_weight": 1.5, "rest_position": 0.01, "rest_attitude": 0.02,
                                "thrust_weight": 0.04}, replace(_SHARP, layers=_WIDE), 20_000_000),
+    "go-to-pose-3d-robust": Recipe(
+        "go-to-pose", _FLYER, {"position_scale": 0.15, "attitude_scale": 0.15, "thrust_weight": 0.06},
+        replace(_ADAPTIVE, history=8, layers=_WIDE), 10_000_000,
+        (Ramp("thrust_weight", 0.02, 5_000_000, 625_000, "geometric"),), robust,
+        {**_ADAPTIVE_LARGE, "layers": (512, 256)}),
     "go-to-position-3d": Recipe(
         "go-to-position", _FLYER,
         {"fine_weight": 0.5, "rest_position": 0.007, "rest_spin": 0.03, "thrust_weight": 0.05,
@@ -109,8 +127,9 @@ def recipe(name: str, device: str) -> TrainConfig:
     ramps = tuple(replace(ramp, duration=ramp.duration * times, begin=ramp.begin * times)
                   for ramp in given.curriculum)
     return TrainConfig(given.task, TASKS[given.task](**given.settings), given.spacecraft,
-                       replace(given.ppo, **_LARGE) if large else given.ppo, curriculum=ramps, device=device,
-                       total_timesteps=given.total_timesteps * times, report_interval=64, solved_share=None)
+                       replace(given.ppo, **(_LARGE | given.large)) if large else given.ppo,
+                       conditions=given.conditions(), curriculum=ramps, device=device, solved_share=None,
+                       total_timesteps=given.total_timesteps * times, report_interval=64)
 
 
 def preset(task: str, dimension: int, device: str) -> PPOSettings:

@@ -93,6 +93,6 @@ class Selection:
 @torch.no_grad()
 def likeliest(network: Network, observation: Tensor, memory: Tensor | None) -> tuple[Tensor, Tensor | None]:
     """The deterministic agents' commands (N, thrusters), and what they remember after them."""
-    output, seen = network.shown(observation, memory)
+    output, columns = network.shown(observation, memory)
     command = output.policy.mode()
-    return command, network.remember(seen, memory, command, output)
+    return command, network.remember(columns, memory, command, output)

@@ -169,8 +169,8 @@ def test_what_it_does_not_know() -> None:
         made(target_kl=0.1, n_envs=4)
     with pytest.raises(ConfigError, match=r"rans\.Engine or the rans\.SB3VecEnv around it, got DummyVecEnv"):
         rans.PPO(make_vec_env("rans/GoToPose2D-v0", 4))  # type: ignore[arg-type]
-    with pytest.raises(ConfigError, match="memory 'history' needs symmetric to be false"):
-        made(memory="history")
+    with pytest.raises(ConfigError, match="memory 'recurrent' needs symmetric to be false"):
+        made(memory="recurrent")
 
 
 @pytest.mark.parametrize(("kind", "actuators"), [*((kind, ON_OFF) for kind in KINDS[1:]), ({}, Throttle())],

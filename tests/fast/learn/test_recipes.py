@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from rans.fast.learn.config import from_table, to_table
 from rans.fast.learn.recipes import RECIPES, recipe
+from rans.fast.learn.troubles import TROUBLES
+from rans.model.conditions import Conditions
+from rans.model.conditions_file import load_conditions
 from rans.model.spacecraft_file import load_spacecraft
 from rans.pretrained import pretrained_folder, pretrained_names
 
@@ -19,6 +24,19 @@ def test_a_recipe_trains_what_its_name_says(name: str) -> None:
     assert config.solved_share is None
     assert config.ppo.anneal > 0
     assert from_table(to_table(config)) == config
+
+
+@pytest.mark.parametrize("name", [name for name in RECIPES if name.endswith("-robust")])
+def test_robust_agents_meet_the_laboratory_and_every_trouble(name: str) -> None:
+    config = recipe(name, "cuda")
+    conditions = config.conditions
+    assert replace(conditions, others=(), weight=1.0) == load_conditions("lab")
+    assert set(TROUBLES.values()) <= set(conditions.others)
+    assert Conditions() in conditions.others
+    share = conditions.weight / (conditions.weight + len(conditions.others))
+    assert share == pytest.approx(0.4)
+    assert config.ppo.memory == "history"
+    assert config.curriculum[-1].begin + config.curriculum[-1].duration < config.total_timesteps
 
 
 def test_every_agent_that_comes_with_rans_has_its_recipe() -> None:

@@ -22,7 +22,7 @@ from validation.speed.latency import numpy_policy, onnx_policy
 def test_numpy_answers_as_torch_does(craft: Any, activation: Any) -> None:
     settings = PPOSettings(n_envs=1, n_steps=2, batch_size=2, layers=(16, 24), activation=activation)
     policy = scatter(begin(Engine(craft, GoToPose(), 1), [settings], [0]).network)
-    policy.update_statistics(policy.look(seen(craft, 500))[0][None])
+    policy.update_statistics(policy.in_body(seen(craft, 500))[None])
     observation = seen(craft, 200, seed=4).float().numpy()
     expected = Agent(policy, "").act(None, None, observation)
     assert 0.2 < expected.mean() < 0.8  # of both kinds

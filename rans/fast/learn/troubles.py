@@ -1,0 +1,50 @@
+"""What the robust agents are trained in: a laboratory at its worst, or one trouble at a time."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import radians
+
+from rans.model.conditions import (
+    BodyConditions,
+    Conditions,
+    DisturbanceConditions,
+    SensorConditions,
+    SensorsConditions,
+    ThrusterConditions,
+)
+from rans.model.conditions_file import load_conditions
+
+_FINE, _COARSE = (SensorConditions(noise=(0.0, size)) for size in (0.03, radians(3.0)))
+
+TROUBLES: dict[str, Conditions] = {
+    "latency": Conditions(thrusters=ThrusterConditions(latency=(0.0, 0.2))),
+    "delay": Conditions(thrusters=ThrusterConditions(command_delay=(0.0, 0.2))),
+    "rise": Conditions(thrusters=ThrusterConditions(rise=(0.0, 0.1))),
+    "least on-time": Conditions(thrusters=ThrusterConditions(least_on=0.4)),
+    "mass": Conditions(body=BodyConditions(mass=(0.7, 2.0))),
+    "inertia": Conditions(body=BodyConditions(inertia=(0.5, 2.0))),
+    "centre of mass": Conditions(body=BodyConditions(centre=(0.0, 0.03))),
+    "force": Conditions(disturbances=DisturbanceConditions(force=(0.0, 0.3))),
+    "torque": Conditions(disturbances=DisturbanceConditions(torque=(0.0, 0.1))),
+    "noise": Conditions(sensors=SensorsConditions(_FINE, _COARSE, _FINE, _COARSE)),
+}
+"""Each alone, over the whole range in which it broke agents that knew one perfect world."""
+
+
+_FINER, _COARSER = (SensorConditions(noise=(0.6 * size, size)) for size in (0.03, radians(3.0)))
+_HARD = (
+    Conditions(thrusters=ThrusterConditions(latency=(0.15, 0.2))),
+    Conditions(thrusters=ThrusterConditions(command_delay=(0.15, 0.2))),
+    Conditions(thrusters=ThrusterConditions(least_on=0.4)),
+    Conditions(body=BodyConditions(inertia=(0.5, 0.7))),
+    Conditions(sensors=SensorsConditions(_FINER, _COARSER, _FINER, _COARSER)),
+)
+"""The ends of those ranges that are learnt last."""
+
+
+def robust(share: float = 0.4) -> Conditions:
+    """`lab` in this share of the episodes, else a perfect world or a trouble, the hard ends oftener."""
+    lab = load_conditions("lab")
+    others = Conditions(), *TROUBLES.values(), *_HARD
+    return replace(lab, weight=len(others) * share / (1.0 - share), others=others)
