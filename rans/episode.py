@@ -8,7 +8,7 @@ Drivers differ in who moves the spacecraft (our equations, or Drake) and who beg
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -18,11 +18,12 @@ import numpy as np
 from rans.errors import ConfigError
 from rans.model.accuracy import chosen
 from rans.model.body import Body
-from rans.model.case import Case, draw, reading
+from rans.model.case import Case, draw
 from rans.model.conditions import Conditions, largest
 from rans.model.dynamics import NODES, Wrench, held
 from rans.model.fields import Field, finite, leaves, map_leaves, where
 from rans.model.random import Draws
+from rans.model.sensors import reading
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.model.trace import UNTRACEABLE, Symbol, depends
@@ -131,8 +132,6 @@ class World:
         """What a policy sees now."""
         return observation(self.task, self.sensed(episode, draws), episode.goal)
 
-    # Time.
-
     @property
     def step_mask(self) -> int:
         """Ones in the bits of a clock that hold its control periods."""
@@ -145,8 +144,6 @@ class World:
     def number(self, clock: Field, draws: Draws) -> Field:
         """Number of the episode, which with the seed decides all that it draws."""
         return draws.first + (clock >> self.step_mask.bit_length()) * draws.stride
-
-    # Beginning.
 
     def scenario(self, clock: Field, draws: Draws) -> tuple[Any, Any]:
         """Start and goal of the episodes that begin at these clocks."""
@@ -207,8 +204,6 @@ class World:
             return True
         return depends(terms.values(), previous)
 
-    # Conditions.
-
     def recalled(self, episode: Episode, draws: Draws | None) -> Episode:
         """The episode with what it drew from its conditions, drawn again if it does not remember.
 
@@ -224,19 +219,6 @@ class World:
         return replace(episode, case=draw(
             self.conditions, episode.body or Body.of(self.craft), self.timing.episode_steps, number,
             lambda stream: draws.random(self.craft.dimension, number, stream * 256)))
-
-    def obeyed(self, episode: Episode, command: Command) -> Command:
-        """What valves do of a command: one that has just moved stays for as long as it must."""
-        if episode.case is None or episode.case.hold is None:
-            return command
-        hold, period, result = episode.case.hold, self.timing.control_period, []
-        for told, *before in zip(command, *episode.commands, strict=True):
-            opened, shut = _age(before), _age([1.0 - x for x in before])
-            must_open = (opened > 0.0) & (opened * period < hold.on - 1e-6)
-            # One that was shut for as long as is remembered may have been so forever.
-            must_shut = (shut > 0.0) & (shut < float(len(before))) & (shut * period < hold.off - 1e-6)
-            result.append(where(must_open, told * 0.0 + 1.0, where(must_shut, told * 0.0, told)))
-        return tuple(result)
 
     def influences(self, episode: Episode, command: Command, draws: Draws | None) -> Influences:
         """What moves the spacecraft while a command is held."""
@@ -269,16 +251,6 @@ _READINGS = 2**25
 """The first block of random numbers that sensors draw, behind all that is drawn once an episode."""
 
 
-def _age(open_before: Sequence[Field]) -> Field:
-    """For how many control periods a valve has been open until now, as far as is remembered."""
-    still: Field = 1.0
-    age: Field = 0.0
-    for was_open in open_before:
-        still = still * was_open
-        age = age + still
-    return age
-
-
 Mover = Callable[[Any, Influences], Any]
 """The state one control period later: `World.move`, or Drake."""
 
@@ -289,9 +261,11 @@ def step(world: World, episode: Episode, command: Command, draws: Draws | None =
 
     Under conditions it takes draws, and an episode that knows its case. By default our equations move.
     """
-    task, command = world.task, world.obeyed(episode, command)
+    task, period = world.task, world.timing.control_period
+    if episode.case is not None and episode.case.hold is not None:
+        command = episode.case.hold.obeyed(command, episode.commands, period)
     state = (move or world.move)(episode.state, world.influences(episode, command, draws))
-    goal = task.next_goal(episode.goal, state, world.timing.control_period)
+    goal = task.next_goal(episode.goal, state, period)
     clock = episode.clock + 1
     terminated = task.failed(state, goal) | ~finite(*leaves(state))
     arrived = replace(episode, state=state, goal=goal, clock=clock,

@@ -18,8 +18,8 @@ from rans.fast import Engine
 from rans.flight import fly
 from rans.model.body import Body
 from rans.model.conditions import Conditions, SensorConditions, SensorsConditions, ThrusterConditions
-from rans.model.drift import ClohessyWiltshire, Drift
-from rans.model.dynamics import PlanarState, State, step_goal
+from rans.model.drift import ClohessyWiltshire, Drift, step_goal
+from rans.model.dynamics import PlanarState, State
 from rans.model.fields import Field, Heading, Vec2, leaves, map_leaves
 from rans.model.random import Draws
 from rans.model.spacecraft_file import load_spacecraft

@@ -15,7 +15,7 @@ HEAVY = {"torch", "pydrake", "casadi", "stable_baselines3", "gymnasium", "matplo
 LAYERS: list[set[str]] = [
     {"rans.errors"},
     {"rans.files", "rans.processes"},
-    {"rans.registry"},
+    {"rans.registry", "rans.structure"},
     {"rans.model", "rans.pretrained"},
     {"rans.tasks"},
     {"rans.scenario", "rans.episode"},

@@ -53,8 +53,9 @@ class View:
         check_count("--episodes", self.episodes)
         if self.save is not None and self.save.suffix != ".html":
             raise ConfigError(f"--save writes a page, whose name must end in .html, got {str(self.save)!r}.")
-        who = (contestant(spec).under(self.conditions) for spec in self.contestants)
-        flights = [flown(run.controller, run.judged, self.seed, self.episodes, self.engine).flight for run in who]
+        runs = [contestant(spec).under(self.conditions) for spec in self.contestants]
+        flights = [flown(run.controller, run.judged, self.seed, self.episodes, self.engine).flight
+                   for run in runs]
         if self.frames is not None:
             save_frames(flights[0], 0, self.frames)
             print(f"Ten frames of {flights[0].controller} are in {self.frames}.")

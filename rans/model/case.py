@@ -11,14 +11,13 @@ import operator
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
-from typing import Any
 
 from rans.model.body import Body
-from rans.model.conditions import Conditions, FaultKind, Range, SensorConditions, largest
-from rans.model.dynamics import State, Wrench
-from rans.model.fields import Field, Heading, floor, leaves, map_leaves, sin, where
+from rans.model.conditions import Conditions, FaultKind, Range, largest
+from rans.model.dynamics import Wrench
+from rans.model.fields import Field, floor, map_leaves, sin, where
 from rans.model.random import Random
-from rans.model.rotation import exponential
+from rans.model.sensors import Sensors, drawn_sensors
 from rans.model.valves import Lag
 
 
@@ -41,6 +40,31 @@ class Hold:
     off: Field
     """s."""
 
+    def obeyed(self, command: Sequence[Field], before: Sequence[Sequence[Field]],
+               period: float) -> tuple[Field, ...]:
+        """What valves do of a command: one that has just moved stays for as long as it must.
+
+        The commands before, the newest first, were each held for the period, s.
+        """
+        result = []
+        for told, *last in zip(command, *before, strict=True):
+            opened, shut = _age(last), _age([1.0 - x for x in last])
+            must_open = (opened > 0.0) & (opened * period < self.on - 1e-6)
+            # One that was shut for as long as is remembered may have been so forever.
+            must_shut = (shut > 0.0) & (shut < float(len(last))) & (shut * period < self.off - 1e-6)
+            result.append(where(must_open, told * 0.0 + 1.0, where(must_shut, told * 0.0, told)))
+        return tuple(result)
+
+
+def _age(open_before: Sequence[Field]) -> Field:
+    """For how many control periods a valve has been open until now, as far as is remembered."""
+    still: Field = 1.0
+    age: Field = 0.0
+    for was_open in open_before:
+        still = still * was_open
+        age = age + still
+    return age
+
 
 @dataclass(frozen=True)
 class Swing:
@@ -61,20 +85,6 @@ class Kick:
     """Which control period, a whole number."""
     impulse: Wrench
     """In W, N s and N m s."""
-
-
-@dataclass(frozen=True)
-class Sensors:
-    """What readings have wrong, in the order of a state's fields: p, attitude, v, w."""
-
-    delay: Field
-    """Control periods, a whole number."""
-    noise: tuple[Field, ...] | None
-    """Standard deviation of each component."""
-    bias: tuple[Any, ...] | None
-    """Vectors (a scalar for planar turns); the attitude's is a rotation vector in B."""
-    dropout: tuple[Field, ...] | None
-    """Probability that the last reading stands."""
 
 
 @dataclass(frozen=True)
@@ -141,7 +151,7 @@ def draw(conditions: Conditions, base: Body, steps: int, number: Field,
         _push(conditions.disturbances.force, conditions.disturbances.torque, random(6)),
         _swing(conditions, random(7)),
         tuple(_kick(conditions, steps, random(8 + k)) for k in range(conditions.disturbances.kicks)),
-        _sensors(conditions, random(16)),
+        drawn_sensors(conditions.sensors, random(16)),
     )
 
 
@@ -225,63 +235,6 @@ def _kick(conditions: Conditions, steps: int, random: Random) -> Kick:
     given = conditions.disturbances
     return Kick(floor(random.unit() * float(steps)),
                 Wrench(random.vector(given.kick), random.turn(given.kick_spin)))
-
-
-def _sensors(conditions: Conditions, random: Random) -> Sensors | None:
-    given, sensors = conditions.sensors, conditions.sensors.each()
-    off = SensorConditions()
-
-    def drawn(name: str, draw: Callable[[int, Range], Any]) -> tuple[Any, ...] | None:
-        if all(getattr(sensor, name) == getattr(off, name) for sensor in sensors):
-            return None
-        return tuple(draw(k, getattr(sensor, name)) for k, sensor in enumerate(sensors))
-
-    result = Sensors(
-        random.whole(given.delay),
-        drawn("noise", lambda _, values: random.within(values)),
-        drawn("bias", lambda k, values: (random.vector if k in (0, 2) else random.turn)(values)),
-        drawn("dropout", lambda _, values: random.within(values)))
-    return result if largest(given.delay) >= 1 or len(leaves(result)) > 1 else None
-
-
-def reading(state: State, sensors: Sensors, random: Callable[[int], Random], last: State | None) -> State:
-    """What sensors tell of a state.
-
-    Args:
-        state: the true one, as old as readings are.
-        sensors: what is wrong with them.
-        random: gives the random numbers of a quantity in this control period.
-        last: the reading before, which stands where one drops out; None: there was none.
-    """
-    streams = [random(k) for k in range(4)]
-    p, attitude, v, w = state.p, state.attitude, state.v, state.w
-    for errors in (sensors.bias, _noise(state, sensors, streams)):
-        if errors is not None:
-            p, attitude, v, w = p + errors[0], _turned(attitude, errors[1]), v + errors[2], w + errors[3]
-    seen = type(state)(p, attitude, v, w)
-    if last is None or sensors.dropout is None:
-        return seen
-    lost = [stream.unit() < chance for stream, chance in zip(streams, sensors.dropout, strict=True)]
-    parts = ((getattr(seen, name), getattr(last, name), gone)
-             for name, gone in zip(("p", "attitude", "v", "w"), lost, strict=True))
-    return type(state)(*(map_leaves(lambda new, old, gone=gone: where(gone, old, new), new, old)
-                         for new, old, gone in parts))
-
-
-def _noise(state: State, sensors: Sensors, streams: Sequence[Random]) -> list[Any] | None:
-    """One vector, or planar turn, for each quantity."""
-    if sensors.noise is None:
-        return None
-    alike = state.p, state.w, state.v, state.w
-    return [map_leaves(lambda _, sigma=sigma, r=stream: sigma * r.normal(), like)
-            for like, sigma, stream in zip(alike, sensors.noise, streams, strict=True)]
-
-
-def _turned(attitude: Any, turn: Any) -> Any:
-    """An attitude after a turn in its own frame: an angle, or a rotation vector."""
-    if isinstance(attitude, Heading):
-        return Heading(attitude.angle + turn)
-    return attitude.times(exponential(turn))
 
 
 def _total(wrenches: Sequence[Wrench]) -> Wrench:

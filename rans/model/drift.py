@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar, TypeVar
 
 from rans.errors import ConfigError
-from rans.model.fields import Field, Vec2, Vec3, sin
+from rans.model.fields import Field, Heading, Quat, Vec2, Vec3, at_least, cos, sin, sqrt
 
 Vector = TypeVar("Vector", Vec2, Vec3)
 
@@ -123,3 +123,17 @@ def _sine(angle: Field) -> Field:
 
 def _finite(x: Any) -> bool:
     return isinstance(x, int | float) and not isinstance(x, bool) and math.isfinite(x)
+
+
+def step_goal(goal: Any, drift: Drift, duration: Field) -> Any:
+    """A goal that nothing pushes, after a duration (s), exactly: it drifts as spacecraft do, its spin stays.
+
+    Its angular velocity is constant in its own frame, as of a body with equal moments.
+    """
+    p, v = drift.carry(goal.p, goal.v, duration)
+    if isinstance(goal.attitude, Heading):
+        return replace(goal, p=p, attitude=Heading(goal.attitude.angle + duration * goal.w), v=v)
+    rate = sqrt(goal.w.dot(goal.w))
+    half = 0.5 * duration * rate
+    axis = goal.w.scale(sin(half) / at_least(rate, 1e-30))  # a goal that does not turn has no axis
+    return replace(goal, p=p, attitude=goal.attitude.times(Quat(cos(half), *axis.columns())), v=v)

@@ -33,7 +33,6 @@ from rans.model.fields import (
     cos,
     map_leaves,
     sin,
-    sqrt,
 )
 from rans.model.rotation import Rotation, at, exponential, spin_series, turned
 from rans.model.spacecraft import Spacecraft
@@ -129,10 +128,7 @@ def _is(field: Field, number: float) -> bool:
 
 
 def wrench(craft: Spacecraft, command: Sequence[Field], body: Body | None = None) -> Wrench:
-    """Sum of the thrusters' forces and torques on B, about the true centre of mass.
-
-    Commands are 0 (shut) to 1 (open); without a body the craft is as it was designed.
-    """
+    """Sum of the thrusters' forces and torques on B, about the true centre of mass; arguments as `thrust`."""
     return _wrench(craft, thrust(craft, command, body), body)
 
 
@@ -200,20 +196,6 @@ def _told(craft: Spacecraft, body: Body, commands: Sequence[Sequence[Field]], pe
         up, down = [at_least(x, 0.0) for x in change], [-at_least(-x, 0.0) for x in change]
         jumps.append(Jump(time, _wrench(craft, up, body), _wrench(craft, down, body)))
     return _wrench(craft, thrusts[0], body), jumps
-
-
-def step_goal(goal: AnyState, drift: Drift, duration: Field) -> AnyState:
-    """A goal that nothing pushes, after a duration (s), exactly: it drifts as spacecraft do, its spin stays.
-
-    Its angular velocity is constant in its own frame, as of a body with equal moments.
-    """
-    p, v = drift.carry(goal.p, goal.v, duration)
-    if isinstance(goal, PlanarState):
-        return replace(goal, p=p, attitude=Heading(goal.attitude.angle + duration * goal.w), v=v)
-    rate = sqrt(goal.w.dot(goal.w))
-    half = 0.5 * duration * rate
-    axis = goal.w.scale(sin(half) / at_least(rate, 1e-30))  # a goal that does not turn has no axis
-    return replace(goal, p=p, attitude=goal.attitude.times(Quat(cos(half), *axis.columns())), v=v)
 
 
 def advance(state: AnyState, applied: Wrench, body: Body, duration: Field, substeps: int = 1,

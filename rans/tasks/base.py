@@ -65,7 +65,7 @@ class Task(ABC):
     def next_goal(self, goal: State, state: State, period: Field) -> State:
         """The goal one control period (s) later, when the state is arrived in: by default it stands still.
 
-        See `rans.model.dynamics.step_goal` for a goal that drifts as free points do.
+        See `rans.model.drift.step_goal` for a goal that drifts as free points do.
         """
         return goal
 

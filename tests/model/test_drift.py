@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 
 from rans.errors import ConfigError
 from rans.model.body import Body
-from rans.model.drift import FREE, ClohessyWiltshire, Drift, FreeFlight, UniformGravity
-from rans.model.dynamics import PlanarState, SpatialState, Wrench, advance, step_goal
+from rans.model.drift import FREE, ClohessyWiltshire, Drift, FreeFlight, UniformGravity, step_goal
+from rans.model.dynamics import PlanarState, SpatialState, Wrench, advance
 from rans.model.fields import Heading, Quat, Vec2, Vec3, leaves
 from tests.crafts import random_states
 

@@ -51,7 +51,7 @@ def test_spin_and_attitude_follow_eulers_equation(steady: np.ndarray | None) -> 
     end = solve_ivp(slope, (0.0, 0.1), first, "DOP853", rtol=1e-13, atol=1e-14)
     moments = tuple(float(x) for x in TENSOR[np.triu_indices(3)])
     seen = None if steady is None else Vec3(*steady)
-    rate = spin_series(Vec3(*SPIN), Vec3(*TORQUE), moments, 0.1, seen)
+    rate = spin_series(Vec3(*SPIN), [Vec3(*TORQUE)], moments, 0.1, seen)
     np.testing.assert_allclose(at(rate, 1.0).columns(), end.y[:3, -1], rtol=0, atol=1e-12)
     q = exponential(Rotation(rate, 0.1).vector(1.0))
     found = Turn.from_quat([q.x, q.y, q.z, q.w]).as_matrix()

@@ -94,9 +94,9 @@ def test_disturbances_are_as_strong_as_said(craft: Spacecraft, monkeypatch: pyte
 
     class Pushed(Plant):
         def advance(self, states: Any, commands: Any, duration: float, disturbances: Any = None,
-                    *more: Any) -> Any:
+                    nozzles: Any = None, earlier: Any = ()) -> Any:
             given.append(disturbances)
-            return super().advance(states, commands, duration, disturbances, *more)
+            return super().advance(states, commands, duration, disturbances, nozzles, earlier)
 
     monkeypatch.setattr(dynamics, "Plant", Pushed)
     checks: list[Check] = disturbance_checks(craft, 1, 60)

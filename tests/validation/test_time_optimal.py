@@ -30,6 +30,6 @@ def test_starts_without_a_trajectory_are_one_sentence(monkeypatch: pytest.Monkey
     """All of them by number, and why the first of them was lost."""
     found = [SimpleNamespace(solved=k in (0, 3), status=f"Status_{k}") for k in range(4)]
     monkeypatch.setattr(validation.time_optimal, "solve_all", lambda *_: [found])
-    _, craft, task, timing = contestant("lqr:go-to-pose-2d", "paper")
+    _, craft, task, timing, _ = contestant("lqr:go-to-pose-2d", "paper")
     with pytest.raises(SolverFailed, match=r"the starts \[1, 2\] of seed 9; the first ended with Status_1"):
         time_optimal(craft, task, timing, 9, 4)

@@ -19,8 +19,7 @@ from rans.fast.learn.curriculum import Curriculum, Ramp
 from rans.fast.step import Step
 from rans.model.actuators import Pulsed, Throttle
 from rans.model.body import Body
-from rans.model.drift import FREE, Drift, UniformGravity
-from rans.model.dynamics import step_goal
+from rans.model.drift import FREE, Drift, UniformGravity, step_goal
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.tasks import TASKS, GoToPose

@@ -1,0 +1,85 @@
+"""What a policy is told of the true state."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from rans.model.conditions import Range, SensorConditions, SensorsConditions, largest
+from rans.model.dynamics import State
+from rans.model.fields import Field, Heading, leaves, map_leaves, where
+from rans.model.random import Random
+from rans.model.rotation import exponential
+
+
+@dataclass(frozen=True)
+class Sensors:
+    """What readings have wrong, in the order of a state's fields: p, attitude, v, w."""
+
+    delay: Field
+    """Control periods, a whole number."""
+    noise: tuple[Field, ...] | None
+    """Standard deviation of each component."""
+    bias: tuple[Any, ...] | None
+    """Vectors (a scalar for planar turns); the attitude's is a rotation vector in B."""
+    dropout: tuple[Field, ...] | None
+    """Probability that the last reading stands."""
+
+
+def drawn_sensors(given: SensorsConditions, random: Random) -> Sensors | None:
+    """What one episode drew of this; None: readings are the state."""
+    sensors = given.each()
+    off = SensorConditions()
+
+    def drawn(name: str, draw: Callable[[int, Range], Any]) -> tuple[Any, ...] | None:
+        if all(getattr(sensor, name) == getattr(off, name) for sensor in sensors):
+            return None
+        return tuple(draw(k, getattr(sensor, name)) for k, sensor in enumerate(sensors))
+
+    result = Sensors(
+        random.whole(given.delay),
+        drawn("noise", lambda _, values: random.within(values)),
+        drawn("bias", lambda k, values: (random.vector if k in (0, 2) else random.turn)(values)),
+        drawn("dropout", lambda _, values: random.within(values)))
+    return result if largest(given.delay) >= 1 or len(leaves(result)) > 1 else None
+
+
+def reading(state: State, sensors: Sensors, random: Callable[[int], Random], last: State | None) -> State:
+    """What sensors tell of a state.
+
+    Args:
+        state: the true one, as old as readings are.
+        sensors: what is wrong with them.
+        random: gives the random numbers of a quantity in this control period.
+        last: the reading before, which stands where one drops out; None: there was none.
+    """
+    streams = [random(k) for k in range(4)]
+    p, attitude, v, w = state.p, state.attitude, state.v, state.w
+    for errors in (sensors.bias, _noise(state, sensors, streams)):
+        if errors is not None:
+            p, attitude, v, w = p + errors[0], _turned(attitude, errors[1]), v + errors[2], w + errors[3]
+    seen = type(state)(p, attitude, v, w)
+    if last is None or sensors.dropout is None:
+        return seen
+    lost = [stream.unit() < chance for stream, chance in zip(streams, sensors.dropout, strict=True)]
+    parts = ((getattr(seen, name), getattr(last, name), gone)
+             for name, gone in zip(("p", "attitude", "v", "w"), lost, strict=True))
+    return type(state)(*(map_leaves(lambda new, old, gone=gone: where(gone, old, new), new, old)
+                         for new, old, gone in parts))
+
+
+def _noise(state: State, sensors: Sensors, streams: Sequence[Random]) -> list[Any] | None:
+    """One vector, or planar turn, for each quantity."""
+    if sensors.noise is None:
+        return None
+    alike = state.p, state.w, state.v, state.w
+    return [map_leaves(lambda _, sigma=sigma, r=stream: sigma * r.normal(), like)
+            for like, sigma, stream in zip(alike, sensors.noise, streams, strict=True)]
+
+
+def _turned(attitude: Any, turn: Any) -> Any:
+    """An attitude after a turn in its own frame: an angle, or a rotation vector."""
+    if isinstance(attitude, Heading):
+        return Heading(attitude.angle + turn)
+    return attitude.times(exponential(turn))
