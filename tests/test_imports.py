@@ -92,10 +92,11 @@ def test_each_engine_keeps_to_its_library(name: str, file: Path) -> None:
 
 def test_the_judge_knows_nothing_of_our_equations() -> None:
     values = {f"rans.model.{name}" for name in ("spacecraft", "actuators", "body", "drift")}
-    for judge in ("plant.py", "parts.py"):
+    own = {f"rans.reference.{name}" for name in ("parts", "nozzles")}
+    for judge in ("plant.py", "parts.py", "nozzles.py"):
         ours = {name for name in imports(ROOT / "rans" / "reference" / judge)
                 if name.startswith(("rans", "validation"))}
-        assert {name.rpartition(".")[0] for name in ours} <= {*values, "rans.errors", "rans.reference.parts"}
+        assert {name.rpartition(".")[0] for name in ours} <= {*values, *own, "rans.errors"}
 
 
 @pytest.mark.parametrize("statement", [
