@@ -49,7 +49,7 @@ def test_the_top_keeps_energy_and_momentum_and_starts_where_it_should(least, lar
 
 
 def test_the_numerical_oracle_agrees_with_the_closed_form() -> None:
-    """25 periods of a constant wrench: 1e-13 a step of some ten steps a period, relative to some metres."""
+    """Five periods of a constant wrench: 1e-13 a step of some ten steps a period, of some metres."""
     start = random_states(2, 5, 4)
     push: Any = np.array([0.3 + 0.1j, -1.0j, 0.5, 0.2 - 0.7j])
     spin_up = np.array([0.2, -1.5, 0.7, -0.4])
