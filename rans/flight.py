@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Protocol
@@ -10,7 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from rans.episode import Mover, World, step
-from rans.model.accuracy import chosen, fastest
+from rans.model.accuracy import chosen
 from rans.model.body import Body
 from rans.model.conditions import Conditions
 from rans.model.fields import finite, leaves, map_leaves, unflatten
@@ -118,21 +117,8 @@ def fly(craft: Spacecraft, task: Task, controller: Controller, starts: Scenario,
         goals.append(now.goal)
         commands.append(command)
     stand_still = all(goal is starts.goal for goal in goals)
-    flight = Flight(craft, task, timing, _stacked(states), starts.goal if stand_still else _stacked(goals),
-                    np.stack(commands), controller.name, engine)
-    if move is None:
-        _check_spin(flight, fastest(craft, world.timing, body))
-    return flight
-
-
-def _check_spin(flight: Flight, bound: float) -> None:
-    """Warn where a spacecraft turned faster than its substeps were chosen for (rad/s)."""
-    spin = float(np.nanmax(np.linalg.norm(np.array(flight.states.spin()), axis=0)))
-    if spin > bound:
-        warnings.warn(
-            f"spacecraft {flight.craft.name!r} reached {spin:.3g} rad/s under {flight.controller}; its "
-            f"motion is accurate up to {bound:.3g} rad/s. Give Timing {spin / bound:.3g} times as many "
-            "substeps; the usual cause is a controller that lets it tumble.", stacklevel=3)
+    return Flight(craft, task, timing, _stacked(states), starts.goal if stand_still else _stacked(goals),
+                  np.stack(commands), controller.name, engine)
 
 
 def _stacked(trees: list[Any]) -> Any:

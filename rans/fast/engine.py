@@ -90,11 +90,11 @@ class Engine:
         self.observation_width = self.layout.width
         """Columns of an observation."""
         self._place = place = Place(self.device, field_dtype(self.device, dtype, self.compiled))
+        self.body = in_memory(body or Body.of(craft), Body.of(craft), num_envs, lambda x: place.put(x, dtype))
+        """What flies; fields (N,) of it may be written in place, which compiles nothing."""
         nodes = _FLOAT32_NODES if dtype == torch.float32 else NODES
         how = chosen(craft, self.timing, body) if conditions is None else self.timing
         self._world = World(craft, task, how, nodes, conditions)
-        self.body = in_memory(body or Body.of(craft), Body.of(craft), num_envs, lambda x: place.put(x, dtype))
-        """What flies; fields (N,) of it may be written in place, which compiles nothing."""
         self._known = [] if self._world.conditions is None else known(self._world)
         self.privileged_width = len(self._known) or len(leaves(self.body))
         """Columns of `privileged`."""

@@ -138,7 +138,7 @@ def test_compiled_functions_are_one_graph_each() -> None:
         (losses, (network, part, model.coefficients, False)),
         (act, (network, kept.observation[0], None, None, uniform)),
         (remember, (kept.observation[0], done, None, step, rollout.steps[0], rollout)),
-        (shown, (network, kept.observation.flatten(0, 1), kept.action.flatten(0, 1))),
+        (shown, (network, kept.observation.flatten(0, 1), None, kept.action.flatten(0, 1))),
         (gae, (kept.reward, kept.value, kept.ended, kept.value[0], 0.98, 0.95)),
     ]
     for function, arguments in calls:

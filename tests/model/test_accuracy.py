@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +11,6 @@ import pytest
 
 from rans.episode import Influences, World
 from rans.fast.engine import Engine
-from rans.flight import fly
 from rans.model.accuracy import MOST, chosen, fastest, spin_up
 from rans.model.body import Body
 from rans.model.fields import Vec3, map_leaves
@@ -22,7 +20,6 @@ from rans.model.timing import Timing
 from rans.scenario import Scenario, scenarios
 from rans.tasks import GoToPose
 from tests.crafts import nasty_planar, nasty_spatial
-from tests.test_flight import Recorded
 
 FLYER = load_spacecraft("free-flyer")
 
@@ -107,17 +104,6 @@ def tumbling(craft: Spacecraft, spin: float) -> Scenario:
     still = map_leaves(lambda x: 0.0 * x, starts.start.w)
     return replace(starts, start=replace(starts.start, w=replace(still, y=still.y + spin)))
 
-
-def test_a_flight_says_when_it_turned_too_fast() -> None:
-    """One step of 0.2 s is for 1 rad of a ball: 5 rad/s."""
-    pilot, timing = Recorded(16), Timing(episode_steps=2)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        fly(FLYER, GoToPose(), pilot, tumbling(FLYER, 4.9), timing)
-        fly(FLYER, GoToPose(), pilot, tumbling(FLYER, 5.1), replace(timing, substeps=2))
-    with pytest.warns(UserWarning, match=r"'free-flyer' reached 5\.1 rad/s under recorded; .* accurate up "
-                                         r"to 5 rad/s\. Give Timing 1\.02 times as many substeps"):
-        fly(FLYER, GoToPose(), pilot, tumbling(FLYER, 5.1), timing)
 
 
 def test_a_stiff_craft_is_moved_as_by_many_steps() -> None:

