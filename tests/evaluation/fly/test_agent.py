@@ -16,7 +16,8 @@ from rans.evaluation.fly.agent import load_agent
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.trainer import Trainer
 from rans.flight import fly
-from rans.model.spacecraft_file import spacecraft_text
+from rans.model.actuators import Throttle
+from rans.model.spacecraft_file import spacecraft_text, to_toml
 from rans.scenario import scenarios
 from tests.fast.test_policy import seen
 from tests.fast.training import CONFIG
@@ -92,4 +93,12 @@ def test_an_agent_for_another_spacecraft(run_folder: Path) -> None:
     other: Any = {"floating-platform": "free-flyer", "free-flyer": "floating-platform"}[config["spacecraft"]]
     (run_folder / "spacecraft.toml").write_text(spacecraft_text(other))
     with pytest.raises(ConfigError, match="they are of different runs"):
+        load_agent(run_folder)
+
+
+def test_an_on_off_agent_for_throttles_is_refused(run_folder: Path) -> None:
+    """Same columns, same thrusters, other commands; the reverse is in `tests.fast.learn.test_duties`."""
+    craft = RunFolder(run_folder).spacecraft()
+    (run_folder / "spacecraft.toml").write_text(to_toml(replace(craft, actuators=Throttle())))
+    with pytest.raises(ConfigError, match=r"does not command the throttle actuators of .* different runs"):
         load_agent(run_folder)

@@ -10,7 +10,7 @@ import rans.pretrained
 from rans.errors import ConfigError
 from rans.evaluation.fly.contestants import contestant, judged_separately, output_folder
 from rans.evaluation.fly.judge import flown
-from rans.evaluation.fly.protocols import Setup, fitting_protocols
+from rans.evaluation.fly.protocols import Setup, fitting_protocols, under_protocol
 from rans.flight import fly
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
@@ -98,6 +98,15 @@ def test_protocols(run: Path) -> None:
         assert sorted(fitting_protocols(craft)) == sorted(["own", protocol])
     with pytest.raises(ConfigError, match="--protocol paper is for planar spacecraft with 8 thrusters"):
         contestant("lqr:go-to-pose-3d", "paper")
+
+
+def test_a_protocol_has_a_rate_of_its_own() -> None:
+    """Whoever acts at another rate, for another time, is judged at the paper's 5 Hz for 50 s."""
+    own = Setup(load_spacecraft("floating-platform"), GoToPose(), Timing(control_period=0.1, episode_steps=7))
+    for protocol in ("paper", "original"):
+        timing = under_protocol(protocol, own).timing
+        assert (timing.control_period, timing.episode_steps, timing.substeps) == (0.2, 250, Timing().substeps)
+    assert under_protocol("own", own) is own
 
 
 def test_an_lqr_under_a_protocol_knows_its_spacecraft() -> None:
