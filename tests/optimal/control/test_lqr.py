@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from rans.model.fields import Heading, Vec2, map_leaves
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.optimal.control.lqr import LQR
-from rans.optimal.control.regulator import Deadband
+from rans.optimal.control.regulator import Deadband, Weights
 from rans.reference.flight import fly_in_drake
 from rans.scenario import EVALUATION_SEED, Scenario, scenarios
 from rans.tasks import TASKS, GoToPose, TrackTwist
@@ -112,3 +113,21 @@ def test_wrench_by_hand() -> None:
     assert abs(force_x) < 1e-12
     assert force_y < 0
     assert torque < 0  # back to heading 0
+
+
+def batch(state: PlanarState) -> Any:
+    """Of one."""
+    return map_leaves(lambda x: np.array([x]), state)
+
+
+def test_the_sweep_goes_from_stiff_to_lazy() -> None:
+    """A factor multiplies what deviation is worth full thrust: of 0.6 m for a half 0.3 m, for four 2.4 m."""
+    craft = load_spacecraft("floating-platform")
+    goal = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
+    sweep, state = LQR.sweep(craft, TASK, Timing()), replace(goal, p=Vec2(0.1, 0.0))
+    assert [*sweep] == [f"LQR x {factor}" for factor in ("0.5", "0.7", "1", "1.4", "2", "2.8", "4")]
+    push = {name: abs(one.wrench(batch(state), batch(goal))[0, 0]) for name, one in sweep.items()}
+    assert sorted(push.values(), reverse=True) == [*push.values()]
+    for name, deviation in (("LQR x 0.5", 0.3), ("LQR x 1", 0.6), ("LQR x 4", 2.4)):
+        alone = LQR(craft, TASK, Timing(), Weights(position=deviation))
+        assert push[name] == pytest.approx(abs(alone.wrench(batch(state), batch(goal))[0, 0]))

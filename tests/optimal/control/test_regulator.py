@@ -12,6 +12,7 @@ from rans.errors import ConfigError
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.optimal.control.regulator import Axis, Deadband, Regulator, Weights
+from rans.optimal.trajectory.allocation import Allocation
 from rans.scenario import scenarios
 from rans.tasks import GoToPose, GoToPosition, TrackVelocityHeading
 
@@ -52,6 +53,16 @@ def test_gain_tends_to_the_continuous_optimum() -> None:
     stiffness, damping = Axis.held(1e-4, 0.3, 0.5).gain
     assert stiffness == pytest.approx(0.6, rel=1e-3)  # 0.3 / 0.5, and first order in the period
     assert damping == pytest.approx(math.sqrt(1.2 + 0.6), rel=1e-3)
+
+
+def test_the_regulator_reckons_with_the_axis_that_is_hardest_to_turn() -> None:
+    """Of moments 0.2, 0.4 and 0.25 kg m^2 with the middle one, and with full thrust over the mass, 4 kg."""
+    moments = ((0.2, 0.0, 0.0), (0.0, 0.4, 0.0), (0.0, 0.0, 0.25))
+    craft = replace(load_spacecraft("free-flyer"), mass=4.0, inertia=moments)
+    force, torque = Allocation(craft).authority()
+    found = Regulator.of(craft, GoToPose(), Timing(), Weights(position=0.5, attitude=0.7))
+    np.testing.assert_allclose(found.translation.gain, Axis.held(0.2, force / 4.0, 0.5).gain, rtol=1e-12)
+    np.testing.assert_allclose(found.rotation.gain, Axis.held(0.2, torque / 0.4, 0.7).gain, rtol=1e-12)
 
 
 def test_tasks_hold_what_they_have_a_tolerance_for() -> None:

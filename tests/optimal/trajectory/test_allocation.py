@@ -179,6 +179,17 @@ def test_what_is_not_carried_is_forgotten_within_reach_only() -> None:
     assert cosine > 0.999  # 100 pulses, off by a few
 
 
+def test_what_saturates_is_carried_whatever_else_is_not() -> None:
+    """1.5 times what there is, in a direction that no pattern has: the impulse of all there is, to 2 pulses.
+    Forgetting would repeat one pattern and be off by its error a hundred times."""
+    craft, modulator = CRAFTS[0], SigmaDelta(CRAFTS[0], np.zeros(3, bool))
+    modulator.reset(1)
+    wanted = np.array([[1.0, 0.3, 0.0]])
+    wanted *= 1.5 / Allocation(craft).load(wanted)[0]
+    given_ = sum(modulator.round(wanted) @ np.array(craft.wrench_map) for _ in range(100))
+    assert np.abs(given_ - 100 * wanted / 1.5)[0, :2].max() < 2.0
+
+
 def test_reset_forgets() -> None:
     modulator, wanted = SigmaDelta(CRAFTS[0]), 0.5 * np.array(CRAFTS[0].wrench_map)[2:3]
     modulator.reset(1)
