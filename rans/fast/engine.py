@@ -74,14 +74,7 @@ class Engine:
                  generated: bool = True, processes: Processes = ALONE, body: Body | None = None,
                  conditions: Conditions | None = None, remember: bool = False) -> None:
         seeds = [seed] if isinstance(seed, int) else seed
-        if not isinstance(craft, Spacecraft):
-            raise ConfigError(f"craft must be a Spacecraft, got {craft!r}; rans.load_spacecraft reads one.")
-        if isinstance(num_envs, bool) or not isinstance(num_envs, int) or num_envs < 1:
-            raise ConfigError(f"the number of environments must be a whole number >= 1, got {num_envs!r}.")
-        if not seeds or num_envs % len(seeds):
-            raise ConfigError(f"{num_envs} environments cannot be divided among {len(seeds)} members.")
-        if dtype not in (torch.float32, torch.float64):
-            raise ConfigError(f"dtype must be torch.float32 or torch.float64, got {dtype!r}.")
+        _check(craft, num_envs, seeds, dtype)
         self.craft, self.task, self.timing = craft, task, timing or Timing()
         self.num_envs, self.dtype, self.device = num_envs, dtype, torch.device(device)
         self.compiled = self.device.type == "cuda" if compiled is None else compiled
@@ -195,3 +188,14 @@ class Engine:
     def load_state(self, table: dict[str, Any]) -> None:
         """Continue from what `save_state` gave; ConfigError where it is of other environments or episodes."""
         restore(table, self._world, self._episode, (self._draws.low, self._draws.high), self.processes)
+
+
+def _check(craft: object, num_envs: object, seeds: Sequence[int], dtype: torch.dtype) -> None:
+    if not isinstance(craft, Spacecraft):
+        raise ConfigError(f"craft must be a Spacecraft, got {craft!r}; rans.load_spacecraft reads one.")
+    if isinstance(num_envs, bool) or not isinstance(num_envs, int) or num_envs < 1:
+        raise ConfigError(f"the number of environments must be a whole number >= 1, got {num_envs!r}.")
+    if not seeds or num_envs % len(seeds):
+        raise ConfigError(f"{num_envs} environments cannot be divided among {len(seeds)} members.")
+    if dtype not in (torch.float32, torch.float64):
+        raise ConfigError(f"dtype must be torch.float32 or torch.float64, got {dtype!r}.")

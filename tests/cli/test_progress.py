@@ -1,0 +1,24 @@
+"""What a training tells where there is no terminal."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from rans.cli.progress import TrainingProgress
+
+
+def row(steps: int) -> dict[str, Any]:
+    return {"steps": steps, "success": 0.5, "steps_per_s": 1e6, "return/thrust": -3.2}
+
+
+def test_the_last_row_is_told_however_soon_it_comes(capsys: pytest.CaptureFixture[str]) -> None:
+    """Rows in between only now and then; the last is that of the whole budget, or of more."""
+    for last in (3_000_000, 3_100_000):
+        progress = TrainingProgress(3_000_000)
+        for steps in (1_000_000, 2_000_000, last):
+            progress.show(row(steps))
+        assert capsys.readouterr().err.splitlines() == [
+            f"training: {steps / 1e6:.2f} M steps, success 50.0%, return: thrust -3, 1.00 M steps/s, "
+            f"at most {left} s left" for steps, left in ((1_000_000, 2), (last, 0))]
