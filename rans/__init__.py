@@ -12,6 +12,8 @@ import gymnasium
 
 from rans import fast
 from rans.errors import ConfigError, NonFiniteState, RansError, SolverFailed
+from rans.model.conditions import Conditions
+from rans.model.conditions_file import load_conditions
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.spacecraft_file import load_spacecraft, spacecraft_names
 from rans.model.timing import Timing
@@ -25,7 +27,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Spacecraft", "Thruster", "load_spacecraft", "spacecraft_names",
-    "GoToPose", "Scenario", "Timing",
+    "Conditions", "load_conditions", "GoToPose", "Scenario", "Timing",
     "Engine", "PPO", "SB3VecEnv", "SpacecraftEnv", "SpacecraftVectorEnv",
     "ConfigError", "NonFiniteState", "RansError", "SolverFailed",
     "__version__",

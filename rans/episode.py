@@ -118,6 +118,7 @@ class World:
         """Substeps are chosen for what flies; under conditions for the bodies of 1,024 episodes."""
         bodies = None
         if self.conditions is not None:
+            self.conditions.check_valves(self.craft)
             many = Draws(0, 0, np.arange(1024, dtype=np.int32), 0, np.float64)
             bodies = getattr(self.recalled(Episode(None, None), many).case, "body", None)
         object.__setattr__(self, "timing", chosen(self.craft, self.timing, bodies))
@@ -287,10 +288,10 @@ def restart(world: World, outcome: Outcome, draws: Draws) -> Episode:
     """The next episode where one ended, elsewhere the same."""
     ended, arrived = outcome.ended, outcome.episode
 
-    def chosen(new: Field, old: Field) -> Field:
+    def choose(new: Field, old: Field) -> Field:
         never_varies = new is old or isinstance(old, int | float)
         return old if never_varies else where(ended, new, old)
 
     clock = world.next_episode(arrived.clock)
     begun = world.begin(*world.scenario(clock, draws), clock, draws, arrived.body)
-    return map_leaves(chosen, begun, arrived)
+    return map_leaves(choose, begun, arrived)

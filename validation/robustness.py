@@ -31,7 +31,7 @@ from rans.flight import fly
 from rans.model.conditions import BodyConditions, Conditions
 from rans.model.conditions_file import load_conditions
 from rans.pretrained import pretrained_folder
-from rans.scenario import EVALUATION_SEED, scenarios
+from rans.scenario import EVALUATION_SEED, draws, scenarios
 
 _LQR_EPISODES = 256
 
@@ -88,7 +88,8 @@ def flown(network: Network, setup: Setup, conditions: Conditions, episodes: int,
 def flown_by_lqr(setup: Setup, conditions: Conditions, seed: int) -> Found:
     """The same of the LQR with its default weights, which is slower to fly."""
     starts = scenarios(setup.task, setup.craft, seed, _LQR_EPISODES)
-    flight = fly(*setup[:2], controller("lqr", setup), starts, setup.timing, conditions=conditions.or_none)
+    flight = fly(*setup[:2], controller("lqr", setup), starts, setup.timing, conditions=conditions.or_none,
+                 draws=draws(seed, _LQR_EPISODES))
     return Found(solved(flight), settling_times(flight), last_fifth(flight.commands).mean(axis=(0, 2)))
 
 

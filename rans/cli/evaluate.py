@@ -82,6 +82,7 @@ class Evaluate:
     def _fly(self, run: LoadedRun) -> dict[str, Flight]:
         """The flights by engine."""
         from rans.evaluation.fly.judge import EngineName, flown
+        from rans.evaluation.measure.metrics import outran
 
         engines: tuple[EngineName, ...] = ("fast", "drake") if self.engine == "both" else (self.engine,)
         flights = {}
@@ -93,6 +94,8 @@ class Evaluate:
                 if stopped:
                     bars.console.print(f"rans: warning: {run.controller.name}'s solver stopped {stopped} "
                                        "times; the plan before was flown on.", soft_wrap=True)
+                if engine == "fast" and (said := outran(flights[engine])):
+                    bars.console.print(f"rans: warning: {said}", soft_wrap=True)
         return flights
 
     def _write(self, run: LoadedRun, results: dict[str, Any], flight: Flight) -> Path:

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from rans.model.body import Body
+from rans.model.body import Body, numbers
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 
@@ -118,16 +118,11 @@ def _longest_sum(vectors: np.ndarray) -> float:
 
 def _tensors(body: Body) -> np.ndarray:
     """Inertia, (..., 3, 3), in the plane (..., 1, 1)."""
-    entries = np.broadcast_arrays(*(_numbers(x) for x in body.inertia))
+    entries = np.broadcast_arrays(*(numbers(x) for x in body.inertia))
     order = (0,) if len(entries) == 1 else (0, 1, 2, 1, 3, 4, 2, 4, 5)
     side = 1 if len(entries) == 1 else 3
     return np.stack([entries[k] for k in order], axis=-1).reshape(*entries[0].shape, side, side)
 
 
 def _largest(field: Any) -> float:
-    return float(np.abs(_numbers(field)).max())
-
-
-def _numbers(value: Any) -> np.ndarray:
-    """Of a number, an array, or a tensor on any device."""
-    return np.asarray(value.detach().cpu() if hasattr(value, "detach") else value, dtype=np.float64)
+    return float(np.abs(numbers(field)).max())

@@ -85,7 +85,7 @@ def in_memory(body: Body, nominal: Body, count: int, field: Callable[[Any], Any]
 
 def _placed(name: str, bound: str, value: Any, count: int, field: Callable[[Any], Any]) -> Any:
     """One number, or a field of as many as there are spacecraft."""
-    values = _numbers(value)
+    values = numbers(value)
     if values.shape not in ((), (count,)):
         raise ConfigError(f"{name} must be one number or one for each of {count:,} spacecraft, got an "
                           f"array of shape {values.shape}.")
@@ -98,7 +98,7 @@ def _placed(name: str, bound: str, value: Any, count: int, field: Callable[[Any]
 
 def _check_rigid(inertia: tuple[Any, ...]) -> None:
     """As in `rans.model.spacecraft.check`, but for rounding to float32, in which bodies may be given."""
-    entries = np.stack(np.broadcast_arrays(*map(_numbers, inertia)), axis=-1)
+    entries = np.stack(np.broadcast_arrays(*map(numbers, inertia)), axis=-1)
     tensors = entries[..., ((0, 1, 2), (1, 3, 4), (2, 4, 5))]
     low, middle, high = np.moveaxis(np.linalg.eigvalsh(tensors), -1, 0)
     wrong = (low <= 0) | (high > (low + middle) * (1 + 1e-6))
@@ -108,6 +108,6 @@ def _check_rigid(inertia: tuple[Any, ...]) -> None:
                           f"got {moments} kg m^2.")
 
 
-def _numbers(value: Any) -> np.ndarray:
+def numbers(value: Any) -> np.ndarray:
     """Of a number, an array, or a tensor on any device."""
     return np.asarray(value.detach().cpu() if hasattr(value, "detach") else value, dtype=np.float64)

@@ -14,6 +14,7 @@ from typing import Any, Literal, NamedTuple, get_args
 
 from rans.errors import ConfigError
 from rans.model.fields import Field, where
+from rans.model.spacecraft import Spacecraft
 from rans.structure import Range
 
 FaultKind = Literal["dead", "stuck-open", "stuck", "weak"]
@@ -194,6 +195,18 @@ class Conditions:
         parts = (replace(self, others=()), *self.others)
         ends = list(accumulate(part.weight for part in parts))
         return _mixed(parts, [end / ends[-1] for end in ends[:-1]], chance)
+
+    def check_valves(self, craft: Spacecraft) -> None:
+        """Refuse what this spacecraft's valves cannot do.
+
+        Raises:
+            ConfigError: they must stay open or shut for a time, but are not on/off valves.
+        """
+        for name in ("least_on", "least_off"):
+            asked = max(largest(getattr(part.thrusters, name)) for part in (self, *self.others))
+            if asked > 0 and craft.actuators.is_continuous:
+                raise ConfigError(f"Conditions have thrusters.{name} up to {asked:g} s, which is for on/off "
+                                  f"valves; the thrusters of {craft.name!r} are {craft.actuators.kind}.")
 
     @property
     def or_none(self) -> Conditions | None:

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import pytest
 
+from rans.episode import World
 from rans.errors import ConfigError
+from rans.model.actuators import Throttle
 from rans.model.conditions import (
     BodyConditions,
     Conditions,
@@ -21,6 +24,8 @@ from rans.model.conditions import BodyConditions as Body
 from rans.model.conditions import DisturbanceConditions as Disturbances
 from rans.model.conditions import FaultConditions as Faults
 from rans.model.conditions import ThrusterConditions as Thrusters
+from rans.model.spacecraft_file import load_spacecraft
+from rans.tasks import GoToPose
 
 
 @pytest.mark.parametrize(("make", "sentence"), [
@@ -62,3 +67,15 @@ def test_how_long_a_command_is_felt() -> None:
     assert Conditions(thrusters=lag).delay == pytest.approx(0.3)
     assert Conditions(thrusters=lag).lasting == pytest.approx(0.38)
     assert Conditions(thrusters=Thrusters(rise=0.05)).lasting == 0.05
+
+
+@pytest.mark.parametrize("others", [False, True])
+def test_valves_that_are_not_on_off_have_no_least_time(others: bool) -> None:
+    """Refused where a world is made of both, also when only one of several conditions asks for it."""
+    craft = replace(load_spacecraft("floating-platform"), actuators=Throttle())
+    asked = Conditions(thrusters=Thrusters(least_off=(0.0, 0.4)))
+    conditions = Conditions(others=(asked,)) if others else asked
+    sentence = r"thrusters\.least_off up to 0\.4 s.*'floating-platform' are throttle"
+    with pytest.raises(ConfigError, match=sentence):
+        World(craft, GoToPose(), conditions=conditions)
+    World(load_spacecraft("floating-platform"), GoToPose(), conditions=conditions)

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rans.flight import Flight
+from rans.model.accuracy import fastest
 from rans.model.dynamics import thrust
 from rans.model.fields import map_leaves
 from rans.tasks.base import UNITS
@@ -181,3 +182,17 @@ def _effort(flight: Flight) -> Iterator[Sample]:
             ("impulse", "thrust spent an episode", "N s", impulses(flight)),
             ("return", "sum of rewards of the full episode", "", returns(flight))):
         yield Sample("effort", name, meaning, unit, values)
+
+
+def outran(flight: Flight) -> str:
+    """Why the motion of a flight is not to be trusted: it span faster than its substeps are accurate for.
+
+    Nothing if it is; `rans.model.accuracy.fastest` has the bound.
+    """
+    spin = float(np.nanmax(np.linalg.norm(np.array(flight.states.spin()), axis=0)))
+    bound = fastest(flight.craft, flight.timing)
+    if spin <= bound:
+        return ""
+    return (f"{flight.controller} spins {flight.craft.name} at up to {spin:.3g} rad/s, but its motion is "
+            f"accurate up to {bound:.3g} rad/s; set timing.substeps {math.ceil(spin / bound)} times as high, "
+            "or keep the agent from tumbling.")

@@ -15,6 +15,7 @@ from torch import Tensor
 from rans.environment import action_space, checked_render_mode, choose, observation_space
 from rans.errors import ConfigError
 from rans.fast.engine import Engine
+from rans.model.conditions import Conditions
 from rans.model.fields import leaves, unflatten
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
@@ -46,6 +47,7 @@ class SpacecraftVectorEnv(VectorEnv[Tensor, Tensor, Tensor]):
         spacecraft: name, TOML file or object; None: the usual one of this dimension.
         task: settings; None: the defaults.
         timing: see `Engine`, as device, dtype and compiled.
+        conditions: what episodes do not promise; None: a perfect world.
         render_mode: None; "rgb_array": `render` gives a frame of every environment; "human": every `reset`
             and `step` shows the first 16 in the browser, at real time (see `rans.window.Window`).
 
@@ -60,10 +62,11 @@ class SpacecraftVectorEnv(VectorEnv[Tensor, Tensor, Tensor]):
                  spacecraft: str | Path | Spacecraft | None = None, task: Task | None = None,
                  timing: Timing | None = None, device: str | torch.device = "cpu",
                  dtype: torch.dtype = torch.float32, compiled: bool | None = None,
-                 render_mode: str | None = None) -> None:
+                 render_mode: str | None = None, conditions: Conditions | None = None) -> None:
         self.render_mode = checked_render_mode(render_mode)
         craft, task = choose(task_name, dimension, spacecraft, task)
-        self.engine = Engine(craft, task, num_envs, timing, device=device, dtype=dtype, compiled=compiled)
+        self.engine = Engine(craft, task, num_envs, timing, device=device, dtype=dtype, compiled=compiled,
+                             conditions=conditions)
         self.num_envs, self.device = num_envs, self.engine.device
         width = np.float32 if dtype == torch.float32 else np.float64
         self.single_observation_space = observation_space(task, dimension, width)

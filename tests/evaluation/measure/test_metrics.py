@@ -12,7 +12,7 @@ from hypothesis.extra import numpy as hnp
 from scipy import stats
 
 from rans.evaluation.measure.aggregate import Metrics, measure
-from rans.evaluation.measure.metrics import final_errors, impulses, on_times, settling_times
+from rans.evaluation.measure.metrics import final_errors, impulses, on_times, outran, settling_times
 from rans.files import plain
 from rans.flight import Flight, fly
 from rans.model.fields import Vec2
@@ -240,3 +240,11 @@ def test_spatial_flight() -> None:
     assert measured["duty"].value == 50.0
     assert measured["on-time"].value == pytest.approx(8 * 10 * 0.2)
     assert measured["PT5"].value == 0.0
+
+
+def test_a_flight_that_outruns_its_accuracy_is_told() -> None:
+    """Within a period of 0.5 s 0.1 rad are turned, or 50."""
+    assert outran(flight_of([[1.0], [1.0]], 0.0, spin=-0.2)) == ""
+    said = outran(flight_of([[1.0], [1.0]], 0.0, spin=-100.0))
+    assert "by hand spins floating-platform at up to 100 rad/s" in said
+    assert "timing.substeps" in said

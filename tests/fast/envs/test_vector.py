@@ -14,6 +14,7 @@ from torch import Tensor
 from rans.errors import ConfigError
 from rans.fast.envs.single import SpacecraftEnv
 from rans.fast.envs.vector import SpacecraftVectorEnv
+from rans.model.conditions_file import load_conditions
 from rans.scenario import scenario
 from rans.tasks import gymnasium_ids
 from tests.fast.engines import NEAR, SHORT, actions
@@ -201,3 +202,17 @@ def test_gymnasiums_lists_of_infos() -> None:
         assert [("final_obs" in info, "final_info" in info) for info in infos] == [
             (bool(e), bool(e)) for e in ended]
         assert all(info["reward_terms"].keys() == {*inner.engine.term_names} for info in infos)
+
+
+def test_conditions_reach_the_engine() -> None:
+    """Episode k is that of the single environment under the same conditions, whatever the batch."""
+    conditions = load_conditions("lab")
+    batch = SpacecraftVectorEnv(3, "go-to-pose", 2, dtype=torch.float64, conditions=conditions)
+    single = SpacecraftEnv("go-to-pose", 2, conditions=conditions)
+    seen, _ = batch.reset(seed=5)
+    alone, _ = single.reset(seed=5)
+    np.testing.assert_allclose(seen[0], alone, atol=1e-6)  # float32 observations of the single one
+    for action in np.random.default_rng(0).integers(0, 2, (6, 3, 8)):
+        seen, *_ = batch.step(torch.as_tensor(action))
+        alone, *_ = single.step(action[0])
+        np.testing.assert_allclose(seen[0], alone, atol=1e-5)
