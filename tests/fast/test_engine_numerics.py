@@ -117,11 +117,12 @@ def test_a_million_steps_without_nan(name: str, factor: float, planar_craft: Spa
     """Random, held, one-sided and full thrust; also a hundred times too much of it."""
     own = {"nasty planar": planar_craft, "nasty spatial": spatial_craft}
     craft = stronger(own.get(name) or load_spacecraft(name), factor)
-    count, n = 8192, len(craft.thrusters)
+    quick = factor == 1.0 or craft.dimension == 2  # a hundred times the thrust takes 64 substeps in space
+    count, n = 8192 if quick else 1024, len(craft.thrusters)
     engine = Engine(craft, GoToPose(), count)
     random, held = actions(craft, count, 125, held=1), actions(craft, count, 125, held=25)
     one = torch.eye(n).repeat(count // n + 1, 1)[:count]
-    for k in range(125):
+    for k in range(0, 125, 1 if quick else 5):
         kinds = (random[k], held[k], one, torch.ones(count, n))
         step = engine.step(kinds[0] if k < 32 else kinds[k // 32])
         for values in (step.observation, step.final_observation, step.terms):

