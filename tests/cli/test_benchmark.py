@@ -46,10 +46,8 @@ def test_figures(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
 
 def test_peers_that_cannot_be_installed_are_rows_that_say_why(
         capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """pip finds no such version; Stable-Baselines3 is there anyway. Ours was measured in `test_figures`."""
+    """pip finds no such version; Stable-Baselines3 is there anyway."""
     monkeypatch.setenv("PIP_NO_INDEX", "1")
-    monkeypatch.setattr("validation.speed.suite.measurements", lambda *_: [
-        Measurement("engine", f"floating-platform, {count} environments", 1e6, "steps/s") for count in (1, 2)])
     sb3 = Peer("stable-baselines3", "stable_baselines3", "sb3_ppo.py", ())
     absent = Peer("absent", "absent_module", "absent.py", ("absent-package==1.2.3",))
     monkeypatch.setattr("validation.speed.ratios.PEERS", (absent, sb3))
