@@ -130,7 +130,8 @@ def _loaded(name: str, device: str) -> tuple[Network, Setup]:
     run = RunFolder(pretrained_folder(own) if kind else Path(own))
     config, saved = run.config(), read_policy(run.policy_file).network
     network = Network.stacked(saved.architecture, [saved.tensors], torch.device(device), torch.float32)
-    return network, Setup(run.spacecraft(), config.settings.for_evaluation(), config.timing)
+    timing = replace(config.timing, substeps=None)
+    return network, Setup(run.spacecraft(), config.settings.for_evaluation(), timing)
 
 
 def _said(found: Found) -> dict[str, Any]:

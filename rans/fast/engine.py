@@ -89,7 +89,9 @@ class Engine:
         how = chosen(craft, self.timing, body) if conditions is None else self.timing
         self._world = World(craft, task, how, nodes, conditions)
         self._known = [] if self._world.conditions is None else known(self._world)
-        self.privileged_width = len(self._known) or len(leaves(self.body))
+        self.privileged_default = (0.0,) * len(self._known) or tuple(relative(Body.of(craft), craft))
+        """`privileged` of the spacecraft as designed; under conditions, of an episode in their middle."""
+        self.privileged_width = len(self.privileged_default)
         """Columns of `privileged`."""
         first = np.arange(num_envs) % each * processes.size + processes.rank
         self._draws = draws = Draws(*place.words(seeds, each), place.put(first, torch.int32),

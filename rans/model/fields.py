@@ -59,12 +59,16 @@ def atan2(y: Field, x: Field) -> Field:
 
 
 def where(condition: Field, a: Field, b: Field) -> Field:
-    """``a`` where the condition holds, else ``b``."""
+    """``a`` where the condition holds, else ``b``; a plain number where that is plain."""
+    if isinstance(condition, bool):
+        return a if condition else b
     return _function("where", condition, a, b)(condition, a, b)
 
 
 def at_least(x: Field, bound: float) -> Field:
     """The larger of a field and a constant."""
+    if isinstance(x, int | float):
+        return max(x, bound)
     if type(x).__module__.startswith("torch"):
         return x.clamp(min=bound)
     return _function("maximum", x)(x, bound)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -53,8 +54,9 @@ class LoadedRun(NamedTuple):
 
     @property
     def judged(self) -> Setup:
-        """What it is judged in: the same, with the task's evaluation starts."""
-        return Setup(self.craft, self.task.for_evaluation(), self.timing, self.conditions)
+        """What it is judged in: the task's evaluation starts, and motion as accurate as the craft needs."""
+        timing = replace(self.timing, substeps=None)
+        return Setup(self.craft, self.task.for_evaluation(), timing, self.conditions)
 
     def under(self, conditions: str | None) -> LoadedRun:
         """The same under other conditions, by name or file; None: its own."""

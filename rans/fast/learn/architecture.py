@@ -14,9 +14,7 @@ from torch.nn import functional
 
 from rans.fast.engine import Engine
 from rans.fast.learn.config import PPOSettings
-from rans.fast.step import relative
 from rans.fast.symmetry import Symmetries, symmetries
-from rans.model.body import Body
 from rans.tasks.base import example
 from rans.tasks.sight import Block, Drawn, Layout, OwnAttitude, Scalar, Spin, Turn, VectorInW
 
@@ -62,6 +60,8 @@ class Architecture:
     """Whether commands are duties in [0, 1] instead of on and off."""
     history: int = 0
     """How many last columns and commands the network is shown."""
+    averages: tuple[float, ...] = ()
+    """Besides, exponential moving averages of all of them: the share that each keeps from step to step."""
     units: int = 0
     """Of a recurrent core after the trunk; 0: none."""
     privileged: int = 0
@@ -81,9 +81,10 @@ class Architecture:
         return cls(engine.layout, len(craft.thrusters), tuple(settings.layers), settings.activation,
                    settings.zoom, views, settings.matmul == "bf16",
                    craft.actuators.is_continuous, settings.history if settings.memory == "history" else 0,
+                   tuple(settings.averages) if settings.memory == "history" else (),
                    settings.recurrent_units if settings.memory == "recurrent" else 0,
                    engine.privileged_width if settings.privileged_critic else 0,
-                   tuple(relative(Body.of(craft), craft)) if settings.privileged_critic else (),
+                   engine.privileged_default if settings.privileged_critic else (),
                    bounds=example(engine.task, craft.dimension).bounds())
 
     @property
@@ -94,7 +95,12 @@ class Architecture:
     @property
     def memory(self) -> int:
         """Numbers that the network remembers of a spacecraft from step to step."""
-        return self.units or self.history * (self.seen + self.thrusters)
+        return self.units or self.recalled * (self.seen + self.thrusters)
+
+    @property
+    def recalled(self) -> int:
+        """How many columns and commands, averages or of a moment, a network with a history is shown."""
+        return self.history + len(self.averages)
 
     @property
     def features(self) -> int:

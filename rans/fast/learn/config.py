@@ -73,6 +73,9 @@ class PPOSettings:
     recurrent unit keeps."""
     history: int = 4
     """How many last observations and commands."""
+    averages: tuple[float, ...] = ()
+    """Beside a history, exponential moving averages of all observations and commands: the share that each
+    keeps from step to step. They tell what is steady from noise, and are longer than a history can be."""
     recurrent_units: int = 64
     """Of that unit."""
     privileged_critic: bool = False
@@ -93,6 +96,7 @@ class PPOSettings:
         _require(self, "between 0 and 1", lambda x: 0 <= x <= 1, "anneal")
         _require(self, "in (0, 1]", lambda x: 0 < x <= 1, "gamma", "gae_lambda")
         _require(self, "finite and > 0, or null", lambda x: x is None or 0 < x < math.inf, "desired_kl")
+        _require(self, "numbers between 0 and 1", lambda x: all(0 < share < 1 for share in x), "averages")
         _require(self, "one or more numbers >= 1", lambda x: len(x) > 0 and min(x) >= 1, "layers")
         if self.memory == "recurrent" and self.symmetric:
             raise ConfigError("memory 'recurrent' needs symmetric to be false: what is remembered was seen "

@@ -38,6 +38,8 @@ class Network:
         self.adopt(tensors)
         self._nominal = self._mean.new_tensor(architecture.nominal or (1.0,) * architecture.privileged)
         device, views = self._mean.device, architecture.symmetries
+        kept = self._mean.new_tensor(architecture.averages)
+        self._kept = kept.repeat_interleave(architecture.seen + architecture.thrusters)
         self._views = None if views is None else Symmetries(*(
             torch.as_tensor(table, device=device).to(self._mean.dtype if at < 2 else torch.int64)
             for at, table in enumerate(views)))
@@ -111,9 +113,9 @@ class Network:
             return columns, memory, None
         which = views.which(way)
         place, seen = views.place[which], torch.stack(views.viewed(layout, fields, which), dim=1)
-        if memory is None or not given.history:
+        if memory is None or not given.recalled:
             return seen, memory, place
-        each = which.repeat_interleave(given.history)
+        each = which.repeat_interleave(given.recalled)
         then, told = memory.reshape(len(each), -1).tensor_split([given.seen], dim=1)
         then = torch.stack(views.viewed(layout, then.unbind(dim=1), each), dim=1)
         told = torch.empty_like(told).scatter(1, views.place[each], told)
@@ -132,7 +134,7 @@ class Network:
                  going_on: Tensor | None = None) -> tuple[Tensor, Tensor]:
         """What actor and critic are heads on, by member; the same tensor unless the critic is privileged."""
         given, x = self.architecture, self._looks(self._rows(seen))
-        if given.history and memory is not None:
+        if given.recalled and memory is not None:
             x = torch.cat((x, self._recalled(memory)), dim=-1)
         features = self._through(self._trunk, x)
         if given.units and memory is not None:
@@ -147,16 +149,19 @@ class Network:
         """The memory (N, m) after a command (N, thrusters) to columns (N, k) in the body frame."""
         if memory is None or self.architecture.units:
             return memory if memory is None else output.core
-        newest = torch.cat((columns, command), dim=1)
-        return torch.cat((memory[:, newest.shape[1]:], newest), dim=1)
+        given, newest = self.architecture, torch.cat((columns, command), dim=1)
+        averages, moments = memory.tensor_split([len(given.averages) * newest.shape[1]], dim=1)
+        if given.averages:
+            averages = torch.lerp(newest.repeat(1, len(given.averages)), averages, self._kept)
+        return torch.cat((averages, moments[:, newest.shape[1]:], newest), dim=1)
 
     def _recalled(self, memory: Tensor) -> Tensor:
         """A history (N, m) by member, its columns normalised as those seen now are."""
         given = self.architecture
-        rows = self._rows(memory.unflatten(1, (given.history, -1))).flatten(-3, -2)
+        rows = self._rows(memory.unflatten(1, (given.recalled, -1))).flatten(-3, -2)
         then, told = rows.tensor_split([given.seen], dim=-1)
         rows = torch.cat((self._normalised(then), told), dim=-1)
-        return rows.unflatten(-2, (-1, given.history)).flatten(-2)
+        return rows.unflatten(-2, (-1, given.recalled)).flatten(-2)
 
     def _rows(self, x: Tensor) -> Tensor:
         """(N, ...) by member: (K, N / K, ...)."""

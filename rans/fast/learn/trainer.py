@@ -26,8 +26,8 @@ from rans.model.spacecraft import Spacecraft
 WARM_UP_ITERATIONS = 3
 """On a GPU: two that compile, one that records the graphs. They train, but are timed apart."""
 _CHECKPOINT_SECONDS = 5.0
-_ARCHITECTURE = ("layers", "activation", "zoom", "symmetric", "memory", "history", "recurrent_units",
-                 "privileged_critic")
+_ARCHITECTURE = ("layers", "activation", "zoom", "symmetric", "memory", "history", "averages",
+                 "recurrent_units", "privileged_critic")
 """Settings of the network rather than of its training."""
 
 

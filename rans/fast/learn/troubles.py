@@ -36,15 +36,15 @@ _FINER, _COARSER = (SensorConditions(noise=(0.6 * size, size)) for size in (0.03
 _HARD = (
     Conditions(thrusters=ThrusterConditions(latency=(0.15, 0.2))),
     Conditions(thrusters=ThrusterConditions(command_delay=(0.15, 0.2))),
-    Conditions(thrusters=ThrusterConditions(least_on=0.4)),
     Conditions(body=BodyConditions(inertia=(0.5, 0.7))),
-    Conditions(sensors=SensorsConditions(_FINER, _COARSER, _FINER, _COARSER)),
+    Conditions(thrusters=ThrusterConditions(least_on=0.4), weight=4.0),
+    Conditions(sensors=SensorsConditions(_FINER, _COARSER, _FINER, _COARSER), weight=6.0),
 )
-"""The ends of those ranges that are learnt last."""
+"""The ends of those ranges that are learnt last, as often as they need it."""
 
 
 def robust(share: float = 0.4) -> Conditions:
     """`lab` in this share of the episodes, else a perfect world or a trouble, the hard ends oftener."""
-    lab = load_conditions("lab")
     others = Conditions(), *TROUBLES.values(), *_HARD
-    return replace(lab, weight=len(others) * share / (1.0 - share), others=others)
+    weight = sum(one.weight for one in others) * share / (1.0 - share)
+    return replace(load_conditions("lab"), weight=weight, others=others)
