@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import partial
 from typing import Any
 
 from rans.fast.learn.config import PPOSettings, TrainConfig
 from rans.fast.learn.curriculum import Ramp
-from rans.fast.learn.troubles import robust
+from rans.fast.learn.troubles import failing, robust
 from rans.model.conditions import Conditions
-from rans.model.conditions_file import load_conditions
 from rans.tasks import TASKS
 
 _CPU = PPOSettings()
@@ -79,7 +77,7 @@ RECIPES: dict[str, Recipe] = {
     "go-to-pose-2d-faults": Recipe(
         "go-to-pose", _PLATFORM, {"thrust_weight": 0.05}, _ADAPTIVE, 12_000_000,
         (Ramp("thrust_weight", 0.02, 5_000_000, 625_000, "geometric"),),
-        partial(load_conditions, "faults"), _ADAPTIVE_LARGE),
+        failing, _ADAPTIVE_LARGE),
     "go-to-pose-2d-shared": Recipe(
         "go-to-pose", _SHARED,
         {"fine_weight": 1.0, "fine_position_scale": 0.006, "fine_attitude_scale": 0.006,
@@ -108,7 +106,7 @@ RECIPES: dict[str, Recipe] = {
         "go-to-pose", _FLYER, {"position_scale": 0.15, "attitude_scale": 0.15, "thrust_weight": 0.04},
         replace(_ADAPTIVE, history=8, layers=_WIDE), 12_000_000,
         (Ramp("thrust_weight", 0.02, 5_000_000, 625_000, "geometric"),),
-        partial(load_conditions, "faults"), {**_ADAPTIVE_LARGE, "layers": (512, 256)}),
+        failing, {**_ADAPTIVE_LARGE, "layers": (512, 256)}),
     "go-to-position-3d": Recipe(
         "go-to-position", _FLYER,
         {"fine_weight": 0.5, "rest_position": 0.007, "rest_spin": 0.03, "thrust_weight": 0.05,
