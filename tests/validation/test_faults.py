@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,8 +18,9 @@ from rans.model.conditions import Conditions, FaultConditions
 from rans.model.spacecraft_file import load_spacecraft
 from rans.pretrained import pretrained_folder
 from rans.scenario import draws, scenarios
+from rans.tasks import GoToPose
 from validation import faults
-from validation.faults import Faults, bounds, flown, rows
+from validation.faults import Faults, bounds, certified, flown, rows
 from validation.robustness import _loaded
 
 AGENT = "pretrained:go-to-pose-2d-fast"
@@ -70,6 +72,17 @@ def test_bounds_are_below_what_settles_and_rise_with_what_is_lost() -> None:
     assert least.mean() > 1.02 * sound.mean()
     assert sound.min() > 3.0  # 2.95 m at 0.53 m/s^2, half of it braking, arriving at 0.33 m/s
     assert sound.max() < 6.0
+
+
+def test_certified_times_are_between_the_bound_and_what_settles() -> None:
+    """Of a start near the goal, whose proof takes a second."""
+    network, setup = _loaded(AGENT, "cpu")
+    near = setup._replace(task=GoToPose(spawn_distance=(0.3, 0.3)))
+    dead = replace(PAIRS, kinds=("dead",))
+    proof, found = certified(near, dead, 1, 7), flown(network, near, dead, 1, 7, "cpu")
+    assert (bounds(near, dead, 1, 7) <= proof).all()
+    assert (proof <= found.settled).all()
+    assert 0.5 < proof[0] < 2.0
 
 
 def test_what_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -162,7 +162,7 @@ def test_training_meets_each_kind_in_its_range_and_keeps_it_for_an_episode() -> 
     np.testing.assert_allclose(gained[2], both, atol=1e-3)
     assert np.abs(bias).max() <= 0.201
     assert (np.abs(bias) > 1e-3).mean() == pytest.approx(1 / 3, abs=0.03)  # three standard errors
-    assert (both < 0).mean() == pytest.approx(1 / 4, abs=0.03)
+    assert (both < 0).mean() == pytest.approx(1 / 2, abs=0.03)
     assert np.abs(both - bias)[sure].min() > 0.499
     plain = (np.abs(bias) <= 1e-3) & (np.abs(np.abs(both) - 1) < 1e-3)
     assert plain.mean() == pytest.approx(1 / 3 + 1 / 6, abs=0.04)  # signs, and gains above 1

@@ -115,15 +115,26 @@ def least_time(craft: Spacecraft, aims: Collection[str], start: State, goal: Sta
     return max(times) * (1.0 - _ROUNDING)
 
 
-def least_settling(craft: Spacecraft, start: State, goal: State, tolerance: float, angle: float,
-                   health: Health | None = None) -> float:
-    """A time before which nothing can be so near the goal's pose (m, rad) for good, s.
+def settling_set(craft: Spacecraft, tolerance: float, angle: float, period: float,
+                 health: Health | None = None) -> GoalSet:
+    """Where everyone is who stays so near the goal's pose (m, rad), looked at once a period (s), for good.
 
-    Whoever stays in a ball of radius r with accelerations up to a never moves faster than 2 sqrt(a r): along
-    its velocity it needs v^2 / (2 a) to stop, and has no more than the diameter.
+    Who stays in a ball of radius r with accelerations up to a is no faster than 2 sqrt(a r + (a h / 4)^2): it
+    goes on along its velocity by at least v^2 / (2 a), of which it is short by a (h / 2)^2 / 2 at most when
+    looked at next to the farthest point, and has no more than the diameter. The spin's bound so found, with
+    angles for ways, is that of the plane.
     """
-    push = float(Reach.of(craft, health).force.max()) / craft.mass
-    within = GoalSet(tolerance, 2.0 * math.sqrt(push * tolerance), angle)
+    reach = Reach.of(craft, health)
+    push, turn = float(reach.force.max()) / craft.mass, reach.torque / craft.inertia[2][2]
+    speed, spin = (2.0 * math.sqrt(a * r + (a * period / 4.0) ** 2)
+                   for a, r in ((push, tolerance), (turn, angle)))
+    return GoalSet(tolerance, speed, angle, spin)
+
+
+def least_settling(craft: Spacecraft, start: State, goal: State, tolerance: float, angle: float,
+                   period: float, health: Health | None = None) -> float:
+    """A time before which nobody has entered that set for good, s, see `settling_set`."""
+    within = settling_set(craft, tolerance, angle, period, health)
     return least_time(craft, ("position", "velocity", "attitude"), start, goal, within, health)
 
 

@@ -78,13 +78,25 @@ def test_least_settling_by_hand() -> None:
     """2 sqrt(2) N: from 3 m to 5 cm short of the goal, there at most at 2 sqrt(a 5 cm); with one thruster
     left, of 1 N, as much longer as the root of what it has less."""
     a = 2 * math.sqrt(2) / PLATFORM.mass
-    v, way = 2 * math.sqrt(a * 0.05), 2.95
+    v, way = 2 * math.sqrt(a * 0.05), 2.95  # looked at all the time
     peak = math.sqrt(a * way + v * v / 2)
-    found = hull.least_settling(PLATFORM, planar(x=-3.0), planar(), 0.05, 0.1)
+    found = hull.least_settling(PLATFORM, planar(x=-3.0), planar(), 0.05, 0.1, 0.0)
     assert found == pytest.approx((2 * peak - v) / a)
     dead = hull.Health((0.0,) * 7 + (1.0,), (0.0,) * 8)
-    alone = hull.least_settling(PLATFORM, planar(x=-3.0), planar(), 0.05, 0.1, dead)
+    alone = hull.least_settling(PLATFORM, planar(x=-3.0), planar(), 0.05, 0.1, 0.0, dead)
     assert alone == pytest.approx(found * math.sqrt(2 * math.sqrt(2)), rel=1e-9)
+
+
+def test_who_is_faster_leaves_for_a_moment() -> None:
+    """Braking as hard as it can from one side of the ball along a line, at any phase of the period."""
+    within, h = hull.settling_set(PLATFORM, 0.05, 0.1, 0.2), 0.2
+    a = 2 * math.sqrt(2) / PLATFORM.mass
+    k = np.arange(1, 20) * h
+    farthest = lambda v: (v * k - a * k**2 / 2).max()  # noqa: E731
+    assert farthest(within.velocity * 1.001) > 0.1
+    exact = math.sqrt(4 * a * 0.05)  # whoever is slower stays, if looked at all the time
+    assert exact < within.velocity < 1.02 * exact
+    assert within.spin == pytest.approx(2 * math.sqrt(6.0637 * 0.1 + (6.0637 * 0.05) ** 2), rel=1e-4)
 
 
 def test_least_time_from_rest_is_bang_bang() -> None:
