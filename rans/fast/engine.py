@@ -154,6 +154,11 @@ class Engine:
         everywhere = torch.ones(self.num_envs, dtype=self.dtype, device=self.device)
         return torch.stack([everywhere * x for x in relative(self.body, self.craft)], dim=1)
 
+    @property
+    def nominal(self) -> tuple[float, ...]:
+        """What `privileged` says of the craft as designed, or under conditions of what is usual."""
+        return (0.0,) * len(self._known) or tuple(relative(Body.of(self.craft), self.craft))
+
     def observe(self) -> Tensor:
         """The current observation, (N, width)."""
         now = self._world.recalled(self._episode, self._draws)

@@ -14,9 +14,7 @@ from torch.nn import functional
 
 from rans.fast.engine import Engine
 from rans.fast.learn.config import PPOSettings
-from rans.fast.step import relative
 from rans.fast.symmetry import Symmetries, symmetries
-from rans.model.body import Body
 from rans.tasks.base import example
 from rans.tasks.sight import Block, Drawn, Layout, OwnAttitude, Scalar, Spin, Turn, VectorInW
 
@@ -83,7 +81,7 @@ class Architecture:
                    craft.actuators.is_continuous, settings.history if settings.memory == "history" else 0,
                    settings.recurrent_units if settings.memory == "recurrent" else 0,
                    engine.privileged_width if settings.privileged_critic else 0,
-                   tuple(relative(Body.of(craft), craft)) if settings.privileged_critic else (),
+                   engine.nominal if settings.privileged_critic else (),
                    bounds=example(engine.task, craft.dimension).bounds())
 
     @property
