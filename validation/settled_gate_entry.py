@@ -81,13 +81,17 @@ _SMALL = PPOSettings(n_envs=256, n_steps=64, batch_size=4096, gamma=0.98, max_le
 _LARGE = replace(_SMALL, n_envs=8192, n_steps=32, batch_size=16384, n_epochs=2, layers=(256, 256))
 
 
-def trained(steps: int, device: str, seed: int = 0,
+def settings_on(device: str, history: int = 16) -> PPOSettings:
+    """Those of a training on this device."""
+    return replace(_SMALL if device == "cpu" else _LARGE, history=history)
+
+
+def trained(steps: int, device: str, settings: PPOSettings, seed: int = 0,
             report: Callable[[int, float], object] = lambda *_: None) -> Network:
     """An agent of one axis after so many steps.
 
     Reported is, once an update, how many are done and how many episodes have just ended behind the gate.
     """
-    settings = _SMALL if device == "cpu" else _LARGE
     engine = FaultyEngine(one_axis(), Point(), settings.n_envs, TIMING, seed=seed, device=device,
                           conditions=TRAINED_IN)
     learner, batch = begin(engine, [settings], [seed]), settings.n_envs * settings.n_steps
@@ -128,16 +132,19 @@ class Train:
 
     run_folder: Annotated[Path, Positional, tyro.conf.arg(metavar="RUN")]
     steps: int = 200_000_000
+    history: int = 16
+    """Last observations and commands that it is shown."""
     seed: int = 0
 
     def run(self) -> None:
-        """Prints now and then how far it is."""
+        """Says how far it is."""
         device = "cuda" if torch.cuda.is_available() else "cpu"
-        network = trained(self.steps, device, self.seed, lambda done, found: sys.stderr.write(
+        settings = settings_on(device, self.history)
+        network = trained(self.steps, device, settings, self.seed, lambda done, found: sys.stderr.write(
             f"\r{done:,} steps; of the last episodes {found:g} ended behind the gate "))
         self.run_folder.mkdir(parents=True, exist_ok=True)
         write_policy(self.run_folder / "policy.zip", network.architecture, network.member(0),
-                     _SMALL if device == "cpu" else _LARGE, self.steps)
+                     settings, self.steps)
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,7 @@ from validation.settled_gate import (
     starts,
     turns,
 )
-from validation.settled_gate_entry import _SMALL, FaultyEngine, Fly, ThreeAxes, sound, trained
+from validation.settled_gate_entry import FaultyEngine, Fly, ThreeAxes, settings_on, sound, trained
 
 
 def test_faults_are_outside_of_what_training_may_know() -> None:
@@ -170,8 +170,8 @@ def test_training_meets_each_kind_in_its_range_and_keeps_it_for_an_episode() -> 
 
 def test_our_entry_sees_each_axis_alone(tmp_path: Path) -> None:
     """Two axes change nothing for the third; the agent flies from its file as it was trained."""
-    network = trained(32_768, "cpu")
-    write_policy(tmp_path / "policy.zip", network.architecture, network.member(0), _SMALL, 1)
+    network = trained(32_768, "cpu", settings_on("cpu"))
+    write_policy(tmp_path / "policy.zip", network.architecture, network.member(0), settings_on("cpu"), 1)
     begun: Any = starts(range(4))
     one, other = ThreeAxes(network), ThreeAxes(read_policy(tmp_path / "policy.zip").network)
     one.reset(4)
