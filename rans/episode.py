@@ -115,12 +115,13 @@ class World:
     """What episodes do not promise; None: a perfect world."""
 
     def __post_init__(self) -> None:
-        """Substeps are chosen for what flies; under conditions for the bodies of 1,024 episodes."""
+        """Substeps are chosen for what flies; under conditions for 1,024 episodes' bodies, after faults."""
         bodies = None
         if self.conditions is not None:
             self.conditions.check_valves(self.craft)
             many = Draws(0, 0, np.arange(1024, dtype=np.int32), 0, np.float64)
-            bodies = getattr(self.recalled(Episode(None, None), many).case, "body", None)
+            case = self.recalled(Episode(None, None), many).case
+            bodies = case and case.body_at(math.inf)
         object.__setattr__(self, "timing", chosen(self.craft, self.timing, bodies))
 
     def move(self, state: Any, influences: Influences) -> Any:
@@ -216,9 +217,9 @@ class World:
         if draws is None:
             raise ConfigError("what an episode meets is drawn by its seed and number: give `draws` with "
                               "conditions.")
-        number = self.number(episode.clock, draws)
+        number, body = self.number(episode.clock, draws), episode.body or Body.of(self.craft)
         return replace(episode, case=draw(
-            self.conditions, episode.body or Body.of(self.craft), self.timing.episode_steps, number,
+            self.conditions, self.craft, body, self.timing.episode_steps, number,
             lambda stream: draws.random(self.craft.dimension, number, stream * 256)))
 
     def influences(self, episode: Episode, command: Command, draws: Draws | None) -> Influences:

@@ -25,6 +25,7 @@ EFFECTS = {
     "fall": Conditions(thrusters=_Thrusters(rise=(0.0, 0.1), fall=(0.0, 0.1))),
     "hold": Conditions(thrusters=_Thrusters(least_on=(0.0, 0.6), least_off=(0.0, 0.6))),
     "faults": Conditions(faults=FaultConditions(count=(0.0, 2.0), kinds=_KINDS, time=(0.0, 2.0))),
+    "recoverable": Conditions(faults=FaultConditions(1.0, _KINDS, time=(0.0, 2.0), among="recoverable")),
     "push": Conditions(disturbances=_Disturbances(force=(0.0, 0.3), torque=(0.0, 0.1))),
     "swing": Conditions(disturbances=_Disturbances(
         slow_force=(0.0, 0.3), slow_torque=(0.0, 0.1), slow_period=(2.0, 20.0))),
@@ -39,3 +40,6 @@ EFFECTS = {
         _Disturbances((0.0, 0.3), (0.0, 0.1), (0.0, 0.3), (0.0, 0.1), (2.0, 20.0), 2, (0.0, 1.0), (0.0, 0.1)),
         SensorsConditions(_LOST, _LOST, _LOST, _LOST, (0.0, 2.0))),
 }
+
+PAIRS = Conditions(faults=FaultConditions((0.0, 2.0), _KINDS, time=(0.0, 2.0), among="recoverable"))
+"""One or two failing thrusters, which crafts with some to spare can do without."""

@@ -27,13 +27,14 @@ class Faults:
 
     def run(self) -> int:
         """Print the table; exit code 0 whatever it says."""
-        from rans.model.faults import FaultClass, fault_sets
+        from rans.model.conditions import FaultKind
+        from rans.model.faults import fault_sets
         from rans.model.spacecraft_file import load_spacecraft
         from rans.terminal import Terminal, table
 
-        kinds: tuple[FaultClass, ...] = ("dead", "stuck-open")
+        kinds: tuple[FaultKind, ...] = ("dead", "stuck-open")
         craft = load_spacecraft(self.craft)
-        found: dict[tuple[FaultClass, int], list[FaultSet]] = {
+        found: dict[tuple[FaultKind, int], list[FaultSet]] = {
             (kind, count): list(fault_sets(craft, count, kind)) for kind in kinds for count in (1, 2)
             if count < len(craft.thrusters)}
         rows = [(f"{('one', 'two')[count - 1]} {kind}", *_row(sets)) for (kind, count), sets in found.items()]

@@ -89,9 +89,7 @@ class Engine:
         how = chosen(craft, self.timing, body) if conditions is None else self.timing
         self._world = World(craft, task, how, nodes, conditions)
         self._known = [] if self._world.conditions is None else known(self._world)
-        self.privileged_default = (0.0,) * len(self._known) or tuple(relative(Body.of(craft), craft))
-        """`privileged` of the spacecraft as designed; under conditions, of an episode in their middle."""
-        self.privileged_width = len(self.privileged_default)
+        self.privileged_width = len(self._known) or len(leaves(self.body))
         """Columns of `privileged`."""
         first = np.arange(num_envs) % each * processes.size + processes.rank
         self._draws = draws = Draws(*place.words(seeds, each), place.put(first, torch.int32),
@@ -155,6 +153,11 @@ class Engine:
                                 for one in self._known], dim=1).to(self.dtype)
         everywhere = torch.ones(self.num_envs, dtype=self.dtype, device=self.device)
         return torch.stack([everywhere * x for x in relative(self.body, self.craft)], dim=1)
+
+    @property
+    def nominal(self) -> tuple[float, ...]:
+        """What `privileged` says of the craft as designed, or under conditions of what is usual."""
+        return (0.0,) * len(self._known) or tuple(relative(Body.of(self.craft), self.craft))
 
     def observe(self) -> Tensor:
         """The current observation, (N, width)."""

@@ -98,7 +98,7 @@ def spin_up(craft: Spacecraft, body: Body | None = None) -> float:
     force = forces.max() if craft.thrust_sharing == "split" else forces.sum()
     shift = sum(_largest(x) ** 2 for x in body.centre) ** 0.5
     opened = zip(body.gain, body.leak, strict=True) if body.gain and body.leak else ()
-    thrust = max((_largest(gain) + _largest(leak) for gain, leak in opened), default=1.0)
+    thrust = max((_largest(numbers(gain) + numbers(leak)) for gain, leak in opened), default=1.0)
     return thrust * (lighter * most + shift * force * float(np.linalg.norm(inverse, 2, axis=(-2, -1)).max()))
 
 

@@ -13,11 +13,21 @@ from dataclasses import dataclass, replace
 from functools import reduce
 
 from rans.model.body import Body
-from rans.model.conditions import Conditions, FaultKind, Range, largest
+from rans.model.conditions import (
+    Conditions,
+    FaultConditions,
+    FaultKind,
+    Range,
+    bounds,
+    largest,
+    piecewise,
+)
 from rans.model.dynamics import Wrench
+from rans.model.faults import sets_among
 from rans.model.fields import Field, floor, map_leaves, sin, where
 from rans.model.random import Random
 from rans.model.sensors import Sensors, drawn_sensors
+from rans.model.spacecraft import Spacecraft
 from rans.model.valves import Lag
 
 
@@ -128,12 +138,13 @@ class Case:
         return _total(parts) if parts else None
 
 
-def draw(conditions: Conditions, base: Body, steps: int, number: Field,
+def draw(conditions: Conditions, craft: Spacecraft, base: Body, steps: int, number: Field,
          random: Callable[[int], Random]) -> Case:
     """One episode's case.
 
     Args:
         conditions: distributions.
+        craft: whose thrusters fail.
         base: the body that factors apply to.
         steps: control periods of an episode.
         number: of the episode.
@@ -145,7 +156,7 @@ def draw(conditions: Conditions, base: Body, steps: int, number: Field,
     return Case(
         number,
         body,
-        _fault(conditions, body, random(3)),
+        _fault(conditions, craft, body, random(3)),
         _lag(conditions, random(4)),
         _hold(conditions, random(5)),
         _push(conditions.disturbances.force, conditions.disturbances.torque, random(6)),
@@ -171,23 +182,68 @@ def _body(conditions: Conditions, base: Body, random: Random, thrusters: Random)
                 base.droop if given.droop is None else droop)
 
 
-def _fault(conditions: Conditions, body: Body, random: Random) -> Fault | None:
-    """Slots of failing thrusters: the second takes its place among the others. These stay as they are."""
+def _fault(conditions: Conditions, craft: Spacecraft, body: Body, random: Random) -> Fault | None:
+    """What failing thrusters do; the others stay as they are."""
     given, thrusters = conditions.faults, len(body.gain)
     if largest(given.count) < 1:
         return None
     count, begins = random.whole(given.count), random.within(given.time)
-    places = [floor(random.unit() * float(thrusters - k)) for k in range(int(largest(given.count)))]
-    if len(places) == 2:
-        places[1] = places[1] + where(places[1] >= places[0], places[1] * 0.0 + 1.0, places[1] * 0.0)
+    lost = (_scattered(given, thrusters, random) if given.among == "any" else
+            _alike(given, craft, count, random))
     gain, leak = list(body.gain), list(body.leak)
-    for slot, place in enumerate(places):
-        fault_gain, fault_leak = _failure(given.kinds, random.unit(), random.within(given.share))
+    for slot, (place, (fault_gain, fault_leak)) in enumerate(lost):
         for i in range(thrusters):
             hit = (place == float(i)) & (count > float(slot))
             gain[i] = where(hit, fault_gain * body.gain[i], gain[i])
             leak[i] = where(hit, fault_leak * body.gain[i], leak[i])
     return Fault(begins, tuple(gain), tuple(leak))
+
+
+Lost = list[tuple[Field, tuple[Field, Field]]]
+"""Thrusters by number, with the gain and leak that they have left."""
+
+
+def _scattered(given: FaultConditions, thrusters: int, random: Random) -> Lost:
+    """Any: the second takes its place among the others."""
+    places = [floor(random.unit() * float(thrusters - k)) for k in range(int(largest(given.count)))]
+    if len(places) == 2:
+        places[1] = places[1] + where(places[1] >= places[0], places[1] * 0.0 + 1.0, places[1] * 0.0)
+    return [(place, _failure(given.kinds, random.unit(), random.within(given.share))) for place in places]
+
+
+def _alike(given: FaultConditions, craft: Spacecraft, count: Field, random: Random) -> Lost:
+    """A set that is recoverable, or one that is not; all of it fails in one way."""
+    chance, share, which = random.unit(), random.within(given.share), random.unit()
+    failure, (least, most) = _failure(given.kinds, chance, share), bounds(given.count)
+    places = _places(given, craft, int(most), chance, which)
+    if least < 2 <= most:
+        alone, = _places(given, craft, 1, chance, which)
+        places = where(count > 1.0, places[0], alone), places[1]
+    return [(place, failure) for place in places]
+
+
+def _places(given: FaultConditions, craft: Spacecraft, count: int, chance: Field,
+            which: Field) -> tuple[Field, ...]:
+    """The thrusters of a set of so many, of the kind that ``chance`` chooses."""
+    found: dict[tuple[tuple[int, ...], ...], tuple[Field, ...]] = {}
+    result: tuple[Field, ...] = ()
+    for k, kind in enumerate(given.kinds):
+        sets = sets_among(craft, count, kind, bounds(given.share), given.among == "recoverable")
+        new = found.setdefault(sets, _member(sets, which))
+        result = new if k == 0 or new is result else tuple(
+            where(chance >= k / len(given.kinds), a, b) for a, b in zip(new, result, strict=True))
+    return result
+
+
+def _member(sets: Sequence[tuple[int, ...]], which: Field) -> tuple[Field, ...]:
+    """One of these sets, each as likely as the next.
+
+    Their last thrusters mostly rise by one from set to set: what is looked up is where they do not.
+    """
+    k, ends = floor(which * float(len(sets))), range(1, len(sets))
+    *first, last = ([float(x) for x in column] for column in zip(*sets, strict=True))
+    rise = [x - at for at, x in enumerate(last)]
+    return *(piecewise(column, ends, k) for column in first), piecewise(rise, ends, k) + k
 
 
 def _failure(kinds: Sequence[FaultKind], chance: Field, share: Field) -> tuple[Field, Field]:

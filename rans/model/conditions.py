@@ -19,6 +19,9 @@ from rans.structure import Range
 
 FaultKind = Literal["dead", "stuck-open", "stuck", "weak"]
 """Never open; always open; always open by a share; open by a share of what it is told."""
+FaultChoice = Literal["any", "recoverable", "unrecoverable"]
+"""Any thrusters, each in a way of its own; sets without which every push and turn stays possible (`rans
+faults`), or sets without which not, each as likely as the next: their thrusters fail alike."""
 
 
 class Varying(NamedTuple):
@@ -91,6 +94,8 @@ class FaultConditions:
     """Of "stuck" and "weak" thrusters."""
     time: Range = 0.0
     """When, s from the start of the episode."""
+    among: FaultChoice = "any"
+    """Which."""
 
 
 @dataclass(frozen=True)
@@ -175,6 +180,9 @@ class Conditions:
         _require(largest(self.faults.count) <= 2, "faults.count", self.faults.count, "at most 2")
         _require(all(kind in get_args(FaultKind) for kind in self.faults.kinds) and self.faults.kinds,
                  "faults.kinds", self.faults.kinds, f"among {', '.join(get_args(FaultKind))}")
+        _require(largest(self.faults.share) <= 1, "faults.share", self.faults.share, "at most 1")
+        _require(self.faults.among in get_args(FaultChoice), "faults.among", self.faults.among,
+                 f"one of {', '.join(get_args(FaultChoice))}")
         _require(bounds(self.disturbances.slow_period)[0] > 0, "disturbances.slow_period",
                  self.disturbances.slow_period, "> 0 s")
         _require(0 <= self.disturbances.kicks <= 8, "disturbances.kicks", self.disturbances.kicks,
@@ -258,13 +266,13 @@ def _mixed(parts: Sequence[Any], ends: Sequence[float], chance: Field) -> Any:
             changed[one.name] = _mixed(values, ends, chance)
         elif "Range" in str(one.type) and any(value != values[0] for value in values):
             pairs = [bounds(value) for value in values]
-            low, high = (_piecewise(column, ends, chance) for column in zip(*pairs, strict=True))
+            low, high = (piecewise(column, ends, chance) for column in zip(*pairs, strict=True))
             least, most = min(pair[0] for pair in pairs), max(pair[1] for pair in pairs)
             changed[one.name] = Varying(low, high, (least, most))
     return replace(parts[0], **changed)
 
 
-def _piecewise(values: Sequence[float], ends: Sequence[float], chance: Field) -> Field:
+def piecewise(values: Sequence[float], ends: Sequence[float], chance: Field) -> Field:
     """The value in whose share of [0, 1) the chance lies; all but the last share end somewhere."""
     zero, last = chance * 0.0, values[0]
     result = zero + last

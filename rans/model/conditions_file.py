@@ -29,7 +29,8 @@ def _described(found: Any) -> Described:
 
 
 CONDITIONS = Registry("conditions", "rans.conditions", {
-    name: f"rans:data/conditions/{name}.toml" for name in ("perfect", "lab", "roboran", "orbit", "harsh")
+    name: f"rans:data/conditions/{name}.toml"
+    for name in ("perfect", "lab", "roboran", "orbit", "harsh", "faults")
 }, _described, ", or a file whose name ends in .toml")
 """All conditions that have a name."""
 

@@ -12,14 +12,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cache
 from itertools import combinations
-from typing import Literal
 
 import numpy as np
 
+from rans.errors import ConfigError
+from rans.model.conditions import FaultKind
 from rans.model.spacecraft import Spacecraft
 
-FaultClass = Literal["dead", "stuck-open"]
 _LEAST = 1e-6
 """Share of full thrust below which a margin is rounding."""
 
@@ -28,7 +29,7 @@ _LEAST = 1e-6
 class FaultSet:
     """Thrusters that fail together, in the same way."""
 
-    kind: FaultClass
+    kind: FaultKind
     thrusters: tuple[int, ...]
     margin: float
     """How far the others can stay from always shut and always open while they hold the craft still: a share
@@ -40,20 +41,53 @@ class FaultSet:
         return self.margin > _LEAST
 
 
-def fault_sets(craft: Spacecraft, count: int, kind: FaultClass) -> Iterator[FaultSet]:
-    """Every set of so many thrusters that fail in this way, in order."""
+def fault_sets(craft: Spacecraft, count: int, kind: FaultKind,
+               shares: tuple[float, ...] = (1.0,)) -> Iterator[FaultSet]:
+    """Every set of so many thrusters that fail in this way, in order, with the least margin of the shares.
+
+    What the craft can do without at both ends of a range of shares, it can between them.
+    """
     for thrusters in combinations(range(len(craft.thrusters)), count):
-        yield FaultSet(kind, thrusters, margin(craft, thrusters, kind))
+        ways = {failed(kind, share) for share in shares}
+        yield FaultSet(kind, thrusters, min(margin(craft, thrusters, *way) for way in ways))
 
 
-def margin(craft: Spacecraft, failed: Sequence[int], kind: FaultClass) -> float:
-    """See `FaultSet`: the largest m with w_stuck + W u = 0 and m <= u_i <= 1 - m, a linear programme."""
+@cache
+def sets_among(craft: Spacecraft, count: int, kind: FaultKind, shares: tuple[float, ...],
+               recoverable: bool) -> tuple[tuple[int, ...], ...]:
+    """The sets of so many thrusters that are recoverable, or those that are not.
+
+    Raises:
+        ConfigError: there is none.
+    """
+    found = tuple(one.thrusters for one in fault_sets(craft, count, kind, shares)
+                  if one.recoverable == recoverable)
+    if not found:
+        sort = "recoverable" if recoverable else "unrecoverable"
+        raise ConfigError(f"conditions ask for {sort} faults of {count} {kind} thruster{'s' * (count > 1)}, "
+                          f"but spacecraft {craft.name!r} has none; `rans faults` shows what it can do "
+                          "without.")
+    return found
+
+
+def failed(kind: FaultKind, share: float) -> tuple[float, float]:
+    """Gain and leak of a thruster that fails in this way, see `rans.model.body.Body`."""
+    return {"dead": (0.0, 0.0), "stuck-open": (0.0, 1.0), "stuck": (0.0, share), "weak": (share, 0.0)}[kind]
+
+
+def margin(craft: Spacecraft, lost: Sequence[int], gain: float = 0.0, leak: float = 0.0) -> float:
+    """See `FaultSet`: the largest m with w_stuck + W u = 0 and m <= u_i <= 1 - m, a linear programme.
+
+    The lost thrusters give gain * u_i + leak of their force; without gain they have no u_i.
+    """
     from scipy.optimize import linprog
 
     wrenches = np.array(craft.wrench_map)
     scale = np.linalg.norm(wrenches, axis=0).max()
-    sound = np.delete(wrenches, list(failed), axis=0).T / scale
-    stuck = wrenches[list(failed)].sum(axis=0) / scale if kind == "stuck-open" else np.zeros(len(sound))
+    gains = np.ones(len(wrenches))
+    gains[list(lost)] = gain
+    sound = ((wrenches * gains[:, None])[gains > 0.0]).T / scale
+    stuck = leak * wrenches[list(lost)].sum(axis=0) / scale
     if np.linalg.matrix_rank(sound, tol=1e-9) < craft.degrees_of_freedom:
         return 0.0
     count = sound.shape[1]

@@ -8,14 +8,15 @@ import numpy as np
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 
-from rans.model.faults import FaultClass, FaultSet
+from rans.model.conditions import FaultKind
+from rans.model.faults import FaultSet
 from rans.model.spacecraft import Spacecraft
 from rans.show.figures import styled
 from rans.show.panels import GREEN, RED, label
 
 
 @styled
-def faults_figure(craft: Spacecraft, found: Mapping[tuple[FaultClass, int], Sequence[FaultSet]]) -> Figure:
+def faults_figure(craft: Spacecraft, found: Mapping[tuple[FaultKind, int], Sequence[FaultSet]]) -> Figure:
     """A square for every pair of failed thrusters, on the diagonal for one: green if recoverable.
 
     Args:

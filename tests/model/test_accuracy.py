@@ -13,6 +13,7 @@ from rans.episode import Influences, World
 from rans.fast.engine import Engine
 from rans.model.accuracy import MOST, chosen, fastest, spin_up
 from rans.model.body import Body
+from rans.model.conditions import Conditions, FaultConditions, ThrusterConditions
 from rans.model.fields import Vec3, map_leaves
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.spacecraft_file import load_spacecraft
@@ -85,6 +86,22 @@ def test_a_body_that_differs_takes_more() -> None:
     assert spin_up(craft, strong) == pytest.approx(1.5 * spin_up(craft))
     timing = Timing(0.2)
     assert (chosen(craft, timing, many).substeps or 0) > (chosen(craft, timing).substeps or 0)
+
+
+def test_faults_count_with_what_they_leave_of_each_thruster() -> None:
+    """A nozzle stuck open in some episodes is no stronger in any: it takes no more steps than a sound one."""
+    craft, timing = rod(0.1), Timing(0.2)
+    nominal = Body.of(craft)
+    some = replace(nominal, gain=(np.array([1.0, 0.0]), *nominal.gain[1:]),
+                   leak=(np.array([0.0, 1.0]), *nominal.leak[1:]))
+    assert spin_up(craft, some) == pytest.approx(spin_up(craft))
+    leaky = replace(nominal, leak=(np.array([0.0, 0.5]), *nominal.leak[1:]))
+    assert spin_up(craft, leaky) == pytest.approx(1.5 * spin_up(craft))
+    faults = Conditions(faults=FaultConditions(1.0, ("stuck-open",), time=(0.0, 25.0)))
+    assert World(craft, GoToPose(), timing, conditions=faults).timing == chosen(craft, timing)
+    late = replace(faults, thrusters=ThrusterConditions(thrust=(1.5, 1.5)))
+    assert World(craft, GoToPose(), timing, conditions=late).timing == chosen(
+        craft, timing, replace(nominal, gain=(1.5,) * 12))
 
 
 def test_worlds_and_engines_know_the_number() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -12,6 +13,7 @@ import pytest
 from scipy import stats
 
 from rans.episode import Episode, World, step
+from rans.errors import ConfigError
 from rans.model.case import Case
 from rans.model.conditions import (
     BodyConditions,
@@ -22,6 +24,7 @@ from rans.model.conditions import (
     SensorsConditions,
     ThrusterConditions,
 )
+from rans.model.faults import fault_sets
 from rans.model.fields import leaves
 from rans.model.random import Draws
 from rans.model.spacecraft_file import load_spacecraft
@@ -183,6 +186,51 @@ def test_as_many_fail_as_are_drawn_and_kinds_are_as_likely() -> None:
     assert stats.chisquare(np.bincount(number, minlength=3)).pvalue > LIKELY
     dead = (leaks[gains == 0.0] == 0.0).sum()
     assert stats.binomtest(int(dead), int(number.sum())).pvalue > LIKELY
+
+
+@BOTH
+@pytest.mark.parametrize("kind", ["dead", "stuck-open"])
+@pytest.mark.parametrize("count", [1, 2])
+@pytest.mark.parametrize("among", ["recoverable", "unrecoverable"])
+def test_sets_that_are_recoverable_or_not_are_each_as_likely(among: Any, count: int, kind: Any,
+                                                             dimension: int) -> None:
+    faults = FaultConditions(float(count), (kind,), among=among)
+    expected = {one.thrusters for one in fault_sets(CRAFTS[dimension], count, kind)
+                if one.recoverable == (among == "recoverable")}
+    if not expected:
+        with pytest.raises(ConfigError, match=f"un.* of 1 {kind} thruster, but .* has none; `rans faults`"):
+            case(Conditions(faults=faults), dimension)
+        return
+    body = case(Conditions(faults=faults), dimension).body_at(0.0)
+    hit = np.array([np.broadcast_to(x, COUNT) for x in body.gain]) == 0.0
+    assert (np.array([np.broadcast_to(x, COUNT) for x in body.leak])[hit] == (kind == "stuck-open")).all()
+    seen = Counter(tuple(np.flatnonzero(column).tolist()) for column in hit.T)
+    assert set(seen) == expected
+    assert stats.chisquare(list(seen.values())).pvalue > LIKELY
+
+
+def test_recoverable_faults_are_as_many_and_of_each_kind_as_often_and_pairs_fail_alike() -> None:
+    conditions = FaultConditions(count=(0.0, 2.0), among="recoverable")
+    gains, leaks = health(conditions)
+    number, stuck = (gains == 0.0).sum(axis=0), (leaks == 1.0).sum(axis=0)
+    assert stats.chisquare(np.bincount(number, minlength=3)).pvalue > LIKELY
+    assert ((stuck == 0) | (stuck == number)).all()
+    assert stats.binomtest(int((stuck > 0).sum()), int((number > 0).sum())).pvalue > LIKELY
+
+
+def test_kinds_with_sets_of_their_own_keep_them() -> None:
+    """Of a craft whose thruster 0 is too strong for the others to balance, it cannot be stuck open."""
+    first, *others = PLATFORM.thrusters
+    strong = replace(PLATFORM, thrusters=(replace(first, force=20.0), *others))
+    faults = FaultConditions(1.0, ("dead", "stuck-open"), among="recoverable")
+    own = draws(11, COUNT)
+    world = World(strong, TASK, conditions=Conditions(faults=faults))
+    body = world.recalled(Episode(None, None), own).case.body_at(0.0)  # type: ignore[union-attr]
+    assert (np.array(body.gain[0]) == 0.0).any()
+    assert not np.array(body.leak[0]).any()
+    dead = (np.array(body.gain) == 0.0) & (np.array(body.leak) == 0.0)
+    assert stats.binomtest(int(dead.any(axis=0).sum()), COUNT).pvalue > LIKELY
+    assert stats.chisquare(dead.sum(axis=1)).pvalue > LIKELY
 
 
 def test_a_fault_begins_with_the_period_in_which_its_time_has_come() -> None:

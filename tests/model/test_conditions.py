@@ -41,6 +41,8 @@ from rans.tasks import GoToPose
     (lambda: Conditions(thrusters=Thrusters(least_on=31.0)), r"least_on and least_off must be at most 30 s"),
     (lambda: Conditions(faults=Faults(count=3.0)), r"faults\.count must be at most 2, got 3\.0"),
     (lambda: Conditions(faults=Faults(kinds=("leaky",))), r"faults\.kinds must be among dead, .*leaky"),  # type: ignore[arg-type]
+    (lambda: Conditions(faults=Faults(share=(0.3, 1.1))), r"faults\.share must be at most 1, got \(0\.3, 1"),
+    (lambda: Conditions(faults=Faults(among="all")), "among must be one of any, recoverable, .* 'all'"),  # type: ignore[arg-type]
     (lambda: Conditions(faults=Faults(kinds=())), r"faults\.kinds must be among dead, "),
     (lambda: Conditions(disturbances=Disturbances(slow_period=0.0)), r"slow_period must be > 0 s"),
     (lambda: Conditions(disturbances=Disturbances(kicks=9)), r"kicks must be a whole number .*8, got 9"),

@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given, settings
 
 import rans
-from rans.model.faults import FaultClass, fault_sets, margin
+from rans.model.conditions import FaultKind
+from rans.model.faults import failed, fault_sets, margin
 from rans.model.spacecraft import Spacecraft
 from tests.crafts import spacecraft
 
@@ -20,13 +21,13 @@ PLATFORM = rans.load_spacecraft("floating-platform")
 @pytest.mark.parametrize(("name", "singles", "pairs"), [
     ("floating-platform", 8, 16), ("atmos", 8, 16), ("free-flyer", 16, 96)])
 @pytest.mark.parametrize("kind", ["dead", "stuck-open"])
-def test_as_many_as_were_counted_elsewhere(name: str, singles: int, pairs: int, kind: FaultClass) -> None:
+def test_as_many_as_were_counted_elsewhere(name: str, singles: int, pairs: int, kind: FaultKind) -> None:
     craft = rans.load_spacecraft(name)
     for count, expected in ((1, singles), (2, pairs)):
         assert sum(one.recoverable for one in fault_sets(craft, count, kind)) == expected
 
 
-def inside(craft: Spacecraft, failed: tuple[int, ...], kind: FaultClass) -> bool:
+def inside(craft: Spacecraft, failed: tuple[int, ...], kind: FaultKind) -> bool:
     """Whether zero lies inside the zonotope: on the inner side of every face.
 
     In the plane a face is spanned by two columns, so its normal is their vector product.
@@ -41,7 +42,7 @@ def inside(craft: Spacecraft, failed: tuple[int, ...], kind: FaultClass) -> bool
 
 @pytest.mark.parametrize("kind", ["dead", "stuck-open"])
 @pytest.mark.parametrize("count", [1, 2, 3])
-def test_zero_lies_inside_the_wrenches_that_are_left(count: int, kind: FaultClass) -> None:
+def test_zero_lies_inside_the_wrenches_that_are_left(count: int, kind: FaultKind) -> None:
     uneven = replace(PLATFORM, centre_of_mass=(0.02, -0.03, 0.0), thrusters=tuple(
         replace(t, force=1.0 + 0.15 * k) for k, t in enumerate(PLATFORM.thrusters)))
     found = list(fault_sets(uneven, count, kind))
@@ -67,6 +68,17 @@ def test_the_margin_of_one_axis_worked_by_hand() -> None:
         ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0)), ((0.0, 1.0, 0.0), (-1.0, 0.0, 0.0)))]
     moments = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
     craft = rans.Spacecraft("pairs", 2, 1.0, moments, tuple(pairs))
-    assert margin(craft, (), "dead") == pytest.approx(0.5)
-    assert margin(craft, (2,), "dead") == 0.0  # nothing else pushes along y
-    assert margin(craft, (2,), "stuck-open") == pytest.approx(0.0, abs=1e-9)
+    assert margin(craft, ()) == pytest.approx(0.5)
+    assert margin(craft, (2,)) == 0.0  # nothing else pushes along y
+    assert margin(craft, (2,), leak=1.0) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_weak_thruster_is_one_of_less_force_and_a_stuck_one_pushes_by_its_share() -> None:
+    weak = replace(PLATFORM, thrusters=(replace(PLATFORM.thrusters[0], force=0.4), *PLATFORM.thrusters[1:]))
+    assert margin(PLATFORM, (0,), *failed("weak", 0.4)) == pytest.approx(margin(weak, ()))
+    found = list(fault_sets(PLATFORM, 2, "weak", (0.3, 1.0)))
+    assert all(one.recoverable for one in found), "what gives any force can be used less"
+    # Whoever pushes by a share is recoverable wherever dead and stuck open are: between the two.
+    stuck = fault_sets(PLATFORM, 2, "stuck", (0.3, 1.0))
+    ends = zip(fault_sets(PLATFORM, 2, "dead"), fault_sets(PLATFORM, 2, "stuck-open"), strict=True)
+    assert [one.recoverable for one in stuck] == [a.recoverable and b.recoverable for a, b in ends]

@@ -84,7 +84,7 @@ class Architecture:
                    tuple(settings.averages) if settings.memory == "history" else (),
                    settings.recurrent_units if settings.memory == "recurrent" else 0,
                    engine.privileged_width if settings.privileged_critic else 0,
-                   engine.privileged_default if settings.privileged_critic else (),
+                   engine.nominal if settings.privileged_critic else (),
                    bounds=example(engine.task, craft.dimension).bounds())
 
     @property

@@ -8,7 +8,7 @@ from typing import Any
 
 from rans.fast.learn.config import PPOSettings, TrainConfig
 from rans.fast.learn.curriculum import Ramp
-from rans.fast.learn.troubles import robust
+from rans.fast.learn.troubles import failing, robust
 from rans.model.conditions import Conditions
 from rans.model.timing import Timing
 from rans.tasks import TASKS
@@ -83,6 +83,9 @@ RECIPES: dict[str, Recipe] = {
     "go-to-pose-2d-robust": Recipe(
         "go-to-pose", _PLATFORM, {**_LOOSE, "thrust_weight": 0.105}, _ADAPTIVE, 12_500_000,
         (Ramp("thrust_weight", 0.02, 5_000_000, 625_000, "geometric"),), robust, _ADAPTIVE_LARGE),
+    "go-to-pose-2d-faults": Recipe(
+        "go-to-pose", _PLATFORM, {**_LOOSE, "thrust_weight": 0.05}, _ADAPTIVE, 12_000_000,
+        (Ramp("thrust_weight", 0.02, 5_000_000, 625_000, "geometric"),), failing, _ADAPTIVE_LARGE),
     "go-to-pose-2d-shared": Recipe(
         "go-to-pose", _SHARED,
         {"fine_weight": 1.0, "fine_position_scale": 0.006, "fine_attitude_scale": 0.006,
@@ -105,6 +108,10 @@ RECIPES: dict[str, Recipe] = {
     "go-to-pose-3d-robust": Recipe(
         "go-to-pose", _FLYER, {**_LOOSE, "thrust_weight": 0.06}, replace(_ADAPTIVE, layers=_WIDE), 10_000_000,
         (Ramp("thrust_weight", 0.02, 5_000_000, 625_000, "geometric"),), robust,
+        {**_ADAPTIVE_LARGE, "layers": (512, 256)}, _COARSE),
+    "go-to-pose-3d-faults": Recipe(
+        "go-to-pose", _FLYER, {**_LOOSE, "thrust_weight": 0.04}, replace(_ADAPTIVE, layers=_WIDE), 12_000_000,
+        (Ramp("thrust_weight", 0.02, 5_000_000, 625_000, "geometric"),), failing,
         {**_ADAPTIVE_LARGE, "layers": (512, 256)}, _COARSE),
     "go-to-position-3d": Recipe(
         "go-to-position", _FLYER,

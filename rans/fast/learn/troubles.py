@@ -43,6 +43,12 @@ _HARD = (
 """The ends of those ranges that are learnt last, as often as they need it."""
 
 
+def failing() -> Conditions:
+    """`faults`, and as often with all of them there from the start, of which an agent sees too few else."""
+    late = load_conditions("faults")
+    return replace(late, others=(replace(late, faults=replace(late.faults, count=(1.0, 2.0), time=0.0)),))
+
+
 def robust(share: float = 0.4) -> Conditions:
     """`lab` in this share of the episodes, else a perfect world or a trouble, the hard ends oftener."""
     others = Conditions(), *TROUBLES.values(), *_HARD

@@ -12,6 +12,7 @@ import math
 from collections.abc import Collection
 from dataclasses import dataclass
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -32,6 +33,18 @@ _ROUNDING = 1e-9
 """Relative, given away for the rounding of the computer: some thousand additions of numbers alike."""
 
 
+class Health(NamedTuple):
+    """What is left of each thruster, one number each, see `rans.model.body.Body`: at most 1 together."""
+
+    gain: tuple[float, ...]
+    leak: tuple[float, ...]
+
+    @classmethod
+    def sound(cls, craft: Spacecraft) -> Health:
+        """As designed."""
+        return cls((1.0,) * len(craft.thrusters), (0.0,) * len(craft.thrusters))
+
+
 @dataclass(frozen=True)
 class Reach:
     """What thrusters can do at most, whatever the attitude."""
@@ -49,12 +62,13 @@ class Reach:
 
     @classmethod
     @cache
-    def of(cls, craft: Spacecraft) -> Reach:
-        """Of a spacecraft."""
-        wrenches, forces = np.array(craft.wrench_map), np.array([t.force for t in craft.thrusters])
-        torques = np.linalg.norm(wrenches[:, craft.dimension:], axis=1)
-        torques = np.maximum(torques, _LEVER * forces)
-        arm, most = float((torques / forces).max()), float(forces.sum())
+    def of(cls, craft: Spacecraft, health: Health | None = None) -> Reach:
+        """Of a spacecraft, and of its thrusters as they are left by faults from the start on."""
+        gain, leak = np.array(health or Health.sound(craft))
+        able, whole = gain + leak > 0.0, np.array([t.force for t in craft.thrusters])
+        torques = np.linalg.norm(np.array(craft.wrench_map)[:, craft.dimension:], axis=1)
+        torques, forces = np.maximum(torques, _LEVER * whole) * able, whole * able
+        arm, most = float((torques / whole).max()), float(forces.sum())
         if craft.thrust_sharing == "split":
             single = np.append(0.0, forces)
             return cls(single, single, float(torques.max()), arm, float(forces.max()))
@@ -62,10 +76,11 @@ class Reach:
             ends = np.array([0.0, most])
             return cls(ends, ends, float(torques.sum()), arm, most)
         sets = (np.arange(2 ** len(forces))[:, None] >> np.arange(len(forces))) & 1
-        total = sets @ wrenches
+        opened = sets * gain + leak
+        total = opened @ np.array(craft.wrench_map)
         size = np.linalg.norm(total[:, :craft.dimension], axis=1)
         turning = float(np.linalg.norm(total[:, craft.dimension:], axis=1).max())
-        return cls(*_frontier(sets @ forces, size), max(turning, _LEVER * most), arm, most)
+        return cls(*_frontier(opened @ whole, size), max(turning, _LEVER * most), arm, most)
 
 
 def _frontier(thrust: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -77,15 +92,16 @@ def _frontier(thrust: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, np.nda
 
 
 def least_time(craft: Spacecraft, aims: Collection[str], start: State, goal: State,
-               goal_set: GoalSet) -> float:
+               goal_set: GoalSet, health: Health | None = None) -> float:
     """A time before which nothing can have arrived, s, of a start and a goal of floats.
 
-    What must be in the goal set is named by the aims, see `rans.optimal.trajectory.arrival.aims`.
+    What must be in the goal set is named by the aims, see `rans.optimal.trajectory.arrival.aims`. Thrusters
+    are sound by default; what fails later than at the start can have arrived no sooner than a sound craft.
 
     Raises:
         ConfigError: the start or the goal is not finite.
     """
-    reach = Reach.of(craft)
+    reach = Reach.of(craft, health)
     times = [_least_time(*_rotation(craft, aims, start, goal, goal_set), reach.torque)]
     push = float(reach.force.max()) / craft.mass
     way, before, after = (np.array(x.columns()) for x in (goal.p - start.p, start.v, goal.v))
@@ -97,6 +113,29 @@ def least_time(craft: Spacecraft, aims: Collection[str], start: State, goal: Sta
         speeds = float(before @ axis), float(after @ axis) + margin
         times.append(_least_time(float(far), *speeds, change, push))
     return max(times) * (1.0 - _ROUNDING)
+
+
+def settling_set(craft: Spacecraft, tolerance: float, angle: float, period: float,
+                 health: Health | None = None) -> GoalSet:
+    """Where everyone is who stays so near the goal's pose (m, rad), looked at once a period (s), for good.
+
+    Who stays in a ball of radius r with accelerations up to a is no faster than 2 sqrt(a r + (a h / 4)^2): it
+    goes on along its velocity by at least v^2 / (2 a), of which it is short by a (h / 2)^2 / 2 at most when
+    looked at next to the farthest point, and has no more than the diameter. The spin's bound so found, with
+    angles for ways, is that of the plane.
+    """
+    reach = Reach.of(craft, health)
+    push, turn = float(reach.force.max()) / craft.mass, reach.torque / craft.inertia[2][2]
+    speed, spin = (2.0 * math.sqrt(a * r + (a * period / 4.0) ** 2)
+                   for a, r in ((push, tolerance), (turn, angle)))
+    return GoalSet(tolerance, speed, angle, spin)
+
+
+def least_settling(craft: Spacecraft, start: State, goal: State, tolerance: float, angle: float,
+                   period: float, health: Health | None = None) -> float:
+    """A time before which nobody has entered that set for good, s, see `settling_set`."""
+    within = settling_set(craft, tolerance, angle, period, health)
+    return least_time(craft, ("position", "velocity", "attitude"), start, goal, within, health)
 
 
 def _least_time(way: float, before: float, after: float, change: float, push: float) -> float:

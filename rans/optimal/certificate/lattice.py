@@ -12,6 +12,7 @@ torque of the period in quanta. docs/certificate.md derives this and what follow
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -51,13 +52,15 @@ class Patterns:
 class Lattice:
     """Spins and headings that on/off thrust can reach, and the force that each pattern gives.
 
-    The spacecraft is planar and shares no thrust; a command is held for the period, s.
+    The spacecraft is planar and shares no thrust; a command is held for the period, s. Dead thrusters are
+    never open, those stuck open always: bounds then hold for faults from the start on.
 
     Raises:
         ConfigError: this spacecraft has no such lattice, or the period is not a positive number.
     """
 
-    def __init__(self, craft: Spacecraft, period: float) -> None:
+    def __init__(self, craft: Spacecraft, period: float, dead: Collection[int] = (),
+                 stuck: Collection[int] = ()) -> None:
         check_period(period)
         _check(craft)
         self.craft, self.period, self.pulse = craft, period, pulse(craft, period)
@@ -68,7 +71,7 @@ class Lattice:
         self.torque, self.multiples = _quantum(craft, torques)
         self.spin = self.torque * period / craft.inertia[2][2]
         """q: change of spin by one quantum of torque held for one period, rad/s."""
-        self.patterns = _patterns(craft, self.multiples)
+        self.patterns = _patterns(craft, self.multiples, dead, stuck)
         error = np.abs(torques - self.torque * self.multiples).sum()
         self._angular_error = float(error) / craft.inertia[2][2]
 
@@ -228,12 +231,16 @@ def _quantum(craft: Spacecraft, torques: np.ndarray) -> tuple[float, np.ndarray]
                       "of mass off the thrusters' centre.")
 
 
-def _patterns(craft: Spacecraft, multiples: np.ndarray) -> Patterns:
+def _patterns(craft: Spacecraft, multiples: np.ndarray, dead: Collection[int],
+              stuck: Collection[int]) -> Patterns:
     """All sums of thrusters, one after the other, of equal ones the cheapest."""
     tiny, count = 1e-12 * max(thruster.force for thruster in craft.thrusters), len(craft.thrusters)
     found = {(0, 0, 0): (0, 0j, 0.0, (0.0,) * count)}
     for index, (thruster, (x, y, _)) in enumerate(zip(craft.thrusters, craft.wrench_map, strict=True)):
-        for torque, force, thrust, open_ in list(found.values()):
+        shut = [] if index in dead else list(found.values())
+        if index in stuck:
+            found = {}
+        for torque, force, thrust, open_ in shut:
             torque, force = torque + int(multiples[index]), force + complex(x, y)
             thrust = thrust + thruster.force
             key = (torque, round(force.real / tiny), round(force.imag / tiny))

@@ -25,7 +25,7 @@ from rans.model.timing import Timing
 from rans.tasks import TASKS, GoToPose
 from tests.fast.engines import FLYER, NEAR, PLATFORM, SHORT, actions, both_crafts
 from tests.fast.kernels.host import HostKernel, needs_compiler
-from tests.worlds import EFFECTS
+from tests.worlds import EFFECTS, PAIRS
 
 pytestmark = needs_compiler
 TOLERANCE = {torch.float64: 1e-12, torch.float32: 2e-5}
@@ -282,11 +282,12 @@ def test_members_with_seeds_of_their_own(on_host: Any) -> None:
 
 
 @both_crafts
-@pytest.mark.parametrize(("effect", "remember"), [*((effect, False) for effect in EFFECTS), ("all", True)])
+@pytest.mark.parametrize(("effect", "remember"), [*((effect, False) for effect in EFFECTS), ("pairs", False),
+                                                  ("all", True)])
 def test_every_condition_is_drawn_and_flown_as_on_numpy(on_host: Any, effect: str, remember: bool,
                                                         craft: Spacecraft) -> None:
     made: Any = (craft, GoToPose(), 8, Timing(episode_steps=12))
-    how: Any = {"seed": SEED, "dtype": torch.float64, "conditions": EFFECTS[effect]}
+    how: Any = {"seed": SEED, "dtype": torch.float64, "conditions": (EFFECTS | {"pairs": PAIRS})[effect]}
     ours, theirs = Engine(*made, **how), on_host(*made, **how, remember=remember)
     torch.testing.assert_close(theirs.observe(), ours.observe(), rtol=0, atol=1e-12)
     assert compare(ours, theirs) > 8

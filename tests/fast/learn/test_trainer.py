@@ -21,6 +21,7 @@ from rans.fast.learn.ppo import STATISTICS
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.trainer import Trainer, check_device, run_path
 from rans.flight import fly
+from rans.model.conditions_file import load_conditions
 from rans.model.timing import Timing
 from rans.scenario import scenarios
 from rans.tasks import GoToPose
@@ -327,3 +328,14 @@ def test_steps_are_those_of_all_processes(tmp_path: Path, monkeypatch: pytest.Mo
     monkeypatch.setattr(trainer.learner, "update", lambda: said)
     trainer._iterate()
     assert trainer.steps == 128
+
+
+def test_a_critic_that_knows_what_conditions_draw_is_judged_without(tmp_path: Path) -> None:
+    """Whoever judges or flies the agent knows less: it is told of what is usual, which is zero for each."""
+    ppo = replace(TINY, privileged_critic=True, memory="history", symmetric=False)
+    trainer = tiny_trainer(tmp_path, replace(CONFIG, ppo=ppo, conditions=load_conditions("faults")))
+    trainer.train(ignore)
+    given = trainer.learner.network.architecture
+    assert given.nominal == (0.0,) * given.privileged
+    assert given.privileged == trainer.engine.privileged().shape[1] > 16  # begins, and gains, and leaks
+    assert load_agent(tmp_path).conditions is not None

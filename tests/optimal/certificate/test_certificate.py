@@ -124,6 +124,28 @@ def test_least_time_of_crafts_without_parity(name: str, seed: int) -> None:
     assert (answer.lower, answer.upper) == pytest.approx((first * PERIOD, first * PERIOD))
 
 
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(("dead", "stuck"), [((0,), ()), ((), (1,)), ((2,), (0,)), ((), (0, 3))])
+def test_least_time_of_failed_thrusters(dead: tuple[int, ...], stuck: tuple[int, ...], seed: int) -> None:
+    """Of all sequences those are looked at in which who is dead never fires and who is stuck always does."""
+    craft, names = lopsided(), ("position", "velocity", "heading", "spin")
+    start, _, flown = instance(craft, 2, seed)
+
+    def possible(flown: Flown) -> np.ndarray:
+        never, always = flown.commands[:, :, list(dead)] == 0, flown.commands[:, :, list(stuck)] == 1
+        return never.all(axis=(1, 2)) & always.all(axis=(1, 2))
+
+    pick = np.flatnonzero(possible(flown))[7 * seed]
+    goal = map_leaves(lambda x: float(x[pick]), flown.final)
+    both = [fly_everything(craft, start, steps) for steps in (1, 2)]
+    first = next(k for k, one in enumerate(both, 1) if one.arrived(goal, SNUG, names)[possible(one)].any())
+    answer = least_time(Lattice(craft, PERIOD, dead, stuck), start, goal, 2, SNUG)
+    assert (answer.lower, answer.upper) == pytest.approx((first * PERIOD, first * PERIOD))
+    assert answer.commands is not None
+    assert (answer.commands[:, list(dead)] == 0).all()
+    assert (answer.commands[:, list(stuck)] == 1).all()
+
+
 @pytest.mark.parametrize(("field", "value"), [("w", math.nan), ("w", math.inf), ("p", Vec2(math.nan, 0.0)),
                                               ("v", Vec2(0.0, math.inf)), ("attitude", Heading(math.nan))])
 def test_numbers_that_are_none_prove_nothing(field: str, value: Any) -> None:

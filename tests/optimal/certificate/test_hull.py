@@ -55,6 +55,50 @@ def test_reach_of_the_platform() -> None:
     assert (shared.force.max(), shared.torque) == pytest.approx((1.0, 0.31))
 
 
+@pytest.mark.parametrize("craft", [PLATFORM, nasty_planar(), SHARED, nasty_spatial()], ids=lambda c: c.name)
+def test_reach_with_faults_is_that_of_every_command(craft: Spacecraft) -> None:
+    """One dead, one stuck at 0.6, one weak: the hardest push and turn of full commands and of random ones."""
+    count = len(craft.thrusters)
+    gain, leak = (0.0, 0.0, 0.4, *(1.0,) * (count - 3)), (0.0, 0.6, *(0.0,) * (count - 2))
+    body = replace(Body.of(craft), gain=gain, leak=leak)
+    reach, rng = hull.Reach.of(craft, hull.Health(gain, leak)), np.random.default_rng(1)
+    every = itertools.product((0.0, 1.0), repeat=count) if count < 9 else rng.integers(0, 2, (4000, count))
+    told = np.concatenate([np.array(list(every), dtype=float), rng.random((1000, count))])
+    given = wrench(craft, tuple(told.T), body)
+    force, torque = given.force.norm(), np.linalg.norm(np.atleast_2d(
+        given.torque.columns() if isinstance(given.torque, Vec3) else given.torque), axis=0)
+    assert force.max() <= reach.force.max() * (1 + 1e-12)
+    assert torque.max() <= reach.torque * (1 + 1e-12)
+    if count < 9 and craft.thrust_sharing == "none":  # reached by a command that was tried
+        assert force.max() == pytest.approx(reach.force.max())
+        assert torque.max() == pytest.approx(reach.torque)
+
+
+def test_least_settling_by_hand() -> None:
+    """2 sqrt(2) N: from 3 m to 5 cm short of the goal, there at most at 2 sqrt(a 5 cm); with one thruster
+    left, of 1 N, as much longer as the root of what it has less."""
+    a = 2 * math.sqrt(2) / PLATFORM.mass
+    v, way = 2 * math.sqrt(a * 0.05), 2.95  # looked at all the time
+    peak = math.sqrt(a * way + v * v / 2)
+    found = hull.least_settling(PLATFORM, planar(x=-3.0), planar(), 0.05, 0.1, 0.0)
+    assert found == pytest.approx((2 * peak - v) / a)
+    dead = hull.Health((0.0,) * 7 + (1.0,), (0.0,) * 8)
+    alone = hull.least_settling(PLATFORM, planar(x=-3.0), planar(), 0.05, 0.1, 0.0, dead)
+    assert alone == pytest.approx(found * math.sqrt(2 * math.sqrt(2)), rel=1e-9)
+
+
+def test_who_is_faster_leaves_for_a_moment() -> None:
+    """Braking as hard as it can from one side of the ball along a line, at any phase of the period."""
+    within, h = hull.settling_set(PLATFORM, 0.05, 0.1, 0.2), 0.2
+    a = 2 * math.sqrt(2) / PLATFORM.mass
+    k = np.arange(1, 20) * h
+    farthest = lambda v: (v * k - a * k**2 / 2).max()  # noqa: E731
+    assert farthest(within.velocity * 1.001) > 0.1
+    exact = math.sqrt(4 * a * 0.05)  # whoever is slower stays, if looked at all the time
+    assert exact < within.velocity < 1.02 * exact
+    assert within.spin == pytest.approx(2 * math.sqrt(6.0637 * 0.1 + (6.0637 * 0.05) ** 2), rel=1e-4)
+
+
 def test_least_time_from_rest_is_bang_bang() -> None:
     goal = planar()
     force = 2 * math.sqrt(2)

@@ -1,0 +1,223 @@
+"""What agents hold when thrusters fail, by class of fault, and how far they drift where no controller could.
+
+``python -m validation.faults AGENT...`` flies run folders and ``pretrained:NAME`` on 10,000 episodes a row,
+on a GPU if there is one, prints the table and writes docs/validation/faults.json.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, replace
+from itertools import product
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from torch import Tensor
+from tyro.conf import Positional
+
+from rans.episode import Episode, World
+from rans.evaluation.fly.protocols import Setup
+from rans.evaluation.measure.statistics import share
+from rans.fast.engine import Engine
+from rans.fast.learn.network import Network
+from rans.fast.learn.selection import likeliest
+from rans.files import environment, write_json
+from rans.model.conditions import Conditions, FaultChoice, FaultConditions, FaultKind
+from rans.model.faults import fault_sets
+from rans.model.spacecraft import Spacecraft
+from rans.optimal.certificate.certificate import Effort, least_time
+from rans.optimal.certificate.hull import Health, least_settling, settling_set
+from rans.optimal.certificate.lattice import Lattice
+from rans.optimal.trajectory.pool import each
+from rans.scenario import EVALUATION_SEED, draws, scenarios
+from validation.robustness import _loaded
+
+_HELD_OUT = 0.3, 1.0
+"""Share of its force that a weak thruster has, which no training knows (issue: partial thrust)."""
+_BOUNDED = 1000
+"""Episodes that bounds are computed for, the first ones."""
+_EFFORT = Effort(seconds=2.0, nozzle_seconds=0.3, levels=1)
+"""Nearly all certificates are then exact."""
+
+
+class Row(NamedTuple):
+    """One class of fault, and when it comes."""
+
+    name: str
+    faults: FaultConditions
+
+    @property
+    def at_start(self) -> bool:
+        """Whether the spacecraft is never sound."""
+        return self.faults.time == 0.0
+
+
+def rows(craft: Spacecraft, duration: float) -> Iterator[Row]:
+    """Every class that this spacecraft has, from the start on and from a moment of the flight (s) on.
+
+    A fault of the last fifth throws even the best off for a moment, and one shortly before it too; so moments
+    are also drawn from the first three fifths.
+    """
+    yield Row("none", FaultConditions())
+    kinds: tuple[FaultKind, ...] = ("dead", "stuck-open", "weak")
+    choices: tuple[FaultChoice, ...] = ("recoverable", "unrecoverable")
+    for among, count, kind in product(choices, (1, 2), kinds):
+        shares = _HELD_OUT if kind == "weak" else (1.0, 1.0)
+        sets = fault_sets(craft, count, kind, shares)
+        found = sum(one.recoverable == (among == "recoverable") for one in sets)
+        early = 0.6 * duration
+        for moment, time in (("", 0.0), (f", by {early:g} s", (0.0, early)),
+                             (", any moment", (0.0, duration))) if found else ():
+            yield Row(f"{('one', 'two')[count - 1]} {kind}, {among} ({found}){moment}",
+                      FaultConditions(float(count), (kind,), shares, time, among))
+
+
+class Found(NamedTuple):
+    """What became of N episodes, each (N,)."""
+
+    held: np.ndarray
+    """Within all tolerances at every step of the last fifth."""
+    settled: np.ndarray
+    """Time to enter them for good, s; infinite if never."""
+    lost: np.ndarray
+    """Failed by the task, as too far away or spinning too fast."""
+    distance: np.ndarray
+    """At the end, or last before it was lost, m."""
+    speed: np.ndarray
+    """The same, m/s."""
+    spin: np.ndarray
+    """The same, rad/s."""
+
+
+@torch.no_grad()
+def flown(network: Network, setup: Setup, faults: FaultConditions, episodes: int, seed: int,
+          device: str) -> Found:
+    """An agent's flights in the fast engine, which is told one step too many: at the last it begins anew."""
+    steps, period = setup.timing.episode_steps, setup.timing.control_period
+    engine = Engine(setup.craft, setup.task, episodes, replace(setup.timing, episode_steps=steps + 1),
+                    seed=seed, device=device, conditions=Conditions(faults=faults).or_none)
+    observation, memory = engine.observe(), network.blank(episodes)
+    ended = torch.zeros(episodes, dtype=torch.bool, device=device)
+    outside, now = torch.zeros(episodes, device=device), motion(engine)
+    for t in range(steps):
+        command, memory = likeliest(network, observation, memory)
+        step = engine.step(command)
+        observation, ended = step.observation, ended | step.terminated
+        outside = torch.where(step.reached & ~ended, outside, t + 1.0)
+        now = torch.where(ended, now, motion(engine))
+    settled = torch.where(outside < steps, (outside + 1.0) * period, torch.inf)
+    return Found(*(x.cpu().numpy() for x in (outside <= steps - steps // 5, settled, ended, *now)))
+
+
+def motion(engine: Engine) -> Tensor:
+    """Distance, speed and spin, (3, N)."""
+    state, goal = engine.state, engine.goal
+    parts = [[x - y for x, y in zip(state.p.columns(), goal.p.columns(), strict=True)], state.v.columns(),
+             state.spin()]
+    return torch.stack([torch.stack([torch.as_tensor(x) for x in part]).norm(dim=0) for part in parts])
+
+
+def met(setup: Setup, faults: FaultConditions, episodes: int, seed: int) -> Iterator[tuple[Any, Health]]:
+    """Start and goal of each of these episodes, and what is left of its thrusters from the start on."""
+    task, own = setup.task, draws(seed, episodes)
+    world = World(setup.craft, task, setup.timing, conditions=Conditions(faults=faults).or_none)
+    case, health = world.recalled(Episode(None, None), own).case, [Health.sound(setup.craft)] * episodes
+    if case is not None:
+        left = [np.array([np.broadcast_to(x, episodes) for x in part]).T.tolist()
+                for part in (case.body_at(0.0).gain, case.body_at(0.0).leak)]
+        health = [Health(tuple(gain), tuple(leak)) for gain, leak in zip(*left, strict=True)]
+    return zip(each(scenarios(task, setup.craft, seed, episodes)), health, strict=True)
+
+
+def bounds(setup: Setup, faults: FaultConditions, episodes: int, seed: int) -> np.ndarray:
+    """(N,) least times to settle with what each of these episodes has from the start on, s."""
+    near, period = setup.task.tolerances(), setup.timing.control_period
+    return np.array([least_settling(setup.craft, one.start, one.goal, near["position"], near["attitude"],
+                                    period, health) for one, health in met(setup, faults, episodes, seed)])
+
+
+def certified(setup: Setup, faults: FaultConditions, episodes: int, seed: int) -> np.ndarray:
+    """The same in the plane, closer: no on/off controller settles sooner, though it knows what fails.
+
+    Of thrusters that are dead or stuck open; ConfigError where there is no certificate.
+    """
+    near, timing, found = setup.task.tolerances(), setup.timing, []
+    for one, health in met(setup, faults, episodes, seed):
+        dead = [i for i, pair in enumerate(zip(*health, strict=True)) if pair == (0.0, 0.0)]
+        stuck = [i for i, leak in enumerate(health.leak) if leak == 1.0]
+        within = settling_set(setup.craft, near["position"], near["attitude"], timing.control_period, health)
+        found.append(least_time(Lattice(setup.craft, timing.control_period, dead, stuck), one.start, one.goal,
+                                timing.episode_steps, within, _EFFORT).lower)
+    return np.array(found)
+
+
+@dataclass(frozen=True)
+class Faults:
+    """Fly agents with every class of fault; write the table."""
+
+    agents: Positional[tuple[str, ...]]
+    """Run folders, or pretrained:NAME; all of one spacecraft, and going to a pose."""
+    episodes: int = 10_000
+    certified: int = 0
+    """Of so many first episodes of each class the certified least time, ten seconds each, in the plane."""
+    seed: int = EVALUATION_SEED
+    output: Path = Path("docs/validation/faults.json")
+
+    def run(self) -> dict[str, dict[str, dict[str, Any]]]:
+        """By agent and row.
+
+        Raises:
+            ConfigError: there is no such agent.
+        """
+        device = "cuda" if torch.cuda.is_available() else "cpu"
+        result: dict[str, dict[str, dict[str, Any]]] = {}
+        for name in self.agents:
+            network, setup = _loaded(name, device)
+            duration = setup.timing.episode_steps * setup.timing.control_period
+            result[name] = {row.name: self._said(network, setup, row, device)
+                            for row in rows(setup.craft, duration)}
+        write_json(self.output, {"episodes": self.episodes, "seed": self.seed, "agents": result,
+                                 "environment": environment()})
+        return result
+
+    def _said(self, network: Network, setup: Setup, row: Row, device: str) -> dict[str, Any]:
+        found = flown(network, setup, row.faults, self.episodes, self.seed, device)
+        median = lambda x: float(np.median(x))  # noqa: E731
+        said = {"held": {key: 100.0 * x for key, x in asdict(share(found.held)).items()},
+                "settling time": median(found.settled), "lost": 100.0 * float(found.lost.mean()),
+                **{name: [float(x) for x in np.quantile(getattr(found, name), (0.5, 0.95))]
+                   for name in ("distance", "speed", "spin")}}
+        if row.at_start and row.faults.among != "unrecoverable":
+            first = min(self.episodes, _BOUNDED)
+            least = bounds(setup, row.faults, first, self.seed)
+            said |= {"least time": median(least), "over least": median(found.settled[:first] / least)}
+            if self.certified and row.faults.kinds != ("weak",):
+                least = certified(setup, row.faults, self.certified, self.seed)
+                said |= {"certified": median(least),
+                         "over certified": median(found.settled[:self.certified] / least)}
+        return said
+
+
+def main() -> None:
+    """Print the table, medians and 95 % quantiles of where unheld ones end."""
+    import tyro
+    from rich.console import Console
+    from rich.table import Table
+
+    for name, found in tyro.cli(Faults).run().items():
+        table = Table("fault", "held, %", "settling, s", "over its bound", "certified", "lost, %",
+                      "distance, m", "speed, m/s", "spin, rad/s", title=name)
+        for row, x in found.items():
+            held = x["held"]
+            over = [f"{x[key]:.2f}" if key in x else "" for key in ("over least", "over certified")]
+            table.add_row(row, f"{held['value']:.2f} ({held['low']:.2f} to {held['high']:.2f})",
+                          f"{x['settling time']:.1f}", *over,
+                          f"{x['lost']:.1f}", *(f"{x[key][0]:.2g}, {x[key][1]:.2g}"
+                                                for key in ("distance", "speed", "spin")))
+        Console().print(table)
+
+
+if __name__ == "__main__":
+    main()
