@@ -33,7 +33,8 @@ def _checked(found: Any) -> Maker:
 
 
 CONTROLLERS: Registry[Maker] = Registry("controller", "rans.controllers", {
-    "lqr": "rans.optimal.control.lqr:LQR", "mpc": "rans.optimal.control.mpc:MPC"}, _checked)
+    "lqr": "rans.optimal.control.lqr:LQR", "switching": "rans.optimal.control.switching:Switching",
+    "mpc": "rans.optimal.control.mpc:MPC"}, _checked)
 """What makes the controller of a name, with its default settings."""
 
 BESIDE = (*CONTROLLERS.built_in, "optimal")
