@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -62,6 +62,10 @@ class Switching:
     """
 
     name = "switching"
+    tunable: ClassVar = {"curve.push_scale": (0.3, 1.5), "curve.turn_scale": (0.1, 1.5),
+                         "curve.norm_scale": (1.0, 10.0), "curve.thrust_weight": (0.003, 0.3),
+                         **Deadband.tunable}
+    """Bounds for `rans tune`."""
 
     def __init__(self, craft: Spacecraft, task: Task, timing: Timing, curve: Curve = _CURVE,
                  deadband: Deadband = _DEADBAND) -> None:
