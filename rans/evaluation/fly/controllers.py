@@ -36,8 +36,8 @@ def _checked(found: Any) -> Maker:
 
 CONTROLLERS: Registry[Maker] = Registry("controller", "rans.controllers", {
     "lqr": "rans.optimal.control.lqr:LQR", "switching": "rans.optimal.control.switching:Switching",
-    "mpc": "rans.optimal.control.mpc:MPC", "mpc-observer": "rans.optimal.control.observer:ObserverMPC"},
-    _checked)
+    "mpc": "rans.optimal.control.mpc:MPC", "mpc-observer": "rans.optimal.control.observer:ObserverMPC",
+    "mppi": "rans.optimal.control.sampling:MPPI"}, _checked)
 """What makes the controller of a name, with its default settings; `controller` makes it with tuned ones."""
 
 BESIDE = ("lqr", "switching", "mpc", "optimal")

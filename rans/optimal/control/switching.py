@@ -95,14 +95,23 @@ class Switching:
         self._last = self._patterns.best(self._last & ~rest[:, None], cost, ~rest)
         return self._last.astype(float)
 
+    def time_left(self, state: Any, goal: Any) -> np.ndarray:
+        """The least time to the goal, (N,) s, as the curve has it, of a state and a goal of arrays (N,)."""
+        gap = _Gap.after(0.0, self._craft, state, goal)
+        shut = np.zeros((len(gap.p), 1, len(self._forces)), bool)
+        return self._cost(gap, shut, self._scales(len(gap.p)))[:, 0]
+
+    def _scales(self, count: int) -> np.ndarray:
+        """(2, N, 1) the curve's shares of what there is to push and turn with."""
+        return np.tile([[[self._curve.push_scale]], [[self._curve.turn_scale]]], (1, count, 1))
+
     def _bold(self, now: _Gap, coast: _Gap) -> np.ndarray:
         """Scales of push and turn, (2, N, 1): the curve's, or all there is where it would wait for ever.
 
         A pulse may be too long to be braked by a share of the thrusters; then waiting looks better than any,
         also a period later.
         """
-        held, most = self._task.tolerances(), self._curve
-        scales = np.tile([[[most.push_scale]], [[most.turn_scale]]], (1, len(now.p), 1))
+        held, scales = self._task.tolerances(), self._scales(len(now.p))
         shut = np.zeros((len(now.p), 1, len(self._forces)), bool)
         waits = (self._cost(coast, shut, scales) >= self._cost(now, shut, scales))[:, 0]
         for rate, full, kept in ((now.v, self._push, "position"), (now.spin, self._turn, "attitude")):
