@@ -61,8 +61,8 @@ class MPPI:
     A plan is a chance of every thruster to be open in each of the next `PERIODS`. Plans are drawn from it and
     flown by the engines' equations, all at once; those that cost less count more in the new chances (after
     Williams, Aldrich and Theodorou, J. Guidance Control Dynamics 40, 2017: bits, no normal deviates). A plan
-    costs its thrust, and the mean over its time of the least time that is left by the `Curve` of `Switching`: what
-    is left at its end alone could be had by waiting first.
+    costs its thrust, and the mean over its time of the least time that is left by the `Curve` of `Switching`:
+    what is left at its end alone could be had by waiting first.
     """
 
     name = "MPPI"
