@@ -23,6 +23,8 @@ EVALUATION_SEED = 2023
 """Scenarios that agents are judged on; no training should use them."""
 SELECTION_SEED = 2024
 """Scenarios that decide when a training may end."""
+TUNING_SEED = 2025
+"""Scenarios that controllers without training are tuned on."""
 
 
 @dataclass(frozen=True)

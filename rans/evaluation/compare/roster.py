@@ -6,9 +6,10 @@ from pathlib import Path
 
 from rans.errors import ConfigError
 from rans.evaluation.compare.contest import Contest, Contestant
-from rans.evaluation.fly.contestants import contestant, is_controller
+from rans.evaluation.fly.contestants import contestant, controller_name
 from rans.evaluation.fly.controllers import CONTROLLERS, controller, is_user_policy
 from rans.evaluation.fly.judge import EngineName
+from rans.evaluation.fly.tuned import tuned
 from rans.fast.learn.run_folder import RunFolder
 from rans.files import read_json
 from rans.pretrained import pretrained_folder
@@ -47,16 +48,15 @@ def enlist(spec: str, contest: Contest) -> Contestant:
     if periods[0] != periods[1]:
         raise ConfigError(f"{spec} acts every {periods[0]:g} s, but the first contestant every "
                           f"{periods[1]:g} s; compare them separately.")
-    knows = _MODEL if is_controller(spec) else _OBSERVATION
-    return Contestant(run.controller.name, run.controller, knows, _tuning(spec))
+    if name := controller_name(spec):
+        return Contestant(run.controller.name, run.controller, _MODEL, _budget(name, contest))
+    return Contestant(run.controller.name, run.controller, _OBSERVATION, _tuning(spec))
 
 
 def _tuning(spec: str) -> str:
-    """What was spent on a contestant, as far as its files tell."""
+    """What was spent on an agent or a policy, as far as its files tell."""
     spec, _, _ = spec.partition("#")
     kind, _, name = spec.partition(":")
-    if is_controller(spec):
-        return _UNTUNED
     if is_user_policy(spec):
         return "not known"
     folder = pretrained_folder(name) if kind == "pretrained" else Path(spec)
@@ -71,10 +71,16 @@ def _tuning(spec: str) -> str:
     return f"training: {training['steps'] / 1e6:,.1f} M steps, {training['seconds']:.3g} s on {device}"
 
 
+def _budget(name: str, contest: Contest) -> str:
+    """What was spent on a controller."""
+    found = tuned(name, contest.setup)
+    return found.budget() if found else _UNTUNED
+
+
 def simple_controller(name: str, contest: Contest) -> Contestant:
-    """A controller of `CONTROLLERS` with its default settings; `ConfigError` if it cannot fly this craft."""
+    """A controller of `CONTROLLERS`, see `controller`; `ConfigError` if it cannot fly this craft."""
     made = controller(name, contest.setup)
-    return Contestant(made.name, made, _MODEL, _UNTUNED)
+    return Contestant(made.name, made, _MODEL, _budget(name, contest))
 
 
 def swept(name: str, contest: Contest) -> list[Contestant]:

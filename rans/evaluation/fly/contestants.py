@@ -62,9 +62,10 @@ def output_folder(spec: str) -> Path:
     return EVALUATIONS / re.sub(r"[^\w.-]+", "-", f"{kind}-{name}") if kind else Path(name)
 
 
-def is_controller(spec: str) -> bool:
-    """Whether a text names one of `CONTROLLERS`, which need no training."""
-    return not is_user_policy(spec) and _parse(spec)[0] not in ("", "pretrained")
+def controller_name(spec: str) -> str:
+    """Which of `CONTROLLERS` a text names, or nothing: these need no training."""
+    kind = "" if is_user_policy(spec) else _parse(spec)[0]
+    return "" if kind == "pretrained" else kind
 
 
 def picked_task(spec: str) -> str:

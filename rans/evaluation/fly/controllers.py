@@ -6,6 +6,7 @@ And policies that were trained elsewhere, as controllers: an SB3 file, an ONNX f
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,15 +14,16 @@ import numpy as np
 
 from rans.errors import ConfigError, RansError
 from rans.evaluation.fly.protocols import Setup
+from rans.evaluation.fly.tuned import arguments, tuned
 from rans.files import first_line
 from rans.flight import Controller
 from rans.model.actuators import ON_OFF
 from rans.model.spacecraft import Spacecraft
-from rans.model.timing import Timing
 from rans.registry import Registry, from_here, resolve
 from rans.tasks import Task, observation_width
 
-Maker = Callable[[Spacecraft, Task, Timing], Controller]
+Maker = Callable[..., Controller]
+"""Of spacecraft, task and timing, and of what can be tuned by keyword."""
 
 
 def _checked(found: Any) -> Maker:
@@ -33,27 +35,34 @@ def _checked(found: Any) -> Maker:
 
 
 CONTROLLERS: Registry[Maker] = Registry("controller", "rans.controllers", {
-    "lqr": "rans.optimal.control.lqr:LQR", "mpc": "rans.optimal.control.mpc:MPC"}, _checked)
-"""What makes the controller of a name, with its default settings."""
+    "lqr": "rans.optimal.control.lqr:LQR", "switching": "rans.optimal.control.switching:Switching",
+    "mpc": "rans.optimal.control.mpc:MPC", "mpc-observer": "rans.optimal.control.observer:ObserverMPC",
+    "mppi": "rans.optimal.control.sampling:MPPI"}, _checked)
+"""What makes the controller of a name, with its default settings; `controller` makes it with tuned ones."""
 
-BESIDE = (*CONTROLLERS.built_in, "optimal")
+BESIDE = ("lqr", "switching", "mpc", "optimal")
 """Who joins a comparison unless somebody else is named: controllers, and the best that is possible."""
 
 
 def controller(name: str, setup: Setup) -> Controller:
-    """The controller of this name for a setup; `ConfigError` if there is none, or not for this craft."""
-    maker = CONTROLLERS[name]
-    return maker(*setup[:3]) if name in CONTROLLERS.built_in else Guarded(name, setup)
+    """The controller of this name for a setup, with what was tuned for it if it fits, else default settings.
+
+    `ConfigError` if there is none, or not for this craft.
+    """
+    maker, found = CONTROLLERS[name], tuned(name, setup)
+    if found is not None:
+        maker = partial(maker, **arguments(maker, found.settings))
+    return maker(*setup[:3]) if name in CONTROLLERS.built_in else Guarded(name, setup, maker)
 
 
 class Guarded:
     """A controller made elsewhere, by name; a `ConfigError` says what is wrong with it or its answers."""
 
-    def __init__(self, name: str, setup: Setup) -> None:
+    def __init__(self, name: str, setup: Setup, maker: Maker) -> None:
         self._craft, package = setup.craft, CONTROLLERS.package(name)
         self._who = f"the controller {name!r}" + (f" of the package {package}" if package else "")
         try:
-            self._made = CONTROLLERS[name](*setup[:3])
+            self._made = maker(*setup[:3])
             self.name, self.slow = self._made.name, getattr(self._made, "slow", False)
         except RansError:
             raise

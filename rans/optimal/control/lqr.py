@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -33,6 +33,8 @@ class LQR:
     """
 
     name = "LQR"
+    tunable: ClassVar = {**Weights.tunable, **Deadband.tunable}
+    """Bounds for `rans tune`."""
 
     def __init__(self, craft: Spacecraft, task: Task, timing: Timing, weights: Weights = _WEIGHTS,
                  deadband: Deadband = _DEADBAND) -> None:

@@ -8,7 +8,7 @@ they are independent, which curvature matrices and linear dynamics ask for.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import casadi as ca
 import numpy as np
@@ -65,6 +65,8 @@ class MPC:
     """
 
     name = "MPC"
+    tunable: ClassVar = {**Weights.tunable, **Deadband.tunable}
+    """Bounds for `rans tune`."""
     slow = True
     """Many episodes are flown by many processes."""
 
@@ -89,6 +91,10 @@ class MPC:
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
         """See `rans.flight.Controller`; looks at the state, not at the observation."""
         rest = self._deadband.holds(self._craft, self._task, state, goal)
+        return self._rounding.round(self._planned(state, goal, rest), rest)
+
+    def _planned(self, state: Any, goal: Any, rest: np.ndarray) -> np.ndarray:
+        """The wrench on B, (N, 3 or 6), with which better plans begin; those that rest plan nothing."""
         errors, goals = shortest(state, goal), np.array(leaves(goal))
         self._plans[rest] = 0.0
         for k in np.repeat(np.flatnonzero(~rest), self._settings.iterations):
@@ -97,7 +103,7 @@ class MPC:
             self._plans[k] = self._plans[k] if better is None else better
         first = self._plans[..., 0]  # then one period later; what follows the end is a coast
         self._plans = np.concatenate([self._plans[..., 1:], np.zeros_like(self._plans[..., :1])], axis=-1)
-        return self._rounding.round(first @ self._wrenches, rest)
+        return first @ self._wrenches
 
 
 class _Program:

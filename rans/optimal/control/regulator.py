@@ -5,13 +5,13 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from rans.errors import ConfigError
 from rans.model.body import Body
-from rans.model.dynamics import advance, wrench
+from rans.model.dynamics import Wrench, advance, wrench
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.optimal.trajectory.allocation import Allocation, inertia
@@ -41,6 +41,10 @@ class Weights:
     spin: float = 0.1
     """rad/s, where no attitude is held; a third of what one pulse of a 1 N nozzle changes."""
 
+    tunable: ClassVar = {"weights.position": (0.1, 3.0), "weights.attitude": (0.1, 3.0),
+                         "weights.velocity": (0.003, 0.3), "weights.spin": (0.01, 1.0)}
+    """Bounds for `rans tune`."""
+
     def __post_init__(self) -> None:
         check_settings(self)
 
@@ -65,16 +69,24 @@ class Deadband:
     spin: float = 0.1
     """Highest spin to rest at, rad/s, where the task has no tolerance for it."""
 
+    tunable: ClassVar = {"deadband.share": (0.4, 0.98), "deadband.look_ahead": (0.2, 2.0),
+                         "deadband.spin": (0.02, 0.3)}
+    """Bounds for `rans tune`."""
+
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):
             value = getattr(self, field.name)
             if not (math.isfinite(value) and value >= 0):
                 raise ConfigError(f"deadband: {field.name} must be finite and >= 0, got {value!r}.")
 
-    def holds(self, craft: Spacecraft, task: Task, state: Any, goal: Any) -> np.ndarray:
-        """Which episodes may rest, (N,) bool, of a state and a goal of float64 arrays (N,)."""
+    def holds(self, craft: Spacecraft, task: Task, state: Any, goal: Any,
+              acting: Wrench | None = None) -> np.ndarray:
+        """Which episodes may rest, (N,) bool, of a state and a goal of float64 arrays (N,).
+
+        What acts on the craft besides its thrusters, in W, drives it while it rests.
+        """
         shut, body = wrench(craft, (0.0,) * len(craft.thrusters)), Body.of(craft)
-        later = [advance(state, shut, body, 0.5 * n * self.look_ahead) for n in (1, 2)]
+        later = [advance(state, shut, body, 0.5 * n * self.look_ahead, disturbance=acting) for n in (1, 2)]
         bounds = {name: self.share * bound for name, bound in task.tolerances().items()}
         inside = [error < bounds.get(name, self.spin)
                   for instant in (state, *later) for name, error in task.errors(instant, goal).items()]

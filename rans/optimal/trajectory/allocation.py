@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
 
 import numpy as np
 
@@ -103,6 +104,54 @@ def inertia(craft: Spacecraft) -> np.ndarray:
     return np.array(craft.inertia if craft.dimension == 3 else [[craft.inertia[2][2]]])
 
 
+class Patterns:
+    """Ways to open thrusters, (..., thrusters) bool, and better ones beside them.
+
+    Neighbours differ in at most two thrusters. Two at a time find pairs whose torques cancel: with one at a
+    time the LQR tracks velocities with the free flyer from 39 instead of 50 of 50 starts, and takes the
+    platform with shared thrust to 29 of 50 positions.
+    """
+
+    def __init__(self, craft: Spacecraft) -> None:
+        self.wrenches = np.array(craft.wrench_map)
+        self._shared = craft.thrust_sharing == "split"
+        one = np.eye(len(self.wrenches), dtype=bool)  # every way to choose at most two, none first
+        pairs = map(np.bitwise_or.reduce, itertools.combinations_with_replacement(one, 2))
+        self._flips = np.array([one[0] & ~one[0], *pairs])
+
+    def shares(self, pattern: np.ndarray) -> np.ndarray:
+        """(..., thrusters) share of its force that each gives, as `rans.model.dynamics.thrust` has it."""
+        opened = pattern.astype(float)
+        if self._shared:
+            opened /= np.maximum(opened.sum(axis=-1, keepdims=True), 1.0)
+        return opened
+
+    def given(self, pattern: np.ndarray) -> np.ndarray:
+        """(..., 3 or 6) the wrench of open thrusters."""
+        return self.shares(pattern) @ self.wrenches
+
+    def best(self, pattern: np.ndarray, cost: Callable[[np.ndarray, np.ndarray], np.ndarray],
+             free: np.ndarray) -> np.ndarray:
+        """Goes from pattern to better neighbour, best first, until there is none.
+
+        Args:
+            pattern: where to start, (N, thrusters).
+            cost: of episodes (M,), their numbers, and candidates (M, C, thrusters): (M, C).
+            free: which episodes may change, (N,) bool.
+        """
+        pattern, free = pattern.copy(), np.flatnonzero(free)
+        for _ in range(_FLIPS):
+            if not len(free):
+                break
+            candidates = pattern[free][:, None] ^ self._flips
+            costs, episodes = cost(free, candidates), np.arange(len(free))
+            first = costs.argmin(axis=1)
+            pattern[free] = candidates[episodes, first]
+            # by more than rounding, or equal patterns would take turns
+            free = free[costs[episodes, first] < costs[:, 0] - 1e-12 * (1 + costs[:, 0])]
+        return pattern
+
+
 class SigmaDelta:
     """Opens the thrusters that best pay what is owed, and carries the rest to the next period.
 
@@ -116,15 +165,12 @@ class SigmaDelta:
     """
 
     def __init__(self, craft: Spacecraft, carried: np.ndarray | None = None) -> None:
-        self._wrenches, self._allocation = np.array(craft.wrench_map), Allocation(craft)
-        self._shared, size = craft.thrust_sharing == "split", craft.degrees_of_freedom
+        self._patterns, self._allocation = Patterns(craft), Allocation(craft)
+        size = craft.degrees_of_freedom
         metric = np.zeros((size, size))
         metric[:craft.dimension, :craft.dimension] = np.eye(craft.dimension) / craft.mass
         metric[craft.dimension:, craft.dimension:] = np.linalg.inv(inertia(craft))
         self._root = np.linalg.cholesky(metric)
-        one = np.eye(len(self._wrenches), dtype=bool)  # every way to choose at most two, none first
-        pairs = map(np.bitwise_or.reduce, itertools.combinations_with_replacement(one, 2))
-        self._flips = np.array([one[0] & ~one[0], *pairs])
         self._carried = np.ones(size, bool) if carried is None else carried
         self._owed = np.zeros((0, size))
 
@@ -136,9 +182,7 @@ class SigmaDelta:
         """Open (1.0) or shut (0.0) for every episode.
 
         Starts with the thrusters of which the allocation asks for half or more, then opens or shuts one
-        or two at a time as long as that brings the impulse closer, best first. Two at a time find pairs
-        whose torques cancel: with one at a time the LQR tracks velocities with the free flyer from 39
-        instead of 50 of 50 starts, and takes the platform with shared thrust to 29 of 50 positions.
+        or two at a time as long as that brings the impulse closer: see `Patterns.best`.
 
         Of the wrench, (N, 3 or 6), force then torque on B, as much is owed as the thrusters can give; those
         that rest, (N,) bool, are owed nothing and keep all thrusters shut. Returns (N, thrusters).
@@ -147,29 +191,13 @@ class SigmaDelta:
         load = self._allocation.load(wrench)
         within_reach = wrench / np.maximum(load, 1.0)[:, None]
         owed = np.where(rest[:, None], 0.0, self._owed + within_reach)
-        pulse = (self._allocation.commands(owed) >= 0.5) & ~rest[:, None]
-        open_to_change = np.flatnonzero(~rest)
-        for _ in range(_FLIPS):
-            pulse[open_to_change], changed = self._improved(pulse[open_to_change], owed[open_to_change])
-            open_to_change = open_to_change[changed]
-            if not len(open_to_change):
-                break
+        first = (self._allocation.commands(owed) >= 0.5) & ~rest[:, None]
+
+        def energy(episodes: np.ndarray, candidates: np.ndarray) -> np.ndarray:
+            left = (owed[episodes][:, None] - self._patterns.given(candidates)) @ self._root
+            return (left * left).sum(axis=2)
+
+        pulse = self._patterns.best(first, energy, ~rest)
         carried = self._carried | (load > _SATURATED)[:, None]
-        self._owed = np.where(carried, owed - self._given(pulse), 0.0)
+        self._owed = np.where(carried, owed - self._patterns.given(pulse), 0.0)
         return pulse.astype(float)
-
-    def _improved(self, pulse: np.ndarray, owed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The best of all pulses that differ in at most two thrusters, and whether it is another one."""
-        candidates = pulse[:, None] ^ self._flips
-        left = (owed[:, None] - self._given(candidates)) @ self._root
-        energy, episodes = (left * left).sum(axis=2), np.arange(len(pulse))
-        best = energy.argmin(axis=1)
-        # by more than rounding, or equal pulses would take turns
-        return candidates[episodes, best], energy[episodes, best] < energy[:, 0] - 1e-12 * (1 + energy[:, 0])
-
-    def _given(self, pulse: np.ndarray) -> np.ndarray:
-        """(..., 3 or 6) the wrench of open thrusters, as `rans.model.dynamics.thrust` shares it."""
-        opened = pulse.astype(float)
-        if self._shared:
-            opened /= np.maximum(opened.sum(axis=-1, keepdims=True), 1.0)
-        return opened @ self._wrenches

@@ -13,6 +13,7 @@ from rans.evaluation.compare import roster
 from rans.evaluation.compare.contest import Contest
 from rans.evaluation.compare.roster import contest_of, enlist, simple_controller, swept
 from rans.model.timing import Timing
+from rans.optimal.control.lqr import LQR
 from rans.scenario import EVALUATION_SEED
 from rans.tasks import GoToPose
 
@@ -60,7 +61,10 @@ def test_a_craft_of_the_same_name_with_other_values_is_another(contest: Contest)
 
 def test_what_everybody_knows_and_cost(contest: Contest) -> None:
     lqr, idle = enlist("lqr:go-to-pose-2d", contest), enlist(IDLE, contest)
-    assert (lqr.name, lqr.knows, lqr.tuning) == ("LQR", "state, exact model", "none: default settings")
+    assert (lqr.name, lqr.knows) == ("LQR", "state, exact model")
+    assert lqr.tuning == "tuned: 400 settings on 256 starts"
+    default = enlist("rans.optimal.control.lqr:LQR:go-to-pose-2d", contest)
+    assert default.tuning == "none: default settings"
     assert (idle.knows, idle.tuning) == ("observation", "not known")
     beside = simple_controller("mpc", contest)
     assert (beside.name, beside.knows) == ("MPC", "state, exact model")
@@ -108,5 +112,5 @@ def test_the_sweep_scales_every_weight(contest: Contest) -> None:
     pushes = [float(abs(entry.controller.wrench(one.start, one.goal)).max()) for entry in found]  # type: ignore[attr-defined]
     assert pushes == sorted(pushes, reverse=True)
     assert pushes[0] > 2 * pushes[-1]
-    usual = simple_controller("lqr", contest).controller.wrench(one.start, one.goal)  # type: ignore[attr-defined]
+    usual = LQR(*contest.setup[:3]).wrench(one.start, one.goal)
     assert pushes[SWEEP.index(1.0)] == pytest.approx(float(abs(usual).max()))

@@ -16,7 +16,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 
 import rans
 from rans.errors import ConfigError
-from rans.evaluation.fly.contestants import contestant, is_controller, output_folder
+from rans.evaluation.fly.contestants import contestant, controller_name, output_folder
 from rans.evaluation.fly.controllers import CONTROLLERS, controller, is_user_policy, user_policy
 from rans.evaluation.fly.judge import flown
 from rans.evaluation.fly.protocols import Setup
@@ -75,7 +75,7 @@ def test_a_controller_of_any_module_flies_what_its_name_says() -> None:
     found = contestant(spec)
     assert (found.craft.name, found.task, found.controller.name) == (
         "floating-platform-shared", GoToPose(), "alternating")
-    assert is_controller(spec)
+    assert controller_name(spec)
     assert output_folder(spec).name == f"{HERE}-Alternating-go-to-pose-2d-floating-platform-shared"
     made: Any = pickle.loads(pickle.dumps(found.controller))  # as processes get it that share the flights
     assert made.slow  # so that they do
@@ -85,8 +85,8 @@ def test_a_controller_of_any_module_flies_what_its_name_says() -> None:
 
 
 def test_only_controllers_are_controllers() -> None:
-    assert is_controller("lqr:go-to-pose-2d")
-    assert not any(map(is_controller, ("runs/first", "pretrained:go-to-pose-2d", "python:lqr:act")))
+    assert controller_name("lqr:go-to-pose-2d") == "lqr"
+    assert not any(map(controller_name, ("runs/first", "pretrained:go-to-pose-2d", "python:lqr:act")))
 
 
 @pytest.mark.parametrize(("name", "said"), [

@@ -1,0 +1,71 @@
+"""``rans tune``: the best settings of a controller that needs no training."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Annotated
+
+from tyro.conf import Positional, arg
+
+from rans.cli import check_count
+from rans.files import ready_folder
+from rans.terminal import Terminal, progress, table
+
+
+@dataclass(frozen=True)
+class Tune:
+    """Search the settings of a controller: random ones first, then near the best.
+
+    Each flies from the same starts of a seed that no report uses. The result is used by every command that
+    flies this controller with this spacecraft, task and rate from here on, if it is run in the same folder.
+    """
+
+    controller: Annotated[str, Positional, arg(metavar="CONTROLLER")]
+    """Its name, see `rans list`, or MODULE:NAME."""
+    task: str = "go-to-pose"
+    """What to tune it for."""
+    spacecraft: str = "floating-platform"
+    """Name of a spacecraft that comes with RANS, or your own TOML file."""
+    candidates: int = 300
+    """Settings to fly, the default ones included."""
+    starts: int = 256
+    """Starts of each."""
+    price: float = 0.01
+    """Of thrust, s per N s: what is minimised is the mean of settling time and time to rest in the goal set,
+    and the thrust-time of the episode at this price."""
+    output: Annotated[Path | None, arg(metavar="FILE")] = None
+    """Where to write the result (.json); by default under runs/controllers, where commands look for it."""
+
+    def run(self) -> int:
+        """Print what was found and what it is worth."""
+        from rans.evaluation.compare.tuning import ranges, tune
+        from rans.evaluation.fly.controllers import CONTROLLERS
+        from rans.evaluation.fly.protocols import Setup
+        from rans.evaluation.fly.tuned import OWN, defaults, file_name
+        from rans.model.spacecraft_file import load_spacecraft
+        from rans.model.timing import Timing
+        from rans.tasks import TASKS
+
+        check_count("--candidates", self.candidates)
+        check_count("--starts", self.starts)
+        within, craft, task = ranges(self.controller), load_spacecraft(self.spacecraft), TASKS[self.task]()
+        setup = Setup(craft, task.for_evaluation(), Timing())
+        file = self.output or OWN / file_name(self.controller, craft, task)
+        ready_folder(file.parent)
+        with progress() as bars:
+            step = partial(bars.advance, bars.add_task(f"tuning {self.controller}", total=self.candidates))
+            found = tune(self.controller, setup, self.candidates, self.starts, self.price,
+                         shlex.join(["rans", *sys.argv[1:]]), step)
+        found.write(file)
+        before = defaults(CONTROLLERS[self.controller], within)
+        Terminal().print(table(
+            f"{self.controller}, {self.task}, {craft.name}: {found.budget()}",
+            ("setting", "default", "tuned"), [
+                *((key, f"{before[key]:.3g}", f"{value:.3g}") for key, value in found.settings.items()),
+                ("cost, s", *(f"{value:.3f}" for value in found.costs.values()))]))
+        print(f"Written to {file}.")
+        return 0

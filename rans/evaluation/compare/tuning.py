@@ -1,0 +1,97 @@
+"""Tuning of controllers that need no training, by random search with a stated budget."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from rans.errors import ConfigError
+from rans.evaluation.compare.contest import Contest, Contestant, Entry
+from rans.evaluation.fly.controllers import CONTROLLERS
+from rans.evaluation.fly.protocols import Setup
+from rans.evaluation.fly.tuned import Tuned, arguments, defaults, task_name
+from rans.model.spacecraft_file import to_toml
+from rans.scenario import TUNING_SEED
+
+_WIDE = 1 / 3
+"""Share of the candidates that are drawn from the whole ranges; the others are near the best so far."""
+_STEPS = (0.3, 0.03)
+"""Standard deviation of those, as a share of the logarithmic range: first and last."""
+_CHANGED = 0.4
+"""Chance of a setting to change."""
+
+Ranges = Mapping[str, tuple[float, float]]
+
+
+def tune(name: str, setup: Setup, candidates: int, starts: int, price: float, command: str = "",
+         progress: Callable[[int], object] = lambda _: None) -> Tuned:
+    """The settings of a controller with the least `cost`.
+
+    The default settings are the first candidate, so that none are found that are worse than these.
+
+    Args:
+        name: of the controller.
+        setup: what it flies, with the starts to judge it on.
+        candidates: how many settings are flown.
+        starts: scenarios 0 to N - 1 of `TUNING_SEED`, which no report uses.
+        price: of thrust, s per N s.
+        command: for the record.
+        progress: called with 1 after every candidate.
+
+    Raises:
+        ConfigError: the controller has no ``tunable``, or cannot fly this craft; the price is negative.
+    """
+    if not (math.isfinite(price) and price >= 0):
+        raise ConfigError(f"--price must be finite and >= 0 s per N s, got {price}.")
+    maker, (craft, task, timing, _) = CONTROLLERS[name], setup
+    contest = Contest(craft, task, timing, TUNING_SEED, starts, conditions=setup.conditions)
+    within = ranges(name)
+    found: list[tuple[float, dict[str, float]]] = []
+    random = np.random.default_rng(TUNING_SEED)
+    for number in range(candidates):
+        settings = _candidate(number / candidates, defaults(maker, within), within, found, random)
+        made = maker(craft, task, timing, **arguments(maker, settings))
+        flight, _ = contest.fly(made)
+        found.append((cost(Entry(Contestant(name, made, "", ""), flight, np.zeros(0)), price), settings))
+        progress(1)
+    least, best = min(found, key=lambda pair: pair[0])
+    return Tuned(name, task_name(task), dict(task.tolerances()), timing.control_period, to_toml(craft), best,
+                 candidates, starts, TUNING_SEED, price, {"default": found[0][0], "tuned": least}, command)
+
+
+def ranges(name: str) -> Ranges:
+    """What of a controller can be tuned: bounds by "argument.field"; `ConfigError` if it says nothing."""
+    found = getattr(CONTROLLERS[name], "tunable", None)
+    if not found:
+        raise ConfigError(f"the controller {name!r} tells nothing that can be tuned; its class needs a "
+                          '`tunable` such as {"weights.position": (0.1, 3.0)}.')
+    return found
+
+
+def cost(entry: Entry, price: float) -> float:
+    """Mean over starts of half the settling time, half the time to rest in the goal set, and priced thrust.
+
+    What never happens counts as twice the episode, s.
+    """
+    times = np.minimum([entry.settling, entry.arrival], 2.0 * entry.flight.times[-1])
+    return float(times.mean() + price * entry.thrust.mean())
+
+
+def _candidate(gone: float, first: dict[str, float], within: Ranges,
+               found: list[tuple[float, dict[str, float]]], random: np.random.Generator) -> dict[str, float]:
+    """When this share of the search is gone: the default, any, then nearer and nearer to the best so far."""
+    if not found:
+        return first
+    low, high = np.log(list(within.values())).T
+    if gone < _WIDE:
+        chosen = random.uniform(low, high)
+    else:
+        begin, end = _STEPS
+        step = begin + (gone - _WIDE) / (1.0 - _WIDE) * (end - begin)
+        _, best = min(found, key=lambda pair: pair[0])
+        change = random.normal(scale=step, size=len(low)) * (random.random(len(low)) < _CHANGED)
+        chosen = np.log(list(best.values())) + change * (high - low)
+    values = np.exp(np.clip(chosen, low, high))
+    return {key: float(f"{value:.3g}") for key, value in zip(within, values, strict=True)}

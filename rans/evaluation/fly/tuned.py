@@ -1,0 +1,117 @@
+"""Settings of controllers that `rans tune` found: by which file, and when they fit."""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from rans.errors import ConfigError
+from rans.evaluation.fly.protocols import Setup
+from rans.files import read_json, write_json
+from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft_file import to_toml
+from rans.tasks import TASKS, Task
+
+SHIPPED = Path(__file__).parents[2] / "data" / "controllers"
+"""Those that come with RANS, a JSON file each."""
+OWN = Path("runs") / "controllers"
+"""Where `rans tune` writes; what lies here goes first."""
+
+
+@dataclass(frozen=True)
+class Tuned:
+    """What a search found for one controller, spacecraft, task and rate."""
+
+    controller: str
+    """Its name in `rans.evaluation.fly.controllers.CONTROLLERS`."""
+    task: str
+    tolerances: dict[str, float]
+    """Of the task."""
+    control_period: float
+    """s"""
+    spacecraft: str
+    """As TOML."""
+    settings: dict[str, float]
+    """By the names of the controller's ``tunable``."""
+    candidates: int
+    """How many settings were flown, the default ones included."""
+    starts: int
+    """How many each flew from."""
+    seed: int
+    """Of these starts."""
+    price: float
+    """Of thrust, s per N s."""
+    costs: dict[str, float]
+    """Of "default" and "tuned" settings, s; see `rans.evaluation.compare.tuning.cost`."""
+    command: str
+    """What found them."""
+
+    @classmethod
+    def read(cls, file: Path) -> Tuned:
+        """What a file holds; `ConfigError` if it is damaged."""
+        try:
+            return cls(**read_json(file))
+        except TypeError as error:
+            raise ConfigError(f"{file} is damaged: {error}; write it anew with rans tune.") from error
+
+    def write(self, file: Path) -> None:
+        """See `rans.files.write_json`."""
+        write_json(file, asdict(self))
+
+    def fits(self, name: str, setup: Setup) -> bool:
+        """Whether they were found for this; starts, length of episodes and conditions may differ."""
+        craft, task, timing, _ = setup
+        return (self.controller == name and self.tolerances == task.tolerances()
+                and self.task == task_name(task) and self.control_period == timing.control_period
+                and self.spacecraft == to_toml(craft))
+
+    def budget(self) -> str:
+        """What they cost, for tables."""
+        return f"tuned: {self.candidates} settings on {self.starts} starts"
+
+
+def tuned(name: str, setup: Setup) -> Tuned | None:
+    """What was tuned for this controller in this setup, own files before those that come with RANS."""
+    files = (file for folder in (OWN, SHIPPED) for file in sorted(folder.glob("*.json")))
+    return next((found for found in map(Tuned.read, files) if found.fits(name, setup)), None)
+
+
+def file_name(name: str, craft: Spacecraft, task: Task) -> str:
+    """Of the file for these."""
+    return re.sub(r"[^\w.-]+", "-", f"{name}-{task_name(task)}-{craft.name}") + ".json"
+
+
+def task_name(task: Task) -> str:
+    """In `TASKS`, or else its class's."""
+    return next((name for name in TASKS if TASKS[name] is type(task)), type(task).__name__)
+
+
+def defaults(maker: Callable[..., Any], keys: Iterable[str]) -> dict[str, float]:
+    """The default of every setting, by names such as "weights.position"."""
+    parameters = inspect.signature(maker).parameters
+    return {key: getattr(parameters[group].default, field)
+            for key in keys for group, _, field in [key.partition(".")]}
+
+
+def arguments(maker: Callable[..., Any], settings: Mapping[str, float]) -> dict[str, Any]:
+    """Keyword arguments of a controller from settings such as {"weights.position": 0.6}.
+
+    The rest of each argument, a dataclass, is as its default.
+
+    Raises:
+        ConfigError: it has no such argument or field, or the value is out of bounds.
+    """
+    parameters = inspect.signature(maker).parameters
+    groups: dict[str, dict[str, float]] = {}
+    for key, value in settings.items():
+        group, _, field = key.partition(".")
+        groups.setdefault(group, {})[field] = value
+    try:
+        return {group: replace(parameters[group].default, **values) for group, values in groups.items()}
+    except (KeyError, TypeError) as error:
+        raise ConfigError(f"settings {', '.join(settings)} are not those of the controller: {error}; tune it "
+                          "again with rans tune.") from error

@@ -1,0 +1,129 @@
+"""Path-integral control with on/off thrusters: plans are drawn, flown, and weighed by what they cost."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from rans.errors import ConfigError
+from rans.model.body import Body
+from rans.model.dynamics import advance, wrench
+from rans.model.fields import map_leaves
+from rans.model.spacecraft import Spacecraft
+from rans.model.timing import Timing
+from rans.optimal.control.regulator import Deadband
+from rans.optimal.control.switching import Curve, Switching
+from rans.optimal.trajectory.allocation import Patterns
+from rans.tasks.base import Task
+
+PERIODS = 2
+"""Of a plan: what follows is left to the least time, which knows how to brake. Two settle from all of 64
+starts of go-to-pose on the floating platform; three spend 5 % less thrust, but do not settle from one."""
+_FIRST = 0.25
+"""Chance of a thruster to be open where nothing is known."""
+_DOUBT = 0.04
+"""Least chance of a thruster to be drawn open, or shut."""
+
+
+@dataclass(frozen=True)
+class Draws:
+    """How plans are drawn and weighed.
+
+    Raises:
+        ConfigError: a count is not a whole number >= 1, or the temperature not a finite number > 0.
+    """
+
+    samples: int = 128
+    """Plans a round."""
+    rounds: int = 2
+    """Rounds a control period, each about what the one before found good."""
+    temperature: float = 0.05
+    """Cost, s, that makes a plan e times less likely."""
+
+    def __post_init__(self) -> None:
+        for key in ("samples", "rounds"):
+            value = getattr(self, key)
+            if not isinstance(value, int) or isinstance(value, bool) or value < 1:
+                raise ConfigError(f"MPPI: {key} must be a whole number >= 1, got {value!r}.")
+        if not (math.isfinite(self.temperature) and self.temperature > 0):
+            raise ConfigError(f"MPPI: temperature must be finite and > 0 s, got {self.temperature!r}.")
+
+
+_CURVE, _DEADBAND, _DRAWS = Curve(thrust_weight=0.03), Deadband(), Draws()
+
+
+class MPPI:
+    """Plans patterns of open thrusters for the next seconds by sampling, and flies the first of the best.
+
+    A plan is a chance of every thruster to be open in each of the next `PERIODS`. Plans are drawn from it and
+    flown by the engines' equations, all at once; those that cost less count more in the new chances (after
+    Williams, Aldrich and Theodorou, J. Guidance Control Dynamics 40, 2017: bits, no normal deviates). A plan
+    costs its thrust, and the mean over its time of the least time that is left by the `Curve` of `Switching`:
+    what is left at its end alone could be had by waiting first.
+    """
+
+    name = "MPPI"
+    slow = True
+    """Many episodes are flown by many processes."""
+    tunable: ClassVar = Switching.tunable
+    """Bounds for `rans tune`."""
+
+    def __init__(self, craft: Spacecraft, task: Task, timing: Timing, curve: Curve = _CURVE,
+                 deadband: Deadband = _DEADBAND, draws: Draws = _DRAWS) -> None:
+        self._craft, self._task, self._deadband, self._draws = craft, task, deadband, draws
+        self._period, self._body, self._price = timing.control_period, Body.of(craft), curve.thrust_weight
+        self._value = Switching(craft, task, timing, curve, deadband)
+        self._patterns = Patterns(craft)
+        self._forces = np.array([thruster.force for thruster in craft.thrusters])
+        self.reset(0)
+
+    def reset(self, count: int) -> None:
+        """See `rans.flight.Controller`; what is drawn is the same after every reset."""
+        self._random = np.random.default_rng(0)
+        self._chances = np.full((count, PERIODS, len(self._forces)), _FIRST)
+
+    def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
+        """See `rans.flight.Controller`; looks at the state, not at the observation."""
+        rest = self._deadband.holds(self._craft, self._task, state, goal)
+        commands = np.zeros((len(rest), len(self._forces)))
+        awake = np.flatnonzero(~rest)
+        if len(awake):
+            here, there = (map_leaves(lambda x: x[awake], s) for s in (state, goal))
+            commands[awake] = self._planned(here, there, awake)
+        self._chances[rest] = _FIRST
+        return commands
+
+    def _planned(self, state: Any, goal: Any, which: np.ndarray) -> np.ndarray:
+        """First patterns of the best plans of some episodes, (M, thrusters); their chances go on in time."""
+        chances = self._chances[which]
+        shape = len(which), self._draws.samples, *chances.shape[1:]
+        best, least = np.zeros(chances.shape), np.full(len(which), np.inf)
+        for _ in range(self._draws.rounds):
+            plans = self._random.random(shape) < np.clip(chances, _DOUBT, 1.0 - _DOUBT)[:, None]
+            plans[:, 0] = best > 0.5  # in the first round: to coast
+            costs = self._costs(state, goal, plans)
+            lowest, episodes = costs.argmin(axis=1), np.arange(len(which))
+            better = costs[episodes, lowest] < least
+            best = np.where(better[:, None, None], plans[episodes, lowest], best)
+            least = np.minimum(least, costs[episodes, lowest])
+            weights = np.exp((least[:, None] - costs) / self._draws.temperature)
+            chances = np.einsum("nk,nkst->nst", weights / weights.sum(axis=1, keepdims=True), plans)
+        self._chances[which] = np.concatenate([chances[:, 1:], np.full_like(chances[:, :1], _FIRST)], axis=1)
+        return best[:, 0]
+
+    def _costs(self, state: Any, goal: Any, plans: np.ndarray) -> np.ndarray:
+        """(M, samples) s, of plans (M, samples, periods, thrusters) of bits."""
+        samples = plans.shape[1]
+        left, spent = np.zeros((2, len(plans) * samples))
+        state, goal = (map_leaves(lambda x: np.repeat(x, samples), s) for s in (state, goal))
+        flat = plans.reshape(-1, *plans.shape[2:]).astype(float)
+        shut = wrench(self._craft, (0.0,) * len(self._forces))
+        for pattern in np.moveaxis(flat, 1, 0):
+            state = advance(state, wrench(self._craft, tuple(pattern.T)), self._body, self._period)
+            goal = advance(goal, shut, self._body, self._period)
+            left = left + self._value.time_left(state, goal) / PERIODS
+            spent = spent + self._period * (self._patterns.shares(pattern > 0.5) @ self._forces)
+        return (left + self._price * spent).reshape(plans.shape[:2])

@@ -1,0 +1,45 @@
+"""``rans tune``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from rans.cli import main
+from rans.evaluation.compare.contest import Contest
+from rans.evaluation.compare.roster import simple_controller
+from rans.evaluation.fly.tuned import OWN
+from rans.model.spacecraft_file import load_spacecraft
+from rans.model.timing import Timing
+from rans.tasks import TASKS
+
+
+def test_what_is_tuned_flies_from_then_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+                                          capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["tune", "lqr", "--task", "track-velocity", "--spacecraft", "atmos", "--candidates", "2",
+                 "--starts", "2"]) == 0
+    said = capsys.readouterr().out
+    file = OWN / "lqr-track-velocity-atmos.json"
+    assert f"Written to {file}." in said
+    assert "weights.velocity" in said
+    assert file.exists()
+    contest = Contest(load_spacecraft("atmos"), TASKS["track-velocity"](), Timing(), 1, 1)
+    assert simple_controller("lqr", contest).tuning == "tuned: 2 settings on 2 starts"
+
+
+@pytest.mark.parametrize(("arguments", "sentence"), [
+    (["pid"], "no controller named 'pid'"),
+    (["lqr", "--candidates", "0"], "--candidates must be >= 1"),
+    (["lqr", "--starts", "0"], "--starts must be >= 1"),
+    (["lqr", "--task", "hover"], "no task named 'hover'"),
+    (["lqr", "--price", "-1"], "--price must be finite"),
+    (["lqr", "--output", "/dev/null/x"], "cannot write"),
+])
+def test_mistakes_end_in_a_sentence(arguments: list[str], sentence: str, tmp_path: Path,
+                                    monkeypatch: pytest.MonkeyPatch,
+                                    capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["tune", *arguments]) == 2
+    assert sentence in capsys.readouterr().err

@@ -1,0 +1,93 @@
+"""The search finds what is known to be best, and its cost is what was flown."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+import pytest
+
+from rans.errors import ConfigError
+from rans.evaluation.compare.contest import Contest, Contestant, Entry
+from rans.evaluation.compare.tuning import cost, tune
+from rans.evaluation.fly.protocols import Setup
+from rans.evaluation.fly.tuned import arguments
+from rans.evaluation.measure.metrics import impulses, settling_times
+from rans.model.spacecraft_file import load_spacecraft
+from rans.model.timing import Timing
+from rans.optimal.control.lqr import LQR
+from rans.scenario import EVALUATION_SEED, SELECTION_SEED, TUNING_SEED
+from rans.tasks import GoToPose
+
+HERE = "tests.evaluation.compare.test_tuning"
+SETUP = Setup(load_spacecraft("floating-platform"), GoToPose().for_evaluation(), Timing(episode_steps=10))
+
+
+@dataclass(frozen=True)
+class Habit:
+    """When to fire."""
+
+    share: float = 0.5
+    unused: float = 1.0
+
+
+class Firing:
+    """Opens every thruster in a share of the periods: the least thrust is that of the least share."""
+
+    name, tunable = "firing", {"habit.share": (0.1, 10.0), "habit.unused": (0.5, 2.0)}
+
+    def __init__(self, craft: Any, task: Any, timing: Any, habit: Habit = Habit()) -> None:
+        self._share, self._count = habit.share, len(craft.thrusters)
+
+    def reset(self, count: int) -> None:
+        """See `rans.flight.Controller`."""
+        self._step = 0
+
+    def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
+        """See `rans.flight.Controller`."""
+        self._step += 1
+        return np.full((len(observation), self._count), float(self._step * self._share >= 2.0))
+
+
+class Fixed(Firing):
+    """Has nothing to tune."""
+
+    tunable: ClassVar = {}
+
+
+def test_finds_the_least_and_counts_the_budget() -> None:
+    """Below 0.2 no valve opens in 10 periods; nobody settles, which counts twice 2 s."""
+    steps: list[int] = []
+    found = tune(f"{HERE}:Firing", SETUP, 12, 3, 0.5, "the command", steps.append)
+    assert steps == [1] * 12
+    assert found.settings["habit.share"] < 0.2
+    assert 0.5 <= found.settings["habit.unused"] <= 2.0
+    assert found.costs["tuned"] == pytest.approx(4.0)
+    assert found.costs["default"] == pytest.approx(4.0 + 0.5 * 7 * 8 * 0.2)  # 7 periods, 8 thrusters of 1 N
+    assert (found.candidates, found.starts, found.seed, found.price) == (12, 3, TUNING_SEED, 0.5)
+    assert found == tune(f"{HERE}:Firing", SETUP, 12, 3, 0.5, "the command")
+
+
+def test_the_cost_is_that_of_the_flights() -> None:
+    setup = SETUP._replace(timing=Timing())
+    found = tune("lqr", setup, 3, 4, 0.02)
+    contest = Contest(*setup[:3], TUNING_SEED, 4)
+    made = LQR(*setup[:3], **arguments(LQR, found.settings))
+    flight, _ = contest.fly(made)
+    entry = Entry(Contestant("LQR", made, "", ""), flight, np.zeros(0))
+    expected = 0.5 * (settling_times(flight) + entry.arrival).mean() + 0.02 * impulses(flight).mean()
+    assert found.costs["tuned"] == pytest.approx(expected) == cost(entry, 0.02)
+    assert found.costs["tuned"] <= found.costs["default"]
+
+
+def test_no_report_uses_its_starts() -> None:
+    assert len({EVALUATION_SEED, SELECTION_SEED, TUNING_SEED}) == 3
+
+
+@pytest.mark.parametrize(("name", "price", "said"), [
+    (f"{HERE}:Fixed", 0.0, "tells nothing that can be tuned; its class needs a `tunable`"),
+    ("lqr", -1.0, "--price must be finite and >= 0"), ("lqr", float("nan"), "--price must be finite")])
+def test_refuses_what_cannot_be_tuned(name: str, price: float, said: str) -> None:
+    with pytest.raises(ConfigError, match=said):
+        tune(name, SETUP, 1, 1, price)

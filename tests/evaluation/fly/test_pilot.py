@@ -1,0 +1,57 @@
+"""Controllers in Gymnasium environments: the same flight as `rans.flight.fly`, in five lines."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+
+from rans.errors import ConfigError
+from rans.evaluation.fly.controllers import CONTROLLERS, controller
+from rans.evaluation.fly.pilot import Pilot
+from rans.evaluation.fly.protocols import Setup
+from rans.flight import fly
+from rans.scenario import scenarios
+
+
+@pytest.mark.parametrize("name", CONTROLLERS.built_in)
+@pytest.mark.parametrize("env_id", ["rans/GoToPose2D-v0", "rans/GoToPose3D-v0", "rans/GoToPose2D-Drake-v0"])
+def test_flies_as_in_a_batch(name: str, env_id: str) -> None:
+    env = gymnasium.make(env_id, disable_env_checker=False)
+    pilot: Any = Pilot(name, env)
+    observation, _ = env.reset(seed=7)
+    commands = []
+    for _ in range(8):
+        action = pilot.act(observation)
+        assert env.action_space.contains(action)
+        observation, *_ = env.step(action)
+        commands.append(action)
+    inner: Any = env.unwrapped
+    setup = Setup(inner.craft, inner.task, inner.timing)
+    flight = fly(*setup[:2], controller(name, setup), scenarios(inner.task, inner.craft, 7, 1), inner.timing)
+    assert np.array_equal(commands, flight.commands[:8, 0])
+
+
+def test_arrives_and_flies_again() -> None:
+    """The loop of docs/comparison.md; the second episode is flown as by a pilot who never flew before."""
+    env = gymnasium.make("rans/GoToPose2D-v0")
+    pilot, flown = Pilot("switching", env), []
+    for _ in range(2):
+        observation, info = env.reset(seed=3)
+        pilot.reset()
+        done = False
+        while not done:
+            observation, _, terminated, truncated, info = env.step(pilot.act(observation))
+            done = terminated or truncated
+        assert info["is_success"]
+        flown.append(info["errors"])
+    assert flown[0] == flown[1]
+
+
+def test_refuses_what_it_cannot_fly() -> None:
+    with pytest.raises(ConfigError, match=r"one of RANS's environments .* got .*CartPole"):
+        Pilot("lqr", gymnasium.make("CartPole-v1"))
+    with pytest.raises(ConfigError, match="no controller named 'pid'"):
+        Pilot("pid", gymnasium.make("rans/GoToPose2D-v0"))

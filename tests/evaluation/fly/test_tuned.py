@@ -1,0 +1,77 @@
+"""Tuned settings are used where they fit, and nowhere else."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from rans.errors import ConfigError
+from rans.evaluation.fly.controllers import controller
+from rans.evaluation.fly.protocols import Setup
+from rans.evaluation.fly.tuned import OWN, SHIPPED, Tuned, arguments, defaults, file_name, tuned
+from rans.model.spacecraft_file import load_spacecraft, parse_spacecraft
+from rans.model.timing import Timing
+from rans.optimal.control.lqr import LQR
+from rans.optimal.control.regulator import Deadband, Weights
+from rans.scenario import TUNING_SEED
+from rans.tasks import TASKS, GoToPose
+
+SETUP = Setup(load_spacecraft("floating-platform"), GoToPose(), Timing())
+FILES = sorted(SHIPPED.glob("*.json"))
+
+
+@pytest.mark.parametrize("file", FILES, ids=lambda file: file.stem)
+def test_what_ships_fits_what_it_was_tuned_for(file: Path) -> None:
+    found = Tuned.read(file)
+    craft, task = parse_spacecraft(found.spacecraft, file.name), TASKS[found.task]()
+    setup = Setup(load_spacecraft(craft.name), task, Timing(found.control_period))
+    assert tuned(found.controller, setup) == found
+    assert file.name == file_name(found.controller, craft, task)
+    assert found.costs["tuned"] < found.costs["default"]
+    assert (found.seed, found.starts) == (TUNING_SEED, 256)
+    controller(found.controller, setup)
+
+
+def test_platform_has_tuned_opponents() -> None:
+    assert {"lqr-go-to-pose-floating-platform", "switching-go-to-pose-floating-platform"} <= {
+        file.stem for file in FILES}
+
+
+@pytest.mark.parametrize("change", [
+    {"craft": replace(SETUP.craft, mass=6.0)}, {"task": GoToPose(position_tolerance=0.04)},
+    {"task": TASKS["go-to-position"]()}, {"timing": Timing(0.1)}], ids=["mass", "tolerance", "task", "rate"])
+def test_does_not_fit_another_setup(change: dict[str, object]) -> None:
+    assert tuned("switching", SETUP) is not None
+    assert tuned("switching", SETUP._replace(**change)) is None
+    assert tuned("mpc", SETUP) is None
+
+
+def test_fits_other_starts_and_lengths() -> None:
+    """What is judged from elsewhere and longer, as by protocols, is the same to a controller."""
+    longer = SETUP._replace(task=SETUP.task.for_evaluation(), timing=Timing(episode_steps=250))
+    assert tuned("switching", longer)
+
+
+def test_own_goes_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    shipped = tuned("lqr", SETUP)
+    assert shipped is not None
+    own = replace(shipped, settings={"weights.position": 1.5})
+    own.write(OWN / "mine.json")
+    assert tuned("lqr", SETUP) == own
+    (OWN / "mine.json").write_text('{"controller": "lqr"}')
+    with pytest.raises(ConfigError, match=r"mine\.json is damaged: .*missing"):
+        tuned("lqr", SETUP)
+
+
+def test_settings_become_arguments() -> None:
+    given = arguments(LQR, {"weights.position": 1.5, "deadband.spin": 0.2, "weights.spin": 0.3})
+    assert given == {"weights": Weights(position=1.5, spin=0.3), "deadband": Deadband(spin=0.2)}
+    usual = {"weights.position": 0.6, "deadband.share": 0.8}
+    assert defaults(LQR, usual) == usual
+    with pytest.raises(ConfigError, match="are not those of the controller"):
+        arguments(LQR, {"weights.mass": 1.0})
+    with pytest.raises(ConfigError, match="position must be"):
+        arguments(LQR, {"weights.position": -1.0})

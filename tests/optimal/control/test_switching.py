@@ -1,0 +1,205 @@
+"""Phase-plane switching: its times are minimum times, and it settles sooner than a regulator everywhere."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from itertools import product
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+from scipy.spatial.transform import Rotation
+
+from rans.errors import ConfigError
+from rans.evaluation.measure.metrics import final_errors, impulses, settling_times
+from rans.flight import fly
+from rans.model.dynamics import PlanarState, SpatialState
+from rans.model.fields import Heading, Quat, Vec2, Vec3, map_leaves
+from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft_file import load_spacecraft
+from rans.model.timing import Timing
+from rans.optimal.control.lqr import LQR
+from rans.optimal.control.regulator import Deadband
+from rans.optimal.control.switching import Curve, Switching, least_time
+from rans.optimal.trajectory.allocation import Patterns
+from rans.reference.flight import fly_in_drake
+from rans.scenario import Scenario, scenarios
+from rans.tasks import TASKS, GoToPose
+from tests.crafts import nasty_spatial
+from tests.optimal.control.test_lqr import NAMES, SLOWEST
+
+PLATFORM, FLYER = load_spacecraft("floating-platform"), load_spacecraft("free-flyer")
+SHARED = load_spacecraft("floating-platform-shared")
+TASK, TIMING = GoToPose().for_evaluation(), Timing()
+
+
+@pytest.mark.parametrize("craft", [PLATFORM, SHARED, FLYER], ids=lambda craft: craft.name)
+@pytest.mark.parametrize("name", NAMES)
+def test_settles_from_every_start(name: str, craft: Spacecraft) -> None:
+    task = TASKS[name]().for_evaluation()
+    starts = scenarios(task, craft, 41, 20)
+    settled = settling_times(fly(craft, task, Switching(craft, task, TIMING), starts, TIMING))
+    assert np.isfinite(settled).all()
+    assert np.median(settled) < SLOWEST[name] * (2.5 if craft is SHARED else 1.0)  # as for the LQR
+
+
+@pytest.mark.parametrize("craft", [PLATFORM, FLYER], ids=lambda craft: craft.name)
+def test_is_a_second_faster_than_the_regulator(craft: Spacecraft) -> None:
+    """Published of a controller of this kind: 5.4 s where the LQR takes 6.6; 0.2 s are one period."""
+    starts = scenarios(TASK, craft, 42, 20)
+    ours, theirs = (np.median(settling_times(fly(craft, TASK, kind(craft, TASK, TIMING), starts, TIMING)))
+                    for kind in (Switching, LQR))
+    assert ours <= 5.6
+    assert ours <= theirs - 0.8
+
+
+def searched(x: float, v: float, most: float) -> float:
+    """Minimum time by root search: full thrust one way for t, then the other way until at rest, at 0."""
+    times = []
+    for sense in (-1.0, 1.0):
+        def missed(t: float, push: float = sense * most) -> float:
+            turned, there = v + push * t, x + v * t + 0.5 * push * t * t
+            rest = turned / push  # braking with -push
+            return there + turned * rest - 0.5 * push * rest * rest
+
+        first = max(0.0, -v / (sense * most))  # the braking that follows takes no negative time
+        if missed(first) * missed(first + 50.0) <= 0.0:
+            t: Any = brentq(missed, first, first + 50.0, xtol=1e-13)
+            times.append(t + abs(v + sense * most * t) / most)
+    return min(times)
+
+
+def test_least_time_on_a_line() -> None:
+    random = np.random.default_rng(0)
+    for x, v, most in random.uniform((-5.0, -2.0, 0.1), (5.0, 2.0, 3.0), (200, 3)):
+        ours = least_time(np.array([x]), np.array([v]), most)
+        assert ours == pytest.approx(searched(x, v, most), abs=1e-9)  # its roots are 1e-13 s off
+
+
+def test_least_time_by_hand() -> None:
+    """1 m from rest at 1 m/s^2: 1 s of thrust, 1 s of braking. Resting anywhere: v / a. Both add as roots."""
+    x, v = np.array([3.0, 4.0]) / 5.0, np.array([-4.0, 3.0]) / 5.0  # across, at 1 m/s
+    assert least_time(x, 0.0 * v, 1.0) == pytest.approx(2.0)
+    assert least_time(None, v, 0.5) == pytest.approx(2.0)
+    assert least_time(x, v, 1.0) == pytest.approx(math.hypot(2.0, 1.0 + math.sqrt(2.0)))
+    assert least_time(0.0 * x, 0.0 * v, 1.0) == 0.0
+
+
+@pytest.mark.parametrize("craft", [PLATFORM, SHARED], ids=lambda craft: craft.name)
+def test_no_neighbour_of_the_pattern_is_better(craft: Spacecraft) -> None:
+    """Of all 256 patterns, those that differ in at most two thrusters; and the best of all is found often."""
+    patterns, random = Patterns(craft), np.random.default_rng(1)
+    wanted = random.normal(size=(40, 3)) * (1.0, 1.0, 0.3)
+    every = np.array(list(product([False, True], repeat=8)))
+
+    def cost(which: np.ndarray, candidates: np.ndarray) -> np.ndarray:
+        return np.abs(wanted[which][:, None] - patterns.given(candidates)).sum(axis=2)
+
+    found = patterns.best(np.zeros((40, 8), bool), cost, np.arange(40) < 39)
+    costs = cost(np.arange(40), np.broadcast_to(every, (40, 256, 8)))
+    ours = cost(np.arange(40), found[:, None])[:, 0]
+    near = (every[None] ^ found[:, None]).sum(axis=2) <= 2
+    assert (ours[:39] <= np.where(near, costs, np.inf).min(axis=1)[:39] + 1e-12).all()
+    assert (ours[:39] <= costs.min(axis=1)[:39] + 1e-12).mean() > 0.7
+    assert not found[39].any()  # was not free to change
+
+
+@pytest.mark.parametrize("craft", [PLATFORM, FLYER], ids=lambda craft: craft.name)
+def test_drake_agrees(craft: Spacecraft) -> None:
+    """The same decisions in the judge: in space three Runge-Kutta steps are off by 0.03 mm."""
+    timing = Timing(episode_steps=40)
+    starts = scenarios(TASK, craft, 43, 2)
+    ours, drake = (engine(craft, TASK, Switching(craft, TASK, timing), starts, timing)
+                   for engine in (fly, fly_in_drake))
+    assert np.array_equal(ours.commands, drake.commands)
+    assert (ours.states.p - drake.states.p).norm().max() < (1e-9 if craft is PLATFORM else 1e-4)
+
+
+def test_batch_equals_loop() -> None:
+    timing = Timing(episode_steps=40)
+    starts = scenarios(TASK, PLATFORM, 44, 3)
+    together = fly(PLATFORM, TASK, Switching(PLATFORM, TASK, timing), starts, timing).commands
+    for k in range(3):
+        one = Scenario(*(map_leaves(lambda x, k=k: x[k:k + 1], s) for s in (starts.start, starts.goal)))
+        alone = fly(PLATFORM, TASK, Switching(PLATFORM, TASK, timing), one, timing).commands
+        assert np.array_equal(alone[:, 0], together[:, k])
+
+
+def test_shared_thrust_spends_no_more_than_the_supply_gives() -> None:
+    flight = fly(SHARED, TASK, Switching(SHARED, TASK, TIMING), scenarios(TASK, SHARED, 45, 8), TIMING)
+    assert impulses(flight).max() <= 25.0 + 1e-9  # 1 N for 25 s
+    assert np.isfinite(settling_times(flight)).all()
+
+
+def test_brings_an_awkward_spacecraft_home() -> None:
+    """An off-centre body with three different moments of inertia and unequal thrusters."""
+    craft, timing = nasty_spatial(), Timing(episode_steps=150)
+    controller = Switching(craft, TASK, timing, Curve(thrust_weight=0.003))
+    errors = final_errors(fly(craft, TASK, controller, scenarios(TASK, craft, 22, 2), timing))
+    for name, bound in TASK.tolerances().items():
+        assert errors[name].max() < 2.0 * bound  # its pulses are up to 1.5 times the free flyer's
+
+
+def planar(x: float, turn: float, v: float, w: float) -> PlanarState:
+    """On W's x axis, one episode."""
+    state = PlanarState(Vec2(x, 0.0), Heading(turn), Vec2(v, 0.0), w)
+    return map_leaves(lambda number: np.array([number]), state)
+
+
+def command(state: PlanarState, **settings: float) -> np.ndarray:
+    """The first, to the origin."""
+    controller = Switching(PLATFORM, TASK, TIMING, Curve(**settings))
+    controller.reset(1)
+    return controller.act(state, planar(0.0, 0.0, 0.0, 0.0), np.zeros((1, 0)))[0]
+
+
+def test_switches_where_braking_must_begin() -> None:
+    """Four of 1 N at 45 degrees push with 2.83 N: at 0.3 m/s and 75 % of it 0.11 m before the goal."""
+    push = np.array(PLATFORM.wrench_map)[:, 0]
+    brake = 0.3**2 / (2.0 * 0.75 * math.sqrt(8.0) / PLATFORM.mass)
+    for distance, sense in ((3.0 * brake, 1.0), (1.1 * brake, -1.0), (0.5 * brake, -1.0)):
+        assert np.sign(command(planar(-distance, 0.0, 0.3, 0.0)) @ push) == sense
+
+
+def test_coasts_where_thrust_is_dear_and_rests_in_the_dead_band() -> None:
+    far = planar(-2.0, 0.0, 0.3, 0.0)
+    assert command(far).any()
+    assert not command(far, thrust_weight=10.0).any()
+    assert not command(planar(0.02, 0.03, 0.0, 0.0)).any()
+    assert command(planar(0.2, 0.03, 0.0, 0.0)).any()
+
+
+def test_does_not_wait_for_ever_where_pulses_are_long() -> None:
+    """0.109 rad from the goal, where turning and stopping with two thrusters goes 0.012 rad too far."""
+    task = TASKS["track-velocity-heading"]()
+    turn = Rotation.from_rotvec([0.05, 0.06, 0.075]).as_quat()
+    zero = Vec3(0.0, 0.0, 0.0)
+    goal = SpatialState(zero, Quat(1.0, 0.0, 0.0, 0.0), Vec3(0.3, 0.0, 0.0), zero)
+    start = replace(goal, attitude=Quat(float(turn[3]), *map(float, turn[:3])))
+    starts = Scenario(*(map_leaves(lambda x: np.array([x]), s) for s in (start, goal)))
+    timing = Timing(episode_steps=25)
+    assert settling_times(fly(FLYER, task, Switching(FLYER, task, timing), starts, timing))[0] <= 1.0
+
+
+def test_a_wide_dead_band_spends_less() -> None:
+    starts = scenarios(TASK, PLATFORM, 46, 20)
+    restless, resting = (
+        impulses(fly(PLATFORM, TASK, one, starts, TIMING)).mean()
+        for one in (Switching(PLATFORM, TASK, TIMING, deadband=deadband)
+                    for deadband in (Deadband(share=0.0), Deadband())))
+    assert resting < 0.8 * restless
+
+
+@pytest.mark.parametrize("settings", [{"push_scale": 0.0}, {"turn_scale": math.nan}, {"thrust_weight": -0.1}])
+def test_refuses_settings_that_mean_nothing(settings: dict[str, float]) -> None:
+    with pytest.raises(ConfigError, match=next(iter(settings))):
+        Curve(**settings)
+
+
+def test_refuses_a_craft_that_cannot_be_steered() -> None:
+    with pytest.warns(UserWarning, match="cannot push"):
+        craft = replace(PLATFORM, thrusters=PLATFORM.thrusters[:3])
+    with pytest.raises(ConfigError, match="cannot be steered"):
+        Switching(craft, TASK, TIMING)
