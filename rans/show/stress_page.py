@@ -21,7 +21,7 @@ from rans.tasks.base import UNITS
 
 TEXT = (
     "An episode is held if it is within all tolerances of the task at every step of its last fifth, by the "
-    "true state. Everybody flies the same episodes of the same craft; a trouble comes alone, of the same size "
+    "true state. Everybody flies the same episodes of one craft; a trouble comes alone, of the same size "
     "in every episode, its direction and place drawn anew, and nobody is told. Shares stand with Wilson's "
     "95 % intervals. Somebody is ahead where two intervals share no point.")
 """How it is judged."""
