@@ -92,7 +92,7 @@ def condition_checks(craft: Spacecraft, conditions: Conditions, seed: int,
         tolerance = 1e-9 * reach(judged.states)
         apart = np.max([*gaps(flight.states, judged.states).values()], axis=0)
         told = np.abs(np.array(ours.states) - drakes.states).max(axis=1)
-        for what, far in (("motion", apart), ("readings", told)):
+        for what, far in (("motion", apart), ("told", told)):
             period, number = np.unravel_index(np.argmax(far), far.shape)
             yield Check(f"{name}: {what}", float(far.max()), tolerance, "SI", _REASON,
                         f"flight {number}, period {period}")

@@ -98,7 +98,7 @@ def test_conditions_are_flown_effect_by_effect(tmp_path, capsys) -> None:
     read = json.loads((folder / "validation.json").read_text("utf-8"))
     assert [check["name"] for check in read["checks"]] == [
         f"{group}: {what}" for group in ("steady pushes", "readings", "all together")
-        for what in ("motion", "readings")]
+        for what in ("motion", "told")]
     page = (folder / "validation.html").read_text("utf-8")
     assert f"--layer conditions --conditions {file}" in page
     assert page.count("<img") == 1  # how errors grow under all of them

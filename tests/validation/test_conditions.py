@@ -51,7 +51,7 @@ def test_an_error_shows_in_its_group_and_in_all_together(monkeypatch: pytest.Mon
     checks = [c for c in condition_checks(CRAFT, load_conditions("roboran"), 1, 2) if isinstance(c, Check)]
     failed = {check.name for check in checks if not check.passed}
     assert failed == {f"{group}: {what}" for group in ("body", "all together")
-                      for what in ("motion", "readings")}
+                      for what in ("motion", "told")}
 
 
 def test_valves_that_cannot_are_refused() -> None:
