@@ -8,6 +8,7 @@ import shlex
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 import rans.evaluation.stress.run as run
@@ -100,7 +101,7 @@ def test_figures_show_what_was_flown() -> None:
     axes, = stress_figures.effect_figure(stress, stress.effects[0]).axes
     lines = {line.get_label(): line for line in axes.lines if not str(line.get_label()).startswith("_")}
     assert [line.get_color() for line in lines.values()] == [BLUE, ORANGE]
-    assert list(lines["LQR"].get_xdata()) == [0.0, 0.025, 0.05, 0.1]
-    assert list(lines["LQR"].get_ydata()) == [100.0] * 4
+    points = np.asarray(lines["LQR"].get_xydata())
+    np.testing.assert_allclose(points, [(0.0, 100.0), (0.025, 100.0), (0.05, 100.0), (0.1, 100.0)])
     named, = stress_figures.named_figure(stress).axes
     assert [text.get_text() for text in named.get_yticklabels()] == ["perfect"]

@@ -80,10 +80,10 @@ def test_report_from_run_holds_everything(run: Path) -> None:
 
 def test_report_loads_nothing_from_elsewhere(run: Path) -> None:
     html = report_from_run(run).html()
+    page = Read(html)
+    assert page.links
     assert all(link.startswith(("data:", "#")) or link in ("compare.html", "stress.html")
                for link in page.links)
-    assert page.links
-    assert all(link.startswith(("data:", "#")) or link == "compare.html" for link in page.links)
     assert not {"script", "link", "iframe"} & set(page.tags)
     assert "url(" not in html
     assert "@import" not in html
