@@ -183,14 +183,18 @@ def _unbroken(rows: Sequence[Sequence[str | None]]) -> list[list[str | None]]:
 
 
 def _reach(stress: Stress, effect: Effect, name: str) -> str:
-    """To which size somebody holds 99 %."""
+    """To which size somebody holds 99 %; "none" where no trouble is flown that is small enough."""
     sizes, shares = stress.curve(effect, name)
     size = holds_to(sizes, shares)
-    if size is None:
-        return "none" if sizes else "-"
+    if len(sizes) < 2:
+        return "-"
+    if size is None or size == effect.nominal:
+        return "none"
     return f"all to {size:g}" if size == effect.sizes[-1] else f"{size:g}"
 
 
 def _lead(stress: Stress, effect: Effect, other: str) -> str:
-    found = stress.break_even(effect, other)
-    return "-" if found is None else found.text(stress.names[0], other, effect.unit)
+    found, first = stress.break_even(effect, other), stress.names[0]
+    if found is not None and found.size == effect.nominal:
+        return f"{first if found.after == 1 else other} from {effect.sizes[0]:g} {effect.unit} on"
+    return "-" if found is None else found.text(first, other, effect.unit)

@@ -73,10 +73,10 @@ class Stress:
         return [size for size, _ in flown], [found for _, found in flown]
 
     def break_even(self, effect: Effect, other: str) -> BreakEven | None:
-        """Of the first contestant and another one, over the sizes that both flew."""
+        """Of the first contestant and another one, over the sizes that both flew; None: too few of them."""
         (sizes, first), (others, second) = (self.curve(effect, name) for name in (self.names[0], other))
         both = [size for size in sizes if size in others]
-        if not both:
+        if len(both) < 2:
             return None
         return break_even(both, *([found[have.index(size)] for size in both]
                                   for have, found in ((sizes, first), (others, second))))
