@@ -60,6 +60,16 @@ def test_the_lqr_bears_late_valves_longer() -> None:
     assert answer.size < 0.1
 
 
+@pytest.mark.slow
+def test_processes_find_the_same() -> None:
+    alone, together = small(), small()
+    fill(alone, workers=1)
+    fill(together, workers=2)
+    assert alone.outcomes.keys() == together.outcomes.keys()
+    for key, found in alone.outcomes.items():
+        np.testing.assert_allclose(together.outcomes[key].excess, found.excess, rtol=1e-9)
+
+
 def test_slow_controllers_fly_fewer() -> None:
     stress = small(FIRST, "mpc", episodes=4, slow=1)
     agent, mpc = stress.contestants.values()
