@@ -48,7 +48,7 @@ class StressReport:
     def title(self) -> str:
         """What was flown, in one line."""
         contest = self.stress.contest
-        return (f"{' and '.join(self.stress.names)}, {contest.episodes} episodes of seed {contest.seed}, "
+        return (f"{', '.join(self.stress.names)}: {contest.episodes} episodes of seed {contest.seed}, "
                 f"{contest.craft.name}, {contest.duration:g} s at {1.0 / contest.timing.control_period:g} Hz")
 
     def notes(self) -> Iterator[str]:
