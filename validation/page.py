@@ -42,39 +42,43 @@ _SECTIONS = (
 )
 
 
-def page(study: Study, spacecraft: str) -> Page:
+def page(study: Study, spacecraft: str, conditions: str | None = None) -> Page:
     """The page of a study.
 
     Args:
         study: what was found.
         spacecraft: its name or file, as the command line takes it.
+        conditions: likewise.
     """
     sections = [
         validation_section(study.to_json()),
         Section("Closest to the bound", "For each group the check with the least margin, and the command "
-                "that repeats it with the same random numbers.", [_worst_table(study, spacecraft)]),
+                "that repeats it with the same random numbers.",
+                [_worst_table(study, spacecraft, conditions)]),
         *filter(None, (_figures(study, *section) for section in _SECTIONS)),
     ]
     settings = study.settings
     return Page(f"Validation: {study.title}", sections, header({
-        "command": _command(study, spacecraft), "spacecraft": spacecraft, "seed": settings["seed"],
+        "command": _command(study, spacecraft, conditions), "spacecraft": spacecraft,
+        "conditions": conditions or "a perfect world", "seed": settings["seed"],
         "sample": f"{settings['states']} states, {settings['flights']} flights of 25 s",
         "time": f"{settings['seconds']:.0f} s", "environment": environment()}))
 
 
-def _command(study: Study, spacecraft: str, layer: str = "") -> str:
+def _command(study: Study, spacecraft: str, conditions: str | None, layer: str = "") -> str:
     words = ["rans", "validate", "--spacecraft", spacecraft, "--seed", str(study.settings["seed"])]
     words += ["--quick"] if study.settings["quick"] else []
     words += ["--layer", layer] if layer else []
+    words += ["--conditions", conditions] if conditions and layer in ("", "conditions") else []
     return shlex.join(words)
 
 
-def _worst_table(study: Study, spacecraft: str) -> Table:
+def _worst_table(study: Study, spacecraft: str, conditions: str | None) -> Table:
     rows = []
     for layer, checks in groupby(study.checks, key=lambda check: check.layer):
         worst = max(checks, key=_margin)
         rows.append((worst.name, f"{_margin(worst):.1e}", worst.worst,
-                     _command(study, spacecraft, layer)))
+                     _command(study, spacecraft, conditions, layer)))
     return Table(("check", "share of tolerance", "found at", "repeat with"), rows)
 
 

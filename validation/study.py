@@ -7,9 +7,11 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 from rans.errors import ConfigError
+from rans.model.conditions import Conditions
 from rans.model.spacecraft import Spacecraft
 from validation.checks import Check, Curve, Skipped, Study
 from validation.closed_loop import closed_loop_checks
+from validation.conditions import condition_checks
 from validation.discretisation import discretisation_checks, order_curves
 from validation.dynamics import (
     VALIDATION_SUBSTEPS,
@@ -37,6 +39,8 @@ class Scope:
     """Random states of a layer that looks at single moments or periods."""
     flights: int
     """Flights of 25 s of a layer that looks at these."""
+    conditions: Conditions | None = None
+    """Under which flights are checked too."""
 
 
 Layer = Callable[[Scope], Iterable[Check | Skipped | Curve]]
@@ -54,6 +58,8 @@ LAYERS: dict[str, Layer] = {
     "flights": lambda s: flight_checks(s.craft, s.seed, s.flights),
     "bang-bang": lambda s: bang_bang_checks(s.craft, s.seed, s.flights),
     "engine": lambda s: engine_checks(s.craft, s.seed, s.flights),
+    "conditions": lambda s: () if s.conditions is None else condition_checks(
+        s.craft, s.conditions, s.seed, s.flights // 8),
 }
 """Everything that is quick, from the smallest part to the whole: the first layer to fail says where to
 look."""
@@ -70,7 +76,8 @@ FULL_LAYERS: dict[str, Layer] = LAYERS | {
 
 
 def study(craft: Spacecraft, seed: int = 0, quick: bool = False, layer: str | None = None,
-          progress: Callable[[str, int], object] = lambda _name, _count: None) -> Study:
+          progress: Callable[[str, int], object] = lambda _name, _count: None,
+          conditions: Conditions | None = None) -> Study:
     """Compare the engine's motion of a spacecraft with Drake and with the laws of mechanics.
 
     Args:
@@ -79,13 +86,15 @@ def study(craft: Spacecraft, seed: int = 0, quick: bool = False, layer: str | No
         quick: fewer states and flights, and the quick layers only.
         layer: the only layer to look at.
         progress: called before each layer with its name and the number of layers in all.
+        conditions: under which flights are checked too, effect by effect.
 
     Raises:
-        ConfigError: Drake refuses the spacecraft's mass properties, or there is no such layer.
+        ConfigError: Drake refuses the spacecraft's mass properties, its valves cannot do what the conditions
+            ask for, or there is no such layer.
     """
     started = time.perf_counter()
-    scope = Scope(craft, seed, *((64, 16) if quick else (512, 128)))
-    layers = _chosen(layer, LAYERS if quick and layer is None else FULL_LAYERS)
+    scope = Scope(craft, seed, *((64, 16) if quick else (512, 128)), conditions)
+    layers = _chosen(layer, LAYERS if quick and layer is None else FULL_LAYERS, conditions)
     found: list[Check | Skipped | Curve] = []
     seconds: dict[str, float] = {}
     for name, look in layers.items():
@@ -102,7 +111,11 @@ def study(craft: Spacecraft, seed: int = 0, quick: bool = False, layer: str | No
                   tuple(x for x in found if isinstance(x, Curve)))
 
 
-def _chosen(layer: str | None, layers: dict[str, Layer]) -> dict[str, Layer]:
+def _chosen(layer: str | None, layers: dict[str, Layer], conditions: Conditions | None) -> dict[str, Layer]:
+    if conditions is None:
+        layers = {name: look for name, look in layers.items() if name != "conditions"}
+        if layer == "conditions":
+            raise ConfigError("the layer conditions needs some to fly under, as in --conditions lab.")
     if layer is None:
         return layers
     if layer not in layers:

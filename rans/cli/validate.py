@@ -8,13 +8,14 @@ from pathlib import Path
 from rich.text import Text
 
 from rans.files import ready_folder
+from rans.model.conditions_file import load_conditions
 from rans.model.spacecraft_file import load_spacecraft
 from rans.terminal import Terminal, progress, verdict
 
 
 @dataclass(frozen=True)
 class Validate:
-    """Check a spacecraft's dynamics, layer by layer; exit code 1 if a check fails."""
+    """Check a spacecraft's dynamics, layer by layer; exit code 1 if a check fails or none could be made."""
 
     spacecraft: str = "floating-platform"
     """Name of a spacecraft that comes with RANS, or your own TOML file."""
@@ -22,6 +23,9 @@ class Validate:
     """Fewer states and flights and no compiler: a few seconds instead of some minutes."""
     layer: str | None = None
     """Look at this layer only: thrusters, commands, accelerations, period, flights, engine, ..."""
+    conditions: str | None = None
+    """Fly under these too, each effect alone and all together: a name (see `rans list CONDITIONS`) or your
+    own TOML file."""
     seed: int = 0
     """Of the random states and commands."""
     output: Path | None = None
@@ -42,7 +46,8 @@ class Validate:
                 done = bars.tasks[0].completed if bars.tasks[0].total else -1
                 bars.update(bar, total=count, completed=done + 1, description=name)
 
-            report = study(load_spacecraft(self.spacecraft), self.seed, self.quick, self.layer, show)
+            report = study(load_spacecraft(self.spacecraft), self.seed, self.quick, self.layer, show,
+                           None if self.conditions is None else load_conditions(self.conditions))
         console.print(report.table())
         failed = [check for check in report.checks if not check.passed]
         for check in failed:
@@ -53,6 +58,9 @@ class Validate:
         console.print(f"{total - len(failed)} of {total} checks passed in {seconds} s.")
         if self.output is not None:
             report.write(self.output / "validation.json")
-            page(report, self.spacecraft).write(self.output / "validation.html")
+            page(report, self.spacecraft, self.conditions).write(self.output / "validation.html")
             console.print(f"Written to {self.output / 'validation.json'} and validation.html.")
-        return 1 if failed else 0
+        nothing = not total and report.skipped
+        if nothing:
+            console.print("Nothing could be checked here.")
+        return 1 if failed or nothing else 0

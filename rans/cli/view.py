@@ -27,12 +27,15 @@ class View:
     """
 
     contestants: Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="RUN...")]
-    """Who flies: run folders, or any other contestants, such as CONTROLLER:go-to-pose-3d."""
+    """Who flies: run folders, or any other contestants, such as CONTROLLER:go-to-pose-3d; after the first,
+    also controllers by name, such as lqr, for its task and spacecraft."""
     conditions: str | None = None
     """What episodes do not promise: a name (see `rans list CONDITIONS`), perfect, or your own TOML file; by
     default those that they were trained in."""
     episodes: int = 1
     """Flights of each; all contestants of the same task start from the same places."""
+    episode: int = 0
+    """Number of the first of them, as in the list of a stress report."""
     seed: int = EVALUATION_SEED
     """Of starts and goals."""
     engine: Literal["fast", "drake"] = "fast"
@@ -51,11 +54,15 @@ class View:
         if not self.contestants:
             raise ConfigError("say who flies, such as `rans view runs/first`.")
         check_count("--episodes", self.episodes)
+        if not 0 <= self.episode < 2**31 - self.episodes:
+            raise ConfigError(f"--episode must be >= 0 and < 2^31 with all that follow, got {self.episode}.")
         if self.save is not None and self.save.suffix != ".html":
             raise ConfigError(f"--save writes a page, whose name must end in .html, got {str(self.save)!r}.")
-        runs = [contestant(spec).under(self.conditions) for spec in self.contestants]
-        flights = [flown(run.controller, run.judged, self.seed, self.episodes, self.engine).flight
-                   for run in runs]
+        runs = [contestant(self.contestants[0]).under(self.conditions)]
+        runs += [contestant(spec, lent=runs[0].judged).under(self.conditions)
+                 for spec in self.contestants[1:]]
+        flights = [flown(run.controller, run.judged, self.seed, self.episodes, self.engine,
+                         first=self.episode).flight for run in runs]
         if self.frames is not None:
             save_frames(flights[0], 0, self.frames)
             print(f"Ten frames of {flights[0].controller} are in {self.frames}.")

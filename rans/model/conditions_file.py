@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from dataclasses import MISSING, Field, fields, is_dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -53,3 +55,33 @@ def load_conditions(name_or_file: str | Path) -> Conditions:
         raise ConfigError(f"cannot read the conditions {given!r}: {error}.") from error
     except ConfigError as error:
         raise ConfigError(f"{given}: {error}") from error
+
+
+def conditions_text(conditions: Conditions) -> str:
+    """TOML text of which `load_conditions` makes the same conditions: what is not the default."""
+    lines = "".join(f"{key} = {_inline(value)}\n" for key, value in _changed(conditions).items())
+    return lines or "# Everything as designed and told.\n"
+
+
+def _changed(given: Any) -> dict[str, Any]:
+    """Fields that differ from their defaults; of a dataclass inside, those that differ in it."""
+    values = {one.name: getattr(given, one.name) for one in fields(given)
+              if getattr(given, one.name) != _default(one)}
+    return {key: _changed(x) if is_dataclass(x) else x for key, x in values.items()}
+
+
+def _default(one: Field[Any]) -> Any:
+    return one.default if one.default_factory is MISSING else one.default_factory()
+
+
+def _inline(value: Any) -> str:
+    """A value in one line of TOML, whose basic strings escape as JSON's do."""
+    if isinstance(value, dict):
+        return f"{{ {', '.join(f'{key} = {_inline(x)}' for key, x in value.items())} }}"
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(_inline, value))}]"
+    if isinstance(value, Conditions):
+        return _inline(_changed(value))
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    return repr(float(value)) if isinstance(value, float) else repr(value)

@@ -21,14 +21,7 @@ from rans.optimal.trajectory.objectives import MinimumFuel, MinimumTime
 from rans.show import panels
 from rans.show.comparison_tables import RETURN, Scores
 from rans.show.figures import styled
-from rans.show.panels import BLUE, GREEN, GREY, INK, ORANGE, PLAIN, PURPLE, RED, SKY, label
-
-_LOOKS = ((BLUE, "o"), (ORANGE, "s"), (GREEN, "D"), (PURPLE, "^"), (RED, "v"), (SKY, "P"))
-"""Colour and marker of each contestant, in their order; from the seventh on they repeat."""
-
-
-def _look(k: int) -> tuple[str, str]:
-    return _LOOKS[k % len(_LOOKS)]
+from rans.show.panels import GREY, INK, PLAIN, RED, label, look
 
 
 def _logarithmic(axes: Axes, axis: Axis, marks: Sequence[float] = (1.0, 2.0, 5.0)) -> None:
@@ -111,7 +104,7 @@ def _draw_sweep(axes: Axes, comparison: Comparison, starts: Sequence[int]) -> No
 
 def _draw_contestant(axes: Axes, entry: Entry, starts: Sequence[int], bootstrap: Bootstrap, k: int) -> None:
     """A point with its intervals; in the legend, how many never arrive."""
-    colour, marker = _look(k)
+    colour, marker = look(k)
     x, y = (bootstrap.median(values[starts]) for values in (entry.arrival, entry.arrival_thrust))
     count = int(np.isfinite(entry.arrival[starts]).sum())
     name = entry.name + ("" if count == len(starts) else f" ({count} of {len(starts)} arrive)")
@@ -151,7 +144,7 @@ def _histograms(axes: Axes, ratios: dict[str, np.ndarray], names: Sequence[str])
     highest = max(1, *(count.max() for count in counts.values()))
     for k, name in enumerate(names):
         if name in counts:
-            colour = INK if name == "best found" else _look(k)[0]
+            colour = INK if name == "best found" else look(k)[0]
             axes.bar(bins[:-1], 0.85 * counts[name] / highest, np.diff(bins), -k, color=colour, align="edge")
         axes.axhline(-k, color=GREY, linewidth=0.6)
     axes.set_yticks([0.35 - k for k in range(len(names))], names)
@@ -170,7 +163,7 @@ def final_error_curves(entries: Sequence[Entry]) -> Figure:
     for axes, quantity in zip(grid, quantities, strict=True):
         factor, unit = DISPLAY[quantity]
         for k, entry in enumerate(entries):
-            axes.ecdf(factor * entry.errors[quantity], color=_look(k)[0], label=entry.name)
+            axes.ecdf(factor * entry.errors[quantity], color=look(k)[0], label=entry.name)
         bound = entries[0].flight.task.tolerances().get(quantity)
         if bound is not None:
             axes.axvline(factor * bound, color=INK, linestyle="--", linewidth=1.0, label="tolerance")
@@ -190,7 +183,7 @@ def shares_and_latency(board: dict[str, Scores]) -> Figure:
     grid = figure.subplots(1, len(keys), squeeze=False, sharey=True)[0]
     for axes, key in zip(grid, keys, strict=True):
         for k, row in enumerate(board.values()):
-            colour, marker = _look(k)
+            colour, marker = look(k)
             axes.errorbar([row[key].value], [-k], xerr=_bars(row[key]), color=colour, marker=marker,
                           linestyle="", elinewidth=1.6, capsize=3, markersize=6)
         axes.set_yticks([-k for k in range(len(board))], list(board))

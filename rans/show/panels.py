@@ -21,6 +21,14 @@ BLUE, ORANGE, GREEN, RED, PURPLE, SKY = "#0072B2", "#E69F00", "#009E73", "#D55E0
 INK, GREY = "#1F2933", "#7B8794"
 """Colours of Okabe and Ito ("Color Universal Design", 2008), and two neutral ones."""
 
+_LOOKS = ((BLUE, "o"), (ORANGE, "s"), (GREEN, "D"), (PURPLE, "^"), (RED, "v"), (SKY, "P"))
+
+
+def look(k: int) -> tuple[str, str]:
+    """Colour and marker of contestant k; from the seventh on they repeat."""
+    return _LOOKS[k % len(_LOOKS)]
+
+
 STYLE: dict[Any, Any] = {
     "axes.axisbelow": True, "axes.edgecolor": GREY, "axes.grid": True, "axes.labelcolor": INK,
     "axes.spines.right": False, "axes.spines.top": False, "axes.titlelocation": "left",

@@ -31,13 +31,14 @@ def report_from_run(run: Path) -> Page:
 
     A run may hold ``config.json``, ``validation.json`` (checks), ``metrics.jsonl`` (training),
     ``evaluation.json`` (one or several `Metrics`), ``evaluation.svg``, ``episode.svg``, the same of
-    protocols and tasks, as ``evaluation-paper.json``, and ``compare.json``. `ConfigError` if there is no
-    such folder or it holds no results, or a file is damaged.
+    protocols and tasks, as ``evaluation-paper.json``, ``compare.json`` and ``stress.json``. `ConfigError` if
+    there is no such folder or it holds no results, or a file is damaged.
     """
     evaluations = sorted(run.glob("evaluation*.json"), key=lambda file: file.stem)
     builders: dict[str, Callable[[Any], Section]] = {
         "validation.json": validation_section, "metrics.jsonl": training_section,
-        **{file.name: partial(_evaluation, file) for file in evaluations}, "compare.json": comparison_section}
+        **{file.name: partial(_evaluation, file) for file in evaluations}, "compare.json": comparison_section,
+        "stress.json": stress_section}
     sections = [s for name, build in builders.items() if (s := _read(run / name, build))]
     if not sections:
         raise ConfigError(f"{run} holds no results to report; is it a run folder?")
@@ -112,6 +113,16 @@ def comparison_section(comparison: Mapping[str, Any]) -> Section:
     findings = [*(Finding(text, False) for text in comparison["failures"]), *map(Finding, texts)]
     return Section("Comparison", f"{comparison['title']}.", [Table(("contestant", "outcome"), summary)], (),
                    findings, summary, "compare.html")
+
+
+def stress_section(stress: Mapping[str, Any]) -> Section:
+    """Shares held in worlds without a size (`rans.show.stress_page`); stress.html has the rest."""
+    rows = [(f"{name}: {who}", "{value:.1%} ({low:.1%} to {high:.1%})".format(**found["held"]))
+            for name, world in stress["worlds"].items() if world["size"] is None
+            for who, found in world["contestants"].items()]
+    findings = [Finding(text, False) for text in stress["failures"]]
+    return Section("Stress", f"{stress['title']}.", [Table(("conditions", "held"), rows)], (), findings, rows,
+                   "stress.html")
 
 
 def _outcome(row: Mapping[str, Any]) -> str:

@@ -82,10 +82,35 @@ def test_a_spacecraft_drake_refuses_is_one_sentence(tmp_path, capsys) -> None:
 
 def test_what_could_not_be_checked_is_said(monkeypatch, capsys) -> None:
     monkeypatch.setattr(shutil, "which", lambda _: None)
-    assert main(["validate", "--layer", "compiled"]) == 0
+    assert main(["validate", "--layer", "compiled"]) == 1
     printed = capsys.readouterr().out
     assert "not run" in printed
+    assert "Nothing could be checked" in printed
     assert "C++ compiler" in printed
+
+
+def test_conditions_are_flown_effect_by_effect(tmp_path, capsys) -> None:
+    """Their own file is named in the command that repeats what is closest to its bound."""
+    file, folder = tmp_path / "push.toml", tmp_path / "checked"
+    file.write_text("[disturbances]\nforce = [0.0, 0.2]\n[sensors.position]\nnoise = 0.01\n", "utf-8")
+    command = ["validate", "--quick", "--layer", "conditions", "--conditions", str(file)]
+    assert main([*command, "--output", str(folder)]) == 0
+    read = json.loads((folder / "validation.json").read_text("utf-8"))
+    assert [check["name"] for check in read["checks"]] == [
+        f"{group}: {what}" for group in ("steady pushes", "readings", "all together")
+        for what in ("motion", "told")]
+    page = (folder / "validation.html").read_text("utf-8")
+    assert f"--layer conditions --conditions {file}" in page
+    assert page.count("<img") == 1  # how errors grow under all of them
+
+
+@pytest.mark.parametrize(("arguments", "sentence"), [
+    (["--layer", "conditions"], "needs some to fly under, as in --conditions lab"),
+    (["--conditions", "moon"], "no conditions named 'moon'"),
+])
+def test_conditions_that_are_not_there(arguments: list[str], sentence: str, capsys) -> None:
+    assert main(["validate", "--quick", *arguments]) == 2
+    assert sentence in capsys.readouterr().err
 
 
 def test_a_failed_check_ends_with_code_1(monkeypatch, capsys) -> None:

@@ -16,6 +16,10 @@ from typing import Any
 import pytest
 
 from rans.cli import main
+from rans.model.fields import leaves
+from rans.model.spacecraft_file import load_spacecraft
+from rans.scenario import scenario
+from rans.tasks import GoToPose
 from tests.cli.test_train import tiny
 from tests.processes import PATIENCE, command, wait_until
 
@@ -38,6 +42,18 @@ def test_a_replay_is_saved(engine: str, capsys: pytest.CaptureFixture[str]) -> N
     assert 2e6 < Path("replay.html").stat().st_size < 5e6
 
 
+def test_one_episode_of_a_seed_by_number(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Beside the first, a controller by its name flies the same craft from the same start."""
+    shown: list[Any] = []
+    monkeypatch.setattr("rans.cli.view.View._show", lambda _, flights: shown.extend(flights))
+    assert main(["view", "lqr:go-to-pose-2d@atmos", "mpc", "--episode", "5", "--seed", "7"]) == 0
+    craft, task = load_spacecraft("atmos"), GoToPose().for_evaluation()
+    start = scenario(task, 2, 7, 5).start
+    for flight in shown:
+        assert flight.craft == craft
+        assert [x[0, 0] for x in leaves(flight.states)] == list(leaves(start))
+
+
 def test_it_serves_until_it_is_interrupted() -> None:
     with command("view", "lqr:go-to-pose-2d") as process:
         assert process.stdout is not None
@@ -54,6 +70,7 @@ def test_it_serves_until_it_is_interrupted() -> None:
 @pytest.mark.parametrize(("arguments", "said"), [
     ([], "say who flies"),
     (["nowhere"], "nowhere is not a run folder"),
+    (["lqr:go-to-pose-2d", "--episode", "-1"], "--episode must be >= 0"),
     (["lqr:go-to-pose-2d", "--episodes", "0"], "--episodes must be >= 1 and < 2^31, got 0"),
     (["lqr:go-to-pose-2d", "--frames", "frames.xyz"], "use .png"),
     (["lqr:go-to-pose-2d", "--save", ""], "must end in .html, got '.'"),
@@ -116,15 +133,16 @@ def test_every_option_reaches_the_flights(monkeypatch: pytest.MonkeyPatch,
     """And of all flights the first is framed."""
     asked, framed = [], []
 
-    def flown(controller: Any, _: Any, *given: Any) -> Any:
-        asked.append((controller.name, *given))
+    def flown(controller: Any, _: Any, *given: Any, first: int) -> Any:
+        asked.append((controller.name, *given, first))
         return SimpleNamespace(flight=SimpleNamespace(controller=controller.name))
 
     monkeypatch.setattr("rans.evaluation.fly.judge.flown", flown)
     monkeypatch.setattr("rans.show.frames.save_frames", lambda *given: framed.append(given))
-    options = ["--episodes", "3", "--seed", "8", "--engine", "drake", "--frames", "ten.png"]
+    options = ["--episodes", "3", "--seed", "8", "--engine", "drake", "--frames", "ten.png",
+               "--episode", "4"]
     assert main(["view", "lqr:go-to-pose-2d", "mpc:go-to-pose-2d", *options]) == 0
-    assert asked == [("LQR", 8, 3, "drake"), ("MPC", 8, 3, "drake")]
+    assert asked == [("LQR", 8, 3, "drake", 4), ("MPC", 8, 3, "drake", 4)]
     [(flight, number, file)] = framed
     assert (flight.controller, number, file) == ("LQR", 0, Path("ten.png"))
     assert capsys.readouterr().out == "Ten frames of LQR are in ten.png.\n"

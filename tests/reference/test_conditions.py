@@ -29,7 +29,8 @@ from rans.scenario import draws, scenarios
 from rans.tasks import GoToPose
 from tests.crafts import nasty_planar, nasty_spatial
 from tests.worlds import EFFECTS, PAIRS
-from validation.sampling import Restless, gap
+from validation.conditions import Watching
+from validation.sampling import gap
 
 TASK = GoToPose(fail_distance=1e3, fail_spin=1e3)
 """Which never ends before its time."""
@@ -43,18 +44,6 @@ period leave 1e-9, eight 2e-10 and twelve 5e-11, whatever Drake's step is."""
 DRAKE_STEP = {2: 0.01, 3: 0.005}
 """s; in space 0.01 s leaves some 1e-9 of its own."""
 LAGS = ("latency", "rise", "fall", "all")
-
-
-class Watching(Restless):
-    """Keeps what it was told."""
-
-    def reset(self, count: int) -> None:
-        self.states, self.seen = [], []
-
-    def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        self.states.append(np.array(leaves(state), dtype=float))
-        self.seen.append(observation)
-        return super().act(state, goal, observation)
 
 
 every_effect = pytest.mark.parametrize("effect", EFFECTS)

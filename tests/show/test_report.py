@@ -56,6 +56,10 @@ def run(tmp_path: Path) -> Path:
         "compare.json": {"title": "1 start", "failures": [], "summary": [
             {"contestant": "agent", "starts": 1, "flown": 1, "settled": 1, "median_settling_time": 6.5,
              "mean_impulse": 20.0}]},
+        "stress.json": {"title": "agent, 4 episodes", "failures": [], "worlds": {
+            "lab": {"size": None, "contestants": {
+                "agent": {"held": {"value": 0.5, "low": 0.15, "high": 0.85}}}},
+            "latency-0.1": {"size": 0.1, "contestants": {"agent": {"held": {}}}}}},
     }
     for name, content in contents.items():
         (tmp_path / name).write_text(json.dumps(content))
@@ -65,10 +69,11 @@ def run(tmp_path: Path) -> Path:
 
 def test_report_from_run_holds_everything(run: Path) -> None:
     page = Read(report_from_run(run).html())
-    headings = ["Validation", "Training", "Evaluation", "Comparison", "Configuration"]
+    headings = ["Validation", "Training", "Evaluation", "Comparison", "Stress", "Configuration"]
     assert [text for text in page.text if text in headings] == headings * 2  # in the links and above
     for text in ("rans train go-to-pose", "rans 0.1.0, revision abc1234", "timing.control_period",
-                 "2.45 cm", "compare.html", "10,000", "5.0 s", "100.0%"):
+                 "2.45 cm", "compare.html", "stress.html", "50.0% (15.0% to 85.0%)", "10,000", "5.0 s",
+                 "100.0%"):
         assert text in page.text
     assert page.tags.count("img") == 3  # learning curve, two of the flight
 
@@ -77,7 +82,8 @@ def test_report_loads_nothing_from_elsewhere(run: Path) -> None:
     html = report_from_run(run).html()
     page = Read(html)
     assert page.links
-    assert all(link.startswith(("data:", "#")) or link == "compare.html" for link in page.links)
+    assert all(link.startswith(("data:", "#")) or link in ("compare.html", "stress.html")
+               for link in page.links)
     assert not {"script", "link", "iframe"} & set(page.tags)
     assert "url(" not in html
     assert "@import" not in html
@@ -102,7 +108,8 @@ def test_failures_come_first(run: Path) -> None:
     assert "rollout: 0.002 m, tolerance 1e-09." in text[:20]
 
 
-@pytest.mark.parametrize("kept", ["validation.json", "metrics.jsonl", "evaluation.json", "compare.json"])
+@pytest.mark.parametrize("kept", ["validation.json", "metrics.jsonl", "evaluation.json", "compare.json",
+                                  "stress.json"])
 def test_what_is_missing_is_left_out(run: Path, kept: str) -> None:
     for file in run.iterdir():
         if file.name != kept:
@@ -125,7 +132,8 @@ def test_a_damaged_file_is_named(run: Path) -> None:
         report_from_run(run)
 
 
-@pytest.mark.parametrize("name", ["config.json", "validation.json", "evaluation.json", "compare.json"])
+@pytest.mark.parametrize("name", ["config.json", "validation.json", "evaluation.json", "compare.json",
+                                  "stress.json"])
 @pytest.mark.parametrize("content", [
     '[3]', '3', '"text"', '{"rows": 3, "checks": 3, "summary": 3, "controller": 3, "about": 3}'])
 def test_other_content_is_named(run: Path, name: str, content: str) -> None:

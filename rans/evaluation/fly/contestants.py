@@ -35,8 +35,10 @@ def contestant(spec: str, protocol: ProtocolName = "own", lent: Setup | None = N
             the end picks one of the tasks of a multi-task agent. Policies made elsewhere (see
             `user_policy`) know no task of their own: `ConfigError` if they are lent none.
         protocol: see `rans.evaluation.fly.protocols.under_protocol`.
-        lent: somebody's setup, in which policies made elsewhere fly.
+        lent: somebody's setup, in which policies made elsewhere fly, and a controller by its bare name.
     """
+    if lent is not None and spec in CONTROLLERS:
+        return LoadedRun(controller(spec, lent), *lent)
     if is_user_policy(spec):
         if lent is None:
             raise ConfigError(f"{spec} knows no task: name somebody who does before it, as in rans compare "
@@ -64,6 +66,8 @@ def output_folder(spec: str) -> Path:
 
 def controller_name(spec: str) -> str:
     """Which of `CONTROLLERS` a text names, or nothing: these need no training."""
+    if spec in CONTROLLERS:
+        return spec
     kind = "" if is_user_policy(spec) else _parse(spec)[0]
     return "" if kind == "pretrained" else kind
 

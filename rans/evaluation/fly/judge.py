@@ -35,21 +35,24 @@ class Flown(NamedTuple):
 
 
 def flown(controller: Controller, setup: Setup, seed: int, episodes: int, engine: EngineName = "fast",
-          workers: int | None = None, progress: Callable[[int], object] = lambda _: None) -> Flown:
+          workers: int | None = None, progress: Callable[[int], object] = lambda _: None,
+          first: int = 0) -> Flown:
     """Fly from the task's starts; `RansError` if Drake refuses the mass properties, or a process died.
 
     Args:
         controller: can be pickled; one that is slow has a true attribute ``slow``.
         setup: what flies, what for and how long; with the starts to fly from.
         seed: of starts and goals; they are those of `rans.scenario.scenarios`.
-        episodes: how many, from episode 0 of the seed on.
+        episodes: how many.
         engine: what computes the motion.
         workers: processes (see `rans.processes.submitted`); by default one per processor.
         progress: called with the number of episodes that were flown since the last call.
+        first: number of the first episode of the seed.
     """
     slow = getattr(controller, "slow", False)
     share = _SLOW_SHARE if slow else _SHARE if engine == "drake" else episodes
-    jobs = [(seed, first, min(share, episodes - first)) for first in range(0, episodes, share)]
+    end = first + episodes
+    jobs = [(seed, begin, min(share, end - begin)) for begin in range(first, end, share)]
     if len(jobs) == 1:
         only = _flown(controller, setup, engine, *jobs[0])
         progress(episodes)

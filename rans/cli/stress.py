@@ -1,0 +1,94 @@
+"""``rans stress``: how much of each trouble agents and controllers bear."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+from rans.cli import check_count
+from rans.errors import ConfigError
+from rans.files import ready_folder
+from rans.scenario import EVALUATION_SEED
+from rans.terminal import Terminal, progress, table
+
+if TYPE_CHECKING:
+    from rans.show.stress_page import StressReport
+
+_SHOWN = 5
+"""Commands that the terminal lists."""
+_SHIPPED = ("lab", "roboran", "orbit", "harsh")
+
+
+@dataclass(frozen=True)
+class Stress:
+    """Fly agents and controllers under every trouble, ever larger, and under whole sets of conditions.
+
+    Writes stress.html, stress.json and a folder stress of conditions, with which `rans view` shows the worst
+    episodes again. A contestant that fails is named, the rest is still flown, and the exit code is 1.
+    """
+
+    contestants: Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="RUN...")]
+    """As for `rans compare`; the first gives task, spacecraft and rate, others are compared with it. After
+    it also controllers by name, such as lqr."""
+    conditions: tuple[str, ...] = _SHIPPED
+    """Names (see `rans list CONDITIONS`) or TOML files flown in beside single troubles."""
+    only: Annotated[tuple[str, ...], tyro.conf.arg(metavar="TROUBLE...")] = ()
+    """Single troubles to fly, such as latency "noise of position"; by default all."""
+    episodes: int = 256
+    """Flights in each world."""
+    slow_episodes: int = 32
+    """The same of controllers that are slow, such as mpc."""
+    seed: int = EVALUATION_SEED
+    """Of starts, goals and troubles."""
+    worst: int = 3
+    """Worst episodes to list of each contestant in a world."""
+    workers: int | None = None
+    """Processes; by default one per processor."""
+    output: Path | None = None
+    """Folder of the results; by default that of the first contestant."""
+
+    def run(self) -> int:
+        """Print what each bears."""
+        from rans.evaluation.compare.roster import contest_of
+        from rans.evaluation.fly.contestants import output_folder
+        from rans.evaluation.stress.run import fill, prepared
+        from rans.show.stress_page import StressReport
+
+        if not self.contestants:
+            raise ConfigError("name at least one contestant, for example a run folder.")
+        for name in ("episodes", "slow_episodes", "workers"):
+            check_count(f"--{name.replace('_', '-')}", getattr(self, name))
+        if self.worst < 0:
+            raise ConfigError(f"--worst must be >= 0, got {self.worst}.")
+        contest = contest_of(self.contestants[0], self.episodes, self.seed)
+        stress = prepared(contest, self.contestants, self.conditions, self.only, self.slow_episodes)
+        folder = ready_folder(self.output or output_folder(self.contestants[0]))
+        flights = len(stress.levels) * sum(map(stress.episodes, stress.contestants.values()))
+        try:
+            with progress() as bars:
+                bar = bars.add_task(f"{len(stress.levels)} worlds", total=flights)
+                fill(stress, partial(bars.advance, bar), self.workers)
+        finally:  # also after Ctrl-C: what was flown is kept
+            _show(StressReport(stress, folder, self.worst))
+        return 1 if stress.failures else 0
+
+
+def _show(report: StressReport) -> None:
+    console, stress = Terminal(room=100), report.stress
+    if stress.outcomes:
+        report.write()
+        console.print(table(report.title(), ("held, %", *stress.names),
+                            [[cell or "-" for cell in row] for row in report.named_rows()]))
+        if stress.effects:
+            console.print(table("Size of a trouble up to which 99 % are held", report.effect_columns(),
+                                report.effect_rows()))
+        for world, who, episode, errors, command in [*report.worst_rows()][:_SHOWN]:
+            console.print(f"{who}, {world}, episode {episode} ({errors}): {command}", soft_wrap=True)
+    for sentence in (*report.notes(), *stress.failures):
+        console.print(sentence, soft_wrap=True)
+    if stress.outcomes:
+        console.print(f"Written to {report.folder / 'stress.html'}, stress.json and the folder stress.")

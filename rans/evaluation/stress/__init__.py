@@ -1,0 +1,1 @@
+"""How much of each trouble contestants bear, and who bears more."""

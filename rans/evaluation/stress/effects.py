@@ -1,0 +1,147 @@
+"""Troubles by size: each alone, the same in every episode, from nothing to more than anybody holds."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+from math import radians
+
+import numpy as np
+
+from rans.model.conditions import (
+    BodyConditions,
+    Conditions,
+    DisturbanceConditions,
+    FaultConditions,
+    SensorConditions,
+    SensorsConditions,
+    ThrusterConditions,
+)
+from rans.model.spacecraft import Spacecraft
+from rans.model.timing import Timing
+
+_Thrusters, _Body, _Sensors = ThrusterConditions, BodyConditions, SensorsConditions
+
+
+@dataclass(frozen=True)
+class Level:
+    """One world that contestants fly in."""
+
+    effect: str
+    """Name of the effect, or of the conditions."""
+    size: float | None
+    """In the effect's unit; None where there is nothing to measure."""
+    conditions: Conditions
+
+    @property
+    def name(self) -> str:
+        """Also that of its file."""
+        words = re.sub(r"[^\w.]+", "-", self.effect).strip("-")
+        return words if self.size is None else f"{words}-{self.size:g}"
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One trouble that can be small or large."""
+
+    group: str
+    """Heading under which it belongs."""
+    name: str
+    unit: str
+    """Of its sizes."""
+    nominal: float
+    """The size at which there is no trouble."""
+    sizes: tuple[float, ...]
+    """From the smallest trouble to the largest."""
+    make: Callable[[float], Conditions]
+    """The world of one size."""
+
+    def levels(self) -> Iterator[Level]:
+        """A world a size."""
+        for size in self.sizes:
+            yield Level(self.name, size, self.make(size))
+
+
+def effects(craft: Spacecraft, timing: Timing) -> list[Effect]:
+    """Every effect, as far as this spacecraft can meet it.
+
+    Sizes reach beyond the ranges of `rans.fast.learn.troubles`, in which agents that knew one perfect world
+    broke; pushes and turns are shares of what the strongest thruster gives, least on-times whole periods.
+    """
+    valves = [Effect("Valves", "latency", "s", 0.0, (0.025, 0.05, 0.1, 0.2, 0.3), _latency),
+              Effect("Valves", "rise", "s", 0.0, (0.05, 0.1, 0.2, 0.4), _rise)]
+    if not craft.actuators.is_continuous:
+        periods = tuple(round(k * timing.control_period, 6) for k in (2, 3, 4, 5))
+        valves.append(Effect("Valves", "least on-time", "s", timing.control_period, periods, _least_on))
+    return [*valves, Effect("Valves", "thrust of each off by", "%", 0.0, (10.0, 25.0, 50.0, 75.0), _thrust),
+            Effect("Valves", "one thruster weaker by", "%", 0.0, (25.0, 50.0, 75.0, 100.0), _weak),
+            *_of_body(), *_disturbances(craft), *_readings()]
+
+
+def _of_body() -> Iterator[Effect]:
+    more, less = (1.25, 1.5, 2.0, 3.0), (0.8, 0.65, 0.5, 0.35)
+    for name, factors in (("more mass", more), ("less mass", less)):
+        yield Effect("Body", name, "times", 1.0, factors, lambda x: Conditions(_Body(mass=x)))
+    for name, factors in (("more inertia", more), ("less inertia", less)):
+        yield Effect("Body", name, "times", 1.0, factors, lambda x: Conditions(_Body(inertia=x)))
+    yield Effect("Body", "centre of mass", "cm", 0.0, (1.0, 2.0, 3.0, 5.0, 8.0),
+                 lambda x: Conditions(_Body(centre=x / 100.0)))
+
+
+def _disturbances(craft: Spacecraft) -> Iterator[Effect]:
+    wrenches, size = np.array(craft.wrench_map), craft.dimension
+    force, torque = (float(np.linalg.norm(part, axis=1).max())
+                     for part in (wrenches[:, :size], wrenches[:, size:]))
+    for name, unit, most in (("force", "N", force), ("torque", "N m", torque)):
+        sizes = tuple(float(f"{share * most:.2g}") for share in (0.1, 0.2, 0.3, 0.5, 0.7) if most > 0.0)
+        yield Effect("Disturbances", name, unit, 0.0, sizes, partial(_pushed, name))
+
+
+def _readings() -> Iterator[Effect]:
+    yield Effect("Readings", "readings late by", "periods", 0.0, (1.0, 2.0, 3.0), _old)
+    lengths, angles = (1.0, 2.0, 3.0, 5.0), (1.0, 2.0, 3.0, 5.0)
+    for quantity, unit, sizes, factor in (
+            ("position", "cm", lengths, 0.01), ("attitude", "degrees", angles, radians(1.0)),
+            ("velocity", "cm/s", lengths, 0.01), ("spin", "degrees/s", angles, radians(1.0))):
+        yield Effect("Readings", f"noise of {quantity}", unit, 0.0, sizes, partial(_noisy, quantity, factor))
+
+
+def _latency(s: float) -> Conditions:
+    return Conditions(thrusters=_Thrusters(latency=s))
+
+
+def _rise(s: float) -> Conditions:
+    return Conditions(thrusters=_Thrusters(rise=s))
+
+
+def _least_on(s: float) -> Conditions:
+    return Conditions(thrusters=_Thrusters(least_on=s))
+
+
+def _thrust(percent: float) -> Conditions:
+    return Conditions(thrusters=_Thrusters(thrust=(1.0 - percent / 100.0, 1.0 + percent / 100.0)))
+
+
+def _weak(percent: float) -> Conditions:
+    return Conditions(faults=FaultConditions(count=1.0, kinds=("weak",), share=1.0 - percent / 100.0))
+
+
+def _pushed(name: str, size: float) -> Conditions:
+    return Conditions(disturbances=replace(DisturbanceConditions(), **{name: size}))
+
+
+def _old(periods: float) -> Conditions:
+    return Conditions(sensors=_Sensors(delay=periods))
+
+
+def _noisy(quantity: str, factor: float, size: float) -> Conditions:
+    noise = SensorConditions(noise=factor * size)
+    return Conditions(sensors=replace(_Sensors(), **{quantity: noise}))
+
+
+def failures() -> list[Level]:
+    """Which have no size: one thruster that fails as the episode begins, any of them."""
+    return [Level(f"one thruster {kind}", None, Conditions(faults=FaultConditions(count=1.0, kinds=(kind,))))
+            for kind in ("dead", "stuck-open")]

@@ -1,0 +1,97 @@
+"""How episodes ended, and to which size of a trouble contestants hold their goals."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import reduce
+from typing import NamedTuple
+
+import numpy as np
+
+from rans.evaluation.measure.metrics import last_fifth
+from rans.evaluation.measure.statistics import Estimate, share
+from rans.flight import Flight
+
+WANTED = 0.99
+"""Share of episodes from which a trouble counts as mastered (issue 16's, and `rans.show.report`'s)."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How N episodes of one contestant in one world ended, by their numbers."""
+
+    errors: dict[str, np.ndarray]
+    """The largest of every error that has a tolerance over the last fifth, (N,) SI; infinite if lost."""
+    excess: np.ndarray
+    """The largest of them in tolerances, (N,)."""
+
+    @classmethod
+    def of(cls, flight: Flight) -> Outcome:
+        """What flights came to, in truth."""
+        found, bounds = flight.errors(), flight.task.tolerances()
+        worst = {name: np.nan_to_num(last_fifth(found[name]).max(axis=0), nan=np.inf) for name in bounds}
+        return cls(worst, reduce(np.maximum, [worst[name] / bounds[name] for name in bounds]))
+
+    @classmethod
+    def joined(cls, parts: Sequence[Outcome]) -> Outcome:
+        """Those of consecutive episodes as one."""
+        errors = {name: np.concatenate([part.errors[name] for part in parts]) for name in parts[0].errors}
+        return cls(errors, np.concatenate([part.excess for part in parts]))
+
+    @property
+    def held(self) -> np.ndarray:
+        """(N,) within all tolerances at every step of the last fifth."""
+        return self.excess < 1.0
+
+    @property
+    def share(self) -> Estimate:
+        """Of held episodes, with Wilson's interval."""
+        return share(self.held)
+
+    def worst(self, count: int) -> list[int]:
+        """At most so many episodes that were not held, the farthest from their goals first."""
+        ranking = np.argsort(-self.excess, kind="stable")
+        return [int(k) for k in ranking[:count] if not self.held[k]]
+
+
+def holds_to(sizes: Sequence[float], shares: Sequence[Estimate]) -> float | None:
+    """The size up to which at every flown one 99 % are held; None if not even at the first."""
+    held = [size for k, size in enumerate(sizes) if all(one.value >= WANTED for one in shares[:k + 1])]
+    return held[-1] if held else None
+
+
+class BreakEven(NamedTuple):
+    """Where two are equally good: 1 stands for the first of them, -1 for the second, 0 for neither."""
+
+    size: float | None
+    """Up to which neither is ahead, or at which the lead changes hands; None: there is no such size."""
+    before: int
+    """Who is ahead at smaller sizes."""
+    after: int
+    """And at larger ones."""
+
+    def text(self, first: str, second: str, unit: str) -> str:
+        """In words."""
+        names = {1: first, -1: second, 0: "alike"}
+        if self.size is None:
+            return f"{names[self.after]} throughout"
+        return f"{names[self.before]} to {self.size:.3g} {unit}, then {names[self.after]}"
+
+
+def break_even(sizes: Sequence[float], first: Sequence[Estimate], second: Sequence[Estimate]) -> BreakEven:
+    """Who bears more of a trouble; who is ahead is only where the two intervals share no point.
+
+    Where the lead changes hands, that is where the straight line between two sizes' differences is zero.
+    """
+    leads = [(a.low > b.high) - (a.high < b.low) for a, b in zip(first, second, strict=True)]
+    begins = next((k for k, lead in enumerate(leads) if lead), None)
+    if begins is None:
+        return BreakEven(None, 0, 0)
+    leader = leads[begins]
+    turned = next((k for k, lead in enumerate(leads) if lead == -leader), None)
+    if turned is not None:
+        last = max(k for k in range(turned) if leads[k] == leader)
+        a, b = (first[k].value - second[k].value for k in (last, turned))
+        return BreakEven(sizes[last] + (sizes[turned] - sizes[last]) * a / (a - b), leader, -leader)
+    return BreakEven(None, leader, leader) if begins == 0 else BreakEven(sizes[begins - 1], 0, leader)

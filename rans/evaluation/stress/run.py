@@ -1,0 +1,213 @@
+"""Everybody flown in every world, on all processors; what was flown is kept when somebody interrupts."""
+
+from __future__ import annotations
+
+import pickle
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import as_completed
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any, NamedTuple
+
+from rans.errors import ConfigError, RansError
+from rans.evaluation.compare.contest import Contest, Contestant
+from rans.evaluation.compare.roster import enlist
+from rans.evaluation.measure.statistics import Estimate
+from rans.evaluation.stress.effects import Effect, Level, effects, failures
+from rans.evaluation.stress.outcome import BreakEven, Outcome, break_even
+from rans.files import first_line
+from rans.flight import fly
+from rans.model.conditions import Conditions
+from rans.model.conditions_file import load_conditions
+from rans.processes import submitted
+from rans.registry import meant
+from rans.scenario import draws, scenarios
+
+_PERFECT = Level("perfect", None, Conditions())
+_SHARE, _SLOW_SHARE = 1024, 8
+"""Episodes that a process flies at once; of a controller that solves a problem for each."""
+
+
+@dataclass
+class Stress:
+    """What is flown, and everything found so far."""
+
+    contest: Contest
+    """Plant, task and starts, in a perfect world."""
+    named: Sequence[Level]
+    """Worlds without a size: a perfect one, conditions by name or file, and failed thrusters."""
+    effects: Sequence[Effect]
+    slow_episodes: int
+    """Of controllers that are slow, in place of the contest's."""
+    contestants: dict[str, Contestant] = field(default_factory=dict)
+    """By the text that named them; the first is the one that others are compared with."""
+    outcomes: dict[tuple[str, str], Outcome] = field(default_factory=dict)
+    """By names of world and contestant."""
+    failures: list[str] = field(default_factory=list)
+    """What went wrong, a sentence each."""
+    stopped: dict[str, int] = field(default_factory=dict)
+    """Times that a contestant's solver found nothing."""
+
+    @cached_property
+    def levels(self) -> list[Level]:
+        """Every world."""
+        return [*self.named, *(level for effect in self.effects for level in effect.levels())]
+
+    @property
+    def names(self) -> list[str]:
+        """Of the contestants."""
+        return [one.name for one in self.contestants.values()]
+
+    def episodes(self, one: Contestant) -> int:
+        """How many somebody flies in each world."""
+        few = getattr(one.controller, "slow", False)
+        return min(self.slow_episodes, self.contest.episodes) if few else self.contest.episodes
+
+    def curve(self, effect: Effect, name: str) -> tuple[list[float], list[Estimate]]:
+        """Sizes that somebody was flown at, the perfect world's first, and the shares held there."""
+        sizes, worlds = (effect.nominal, *effect.sizes), (_PERFECT, *effect.levels())
+        flown = [(size, self.outcomes[level.name, name].share) for size, level in
+                 zip(sizes, worlds, strict=True) if (level.name, name) in self.outcomes]
+        return [size for size, _ in flown], [found for _, found in flown]
+
+    def break_even(self, effect: Effect, other: str) -> BreakEven | None:
+        """Of the first contestant and another one, over the sizes that both flew; None: too few of them."""
+        (sizes, first), (others, second) = (self.curve(effect, name) for name in (self.names[0], other))
+        both = [size for size in sizes if size in others]
+        if len(both) < 2:
+            return None
+        return break_even(both, *([found[have.index(size)] for size in both]
+                                  for have, found in ((sizes, first), (others, second))))
+
+
+def prepared(contest: Contest, specs: Sequence[str], conditions: Sequence[str], only: Sequence[str],
+             slow_episodes: int) -> Stress:
+    """What is to be flown.
+
+    Args:
+        contest: of the first contestant, see `rans.evaluation.compare.roster.contest_of`.
+        specs: contestants; after the first also controllers by their bare names.
+        conditions: by name or file.
+        only: names of effects, or nothing for all.
+        slow_episodes: see `Stress`.
+
+    Raises:
+        ConfigError: there is no such contestant, effect or conditions, or they are not for this craft.
+    """
+    contest = replace(contest, conditions=None)
+    known = effects(contest.craft, contest.timing)
+    for name in only:
+        if name not in [effect.name for effect in known]:
+            raise ConfigError(f"there is no effect named {name!r}{meant(name, [e.name for e in known])}; "
+                              f"for {contest.craft.name} there are {', '.join(e.name for e in known)}.")
+    named = [_PERFECT, *(Level(name, None, load_conditions(name)) for name in dict.fromkeys(conditions)
+                         if name != _PERFECT.effect), *failures()]
+    for level in named:
+        level.conditions.check_valves(contest.craft)
+    stress = Stress(contest, named, [e for e in known if not only or e.name in only], slow_episodes)
+    for spec in dict.fromkeys(specs):
+        one = enlist(spec, contest)
+        stress.contestants[spec] = replace(one, name=spec) if one.name in stress.names else one
+    return stress
+
+
+class _Job(NamedTuple):
+    """Consecutive episodes of one contestant in one world."""
+
+    level: int
+    contestant: int
+    first: int
+    episodes: int
+
+
+class _Part(NamedTuple):
+    outcome: Outcome
+    stopped: int
+
+
+def fill(stress: Stress, progress: Callable[[int], object] = lambda _: None,
+         workers: int | None = None) -> None:
+    """Fly everyone; a contestant that fails is told in ``stress.failures`` and flies no more.
+
+    Args:
+        stress: is filled step by step, so that an interrupt leaves what was flown.
+        progress: called with the number of episodes that were flown since the last call.
+        workers: processes, by default one per processor; 1: this one.
+    """
+    made, jobs = list(stress.contestants.values()), list(_jobs(stress))
+    given = pickle.dumps((stress.contest, [one.controller for one in made],
+                          [level.conditions.or_none for level in stress.levels]))
+    parts: dict[tuple[int, int], dict[int, _Part]] = {}
+    lost: set[int] = set()
+    for job, answer in _answers(jobs, given, workers):
+        progress(job.episodes)
+        name, level = made[job.contestant].name, stress.levels[job.level]
+        if job.contestant in lost:
+            continue
+        if isinstance(answer, str):
+            lost.add(job.contestant)
+            stress.failures.append(f"{name}, in {level.name}: {answer}")
+            continue
+        flown = parts.setdefault((job.level, job.contestant), {})
+        flown[job.first] = answer
+        stress.stopped[name] = stress.stopped.get(name, 0) + answer.stopped
+        if sum(len(part.outcome.excess) for part in flown.values()) == stress.episodes(made[job.contestant]):
+            stress.outcomes[level.name, name] = Outcome.joined([flown[k].outcome for k in sorted(flown)])
+
+
+def _jobs(stress: Stress) -> Iterator[_Job]:
+    """World by world, so that what is flown first can be compared."""
+    for level in range(len(stress.levels)):
+        for k, one in enumerate(stress.contestants.values()):
+            count = stress.episodes(one)
+            share = _SLOW_SHARE if getattr(one.controller, "slow", False) else _SHARE
+            for first in range(0, count, share):
+                yield _Job(level, k, first, min(share, count - first))
+
+
+def _answers(jobs: list[_Job], given: bytes, workers: int | None) -> Iterator[tuple[_Job, _Part | str]]:
+    """Each job with what came of it, or what went wrong, as they end."""
+    if workers == 1:
+        _given[:] = pickle.loads(given)
+        yield from ((job, _tried(*job)) for job in jobs)
+        return
+    with submitted(_tried, jobs, workers, _load, (given,)) as futures:
+        job_of = dict(zip(futures, jobs, strict=True))
+        try:
+            for done in as_completed(futures):
+                yield job_of[done], done.result()
+        except BrokenProcessPool as error:
+            raise RansError("a process that flew episodes died; the usual cause is too little memory."
+                            ) from error
+
+
+_given: list[Any] = []
+"""Contest, controllers and worlds, in each worker process."""
+
+
+def _load(given: bytes) -> None:
+    import torch
+
+    torch.set_num_threads(1)  # one process per processor
+    _given[:] = pickle.loads(given)
+
+
+def _tried(*job: int) -> _Part | str:
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # who cannot bear a world may well tumble and overflow there
+            return _flown(*job)
+    except RansError as error:
+        return str(error)
+    except Exception as error:  # solvers and other people's code raise anything
+        return f"{type(error).__name__}: {first_line(error)}."
+
+
+def _flown(level: int, contestant: int, first: int, count: int) -> _Part:
+    contest, controllers, worlds = _given
+    controller, (craft, task, timing, _) = controllers[contestant], contest.setup
+    flight = fly(craft, task, controller, scenarios(task, craft, contest.seed, count, first), timing,
+                 conditions=worlds[level], draws=draws(contest.seed, count, first))
+    return _Part(Outcome.of(flight), getattr(controller, "failures", 0))

@@ -1,0 +1,111 @@
+"""``rans stress`` as a user runs it."""
+
+from __future__ import annotations
+
+import json
+import re
+import shlex
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import rans.evaluation.stress.run as run
+from rans.cli import main
+from rans.evaluation.stress.run import Stress
+from rans.show import stress_figures
+from rans.show.panels import BLUE, ORANGE
+from tests.evaluation.stress.test_run import FIRST, small
+
+QUICK = ["--only", "latency", "--conditions", "perfect", "--workers", "1", "--episodes", "2"]
+
+
+@pytest.fixture(autouse=True)
+def _elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+def test_pages_numbers_and_commands_that_show_it_again(monkeypatch: pytest.MonkeyPatch,
+                                                       capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr(run, "failures", list)
+    assert main(["stress", FIRST, "lqr", *QUICK, "--worst", "1", "--seed", "7"]) == 0
+    folder = Path("runs/evaluations/pretrained-go-to-pose-2d")
+    printed, read = capsys.readouterr().out, json.loads((folder / "stress.json").read_text("utf-8"))
+    assert read["effects"]["latency"]["holds_to"]["LQR"] >= 0.1
+    assert read["effects"]["latency"]["break_even_of_first"].keys() == {"LQR"}
+    lost = read["worlds"]["latency-0.3"]["contestants"]["go-to-pose-2d"]
+    assert lost["held"]["value"] == 0.0
+    assert lost["episodes"] == 2
+    page = (folder / "stress.html").read_text("utf-8")
+    assert "Held episodes over latency, s." in page
+    assert not re.search(r'(src|href)="(?!data:|#)', page), "a page that needs another file"
+    assert f"rans view {FIRST} --conditions" in printed
+    shown: list[Any] = []
+    monkeypatch.setattr("rans.cli.view.View._show", lambda _, flights: shown.extend(flights))
+    command = shlex.split(lost["worst"][0]["see"])
+    assert command[:2] == ["rans", "view"]
+    assert main(command[1:]) == 0
+    error = shown[0].errors()["position"][-25:].max()
+    assert error == pytest.approx(lost["worst"][0]["errors"]["position, m"], rel=1e-6)
+
+
+def test_a_failure_is_told_and_the_rest_written(capsys: pytest.CaptureFixture[str]) -> None:
+    command = ["stress", "lqr:go-to-pose-2d", "python:tests.evaluation.policies:broken", *QUICK]
+    assert main([*command, "--output", "here"]) == 1
+    assert "no such layer" in capsys.readouterr().out
+    assert "no such layer" in Path("here/stress.html").read_text("utf-8")
+    worlds = json.loads(Path("here/stress.json").read_text("utf-8"))["worlds"]
+    assert list(worlds["perfect"]["contestants"]) == ["LQR"]
+
+
+def test_interrupted_it_writes_what_was_flown(monkeypatch: pytest.MonkeyPatch,
+                                              capsys: pytest.CaptureFixture[str]) -> None:
+    true, calls = run._flown, []
+
+    def interrupted(*job: int) -> Any:
+        calls.append(job)
+        if len(calls) > 1:
+            raise KeyboardInterrupt
+        return true(*job)
+
+    monkeypatch.setattr(run, "_flown", interrupted)
+    assert main(["stress", "lqr:go-to-pose-2d", *QUICK, "--output", "here"]) == 130
+    worlds = json.loads(Path("here/stress.json").read_text())["worlds"]
+    assert [name for name, world in worlds.items() if world["contestants"]] == ["perfect"]
+    assert "what was written is kept" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("arguments", "sentence"), [
+    ([], "name at least one contestant"),
+    (["runs/nobody"], "runs/nobody"),
+    ([FIRST, "--episodes", "0"], "--episodes must be >= 1 and < 2^31, got 0"),
+    ([FIRST, "--slow-episodes", "0"], "--slow-episodes must be >= 1 and < 2^31, got 0"),
+    ([FIRST, "--worst", "-1"], "--worst must be >= 0, got -1"),
+    ([FIRST, "lqrr"], "lqrr is not a run folder"),
+    ([FIRST, "lqr:go-to-pose-3d"], "for the spacecraft free-flyer"),
+    ([FIRST, "--only", "rain"], "there is no effect named 'rain'"),
+    (["pretrained:multi-task-2d"], "pick one, as in pretrained:multi-task-2d#"),
+])
+def test_mistakes_end_in_a_sentence(arguments: list[str], sentence: str,
+                                    capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["stress", *arguments]) == 2
+    assert sentence in capsys.readouterr().err
+
+
+def flown() -> Stress:
+    stress = small(FIRST, "lqr", episodes=2)
+    run.fill(stress, workers=1)
+    return stress
+
+
+def test_figures_show_what_was_flown() -> None:
+    """Shares at every size, the perfect world's first, everybody in a colour of his own."""
+    stress = flown()
+    axes, = stress_figures.effect_figure(stress, stress.effects[0]).axes
+    lines = {line.get_label(): line for line in axes.lines if not str(line.get_label()).startswith("_")}
+    assert [line.get_color() for line in lines.values()] == [BLUE, ORANGE]
+    points = np.asarray(lines["LQR"].get_xydata())
+    np.testing.assert_allclose(points, [(0.0, 100.0), (0.025, 100.0), (0.05, 100.0), (0.1, 100.0)])
+    named, = stress_figures.named_figure(stress).axes
+    assert [text.get_text() for text in named.get_yticklabels()] == ["perfect"]

@@ -1,0 +1,68 @@
+"""Troubles by size: each is what its name says, and each craft meets those that it can."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from rans.evaluation.fly.controllers import UserPolicy
+from rans.evaluation.stress.effects import Effect, effects, failures
+from rans.flight import fly
+from rans.model.conditions import Conditions
+from rans.model.fields import leaves
+from rans.model.spacecraft_file import load_spacecraft
+from rans.model.timing import Timing
+from rans.scenario import draws, scenarios
+from rans.tasks import GoToPose
+
+PLATFORM = load_spacecraft("floating-platform")
+TASK, SHORT = GoToPose(), Timing(episode_steps=2)
+FULL = UserPolicy("half open", lambda seen: np.tile([1, 0, 0, 0, 1, 0, 0, 0], (len(seen), 1)), PLATFORM, TASK)
+FOUND = {effect.name: effect for effect in effects(PLATFORM, Timing())}
+
+
+def test_sizes_are_what_they_are_called() -> None:
+    """One of each unit, by hand."""
+    assert made("latency", 0.1).thrusters.latency == 0.1
+    assert made("thrust of each off by", 25.0).thrusters.thrust == (0.75, 1.25)
+    assert made("one thruster weaker by", 75.0).faults.share == 0.25
+    assert made("less inertia", 0.5).body.inertia == 0.5
+    assert made("centre of mass", 3.0).body.centre == pytest.approx(0.03)
+    assert made("torque", 0.031).disturbances.torque == 0.031
+    assert made("noise of spin", 2.0).sensors.spin.noise == pytest.approx(math.pi / 90.0)
+    assert made("readings late by", 1.0).sensors.delay == 1.0
+
+
+def made(name: str, size: float) -> Conditions:
+    assert size in FOUND[name].sizes
+    return FOUND[name].make(size)
+
+
+@pytest.mark.parametrize("effect", FOUND.values(), ids=FOUND)
+def test_nothing_at_the_nominal_size_and_always_more(effect: Effect) -> None:
+    """Flown, as some do draw then: least on-times of a period, which every valve keeps, and full shares."""
+    world = effect.make(effect.nominal)
+    states = [fly(PLATFORM, TASK, FULL, scenarios(TASK, PLATFORM, 1, 2), SHORT, conditions=conditions,
+                  draws=draws(1, 2)).states for conditions in (None, world)]
+    np.testing.assert_allclose(*map(leaves, states), rtol=0, atol=1e-12)
+    away = [abs(size - effect.nominal) for size in effect.sizes]
+    assert away == sorted(set(away))
+    assert away[0] > 0.0
+    assert all(level.conditions.or_none for level in effect.levels())
+
+
+def test_names_of_worlds_are_files_apart() -> None:
+    names = [level.name for effect in FOUND.values() for level in effect.levels()]
+    names += [level.name for level in failures()]
+    assert len(set(names)) == len(names)
+    assert all(name.replace("-", "").replace(".", "").isalnum() for name in names)
+
+
+def test_pushes_are_shares_of_the_strongest_thruster() -> None:
+    """atmos: 1.5 N at 0.12 m across and 0.12 m along, so 0.18 N m; valves that pulse have no least time."""
+    found = {effect.name: effect for effect in effects(load_spacecraft("atmos"), Timing())}
+    assert found["force"].sizes == (0.15, 0.3, 0.45, 0.75, 1.0)
+    assert found["torque"].sizes == (0.018, 0.036, 0.054, 0.09, 0.13)
+    assert "least on-time" not in found

@@ -1,0 +1,61 @@
+"""Verdicts of a stress report, by hand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rans.evaluation.measure.metrics import solved
+from rans.evaluation.measure.statistics import Estimate
+from rans.evaluation.stress.outcome import BreakEven, Outcome, break_even, holds_to
+from tests.evaluation.flights import flight_of, two_episodes
+
+
+def shares(*values: float) -> list[Estimate]:
+    return [Estimate(x, x - 0.02, x + 0.02) for x in values]
+
+
+def test_outcomes_are_the_largest_errors_of_the_last_fifth() -> None:
+    """Tolerances are 5 cm and 5 degrees; the last fifth are two of ten steps."""
+    found = Outcome.of(two_episodes())
+    np.testing.assert_allclose(found.errors["position"], [0.004, 0.06], rtol=1e-12)
+    np.testing.assert_allclose(np.degrees(found.errors["attitude"]), [0.5, 0.0], atol=1e-9)
+    np.testing.assert_allclose(found.excess, [0.1, 1.2], rtol=1e-9)
+    assert found.held.tolist() == [True, False] == solved(two_episodes()).tolist()
+    assert found.worst(3) == [1]
+
+
+def test_who_is_lost_is_farthest() -> None:
+    found = Outcome.of(flight_of([[1.0, 1.0, 0.0]] * 5 + [[0.2, np.nan, 0.0]], 0.0))
+    assert found.excess.tolist() == [pytest.approx(4.0), np.inf, 0.0]
+    assert found.worst(5) == [1, 0]
+    assert found.worst(1) == [1]
+    again = Outcome.joined([found, found])
+    assert again.worst(9) == [1, 4, 0, 3]
+    assert again.share.value == pytest.approx(1 / 3)
+
+
+@pytest.mark.parametrize(("values", "size"), [
+    ((1.0, 1.0, 1.0), 2.0), ((1.0, 0.99, 0.5), 1.0), ((0.98, 1.0, 1.0), None),
+    ((1.0, 0.5, 1.0), 0.0), ((), None),
+])
+def test_to_which_size_somebody_holds(values: tuple[float, ...], size: float | None) -> None:
+    """A size counts only if all smaller ones are held too."""
+    assert holds_to([0.0, 1.0, 2.0][:len(values)], shares(*values)) == size
+
+
+@pytest.mark.parametrize(("first", "second", "found", "text"), [
+    ((1.0, 1.0, 0.9), (1.0, 0.99, 0.9), BreakEven(None, 0, 0), "alike throughout"),
+    ((1.0, 1.0, 0.2), (1.0, 1.0, 0.9), BreakEven(1.0, 0, -1), "alike to 1 s, then B"),
+    ((1.0, 0.9, 0.0), (0.8, 0.8, 0.0), BreakEven(None, 1, 1), "A throughout"),
+    # The lead of 0.3 at 1 s is one of -0.1 for A at 2 s: zero three quarters of the way.
+    ((1.0, 0.9, 0.2), (1.0, 0.6, 0.3), BreakEven(1.75, 1, -1), "A to 1.75 s, then B"),
+])
+def test_who_bears_more(first: tuple[float, ...], second: tuple[float, ...], found: BreakEven,
+                        text: str) -> None:
+    """And the other way round when they change places."""
+    answer = break_even([0.0, 1.0, 2.0], shares(*first), shares(*second))
+    assert answer == (pytest.approx(found.size), found.before, found.after)
+    assert answer.text("A", "B", "s") == text
+    turned = break_even([0.0, 1.0, 2.0], shares(*second), shares(*first))
+    assert turned == (pytest.approx(found.size), -found.before, -found.after)

@@ -1,0 +1,123 @@
+"""Everybody in every world: the flights are those of evaluations, and nothing that was flown is lost."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import rans.evaluation.stress.run as run
+from rans.errors import ConfigError
+from rans.evaluation.compare.roster import contest_of
+from rans.evaluation.fly.contestants import contestant
+from rans.evaluation.fly.judge import flown
+from rans.evaluation.measure.metrics import solved
+from rans.evaluation.stress.run import Stress, fill, prepared
+
+FIRST = "pretrained:go-to-pose-2d"
+
+
+def small(*specs: str, episodes: int = 4, conditions: tuple[str, ...] = (),
+          only: tuple[str, ...] = ("latency",), slow: int = 2) -> Stress:
+    """Without failed thrusters, and at the first sizes only."""
+    specs = specs or (FIRST, "lqr")
+    stress = prepared(contest_of(specs[0], episodes, 7), specs, conditions, only, slow)
+    stress.named = stress.named[:1 + len(conditions)]
+    stress.effects = [replace(effect, sizes=effect.sizes[:3]) for effect in stress.effects]
+    return stress
+
+
+def test_flights_are_those_of_evaluations(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also when they are flown in several shares, and one alone when it is seen again."""
+    monkeypatch.setattr(run, "_SHARE", 3)
+    stress = small(FIRST, conditions=("lab",))
+    stress.effects, told = [], list[int]()
+    fill(stress, told.append, workers=1)
+    assert sum(told) == 4 * len(stress.levels)
+    agent = contestant(FIRST).under("lab")
+    flight = flown(agent.controller, agent.judged, 7, 4).flight
+    found = stress.outcomes["lab", "go-to-pose-2d"]
+    assert found.held.tolist() == solved(flight).tolist()
+    alone = flown(agent.controller, agent.judged, 7, 1, first=2).flight
+    error = alone.errors()["position"][-25:, 0].max()
+    assert found.errors["position"][2] == pytest.approx(error, rel=1e-6)
+
+
+def test_the_lqr_bears_late_valves_longer() -> None:
+    """With valves 0.1 s late it holds its goal, where the agent does not (audit: 100 %, 0 %)."""
+    stress = small(episodes=16)
+    fill(stress, workers=1)
+    effect = stress.effects[0]
+    sizes, shares = stress.curve(effect, "LQR")
+    assert sizes == [0.0, *effect.sizes]
+    assert shares[3].value == 1.0
+    answer = stress.break_even(effect, "LQR")
+    assert answer is not None
+    assert answer.after == -1
+    assert answer.size is not None
+    assert answer.size < 0.1
+
+
+@pytest.mark.slow
+def test_processes_find_the_same() -> None:
+    alone, together = small(), small()
+    fill(alone, workers=1)
+    fill(together, workers=2)
+    assert alone.outcomes.keys() == together.outcomes.keys()
+    for key, found in alone.outcomes.items():
+        np.testing.assert_allclose(together.outcomes[key].excess, found.excess, rtol=1e-9)
+
+
+def test_slow_controllers_fly_fewer() -> None:
+    stress = small(FIRST, "mpc", episodes=4, slow=1)
+    agent, mpc = stress.contestants.values()
+    assert (stress.episodes(agent), stress.episodes(mpc)) == (4, 1)
+
+
+def test_who_fails_is_told_once_and_the_rest_is_flown() -> None:
+    stress = small("lqr:go-to-pose-2d", "python:tests.evaluation.policies:broken", episodes=2)
+    fill(stress, workers=1)
+    assert len(stress.failures) == 1
+    assert "no such layer" in stress.failures[0]
+    assert {name for _, name in stress.outcomes} == {"LQR"}
+    assert len(stress.outcomes) == len(stress.levels)
+
+
+def test_interrupted_it_keeps_what_was_flown(monkeypatch: pytest.MonkeyPatch) -> None:
+    true, calls = run._flown, []
+
+    def interrupted(*job: int) -> Any:
+        calls.append(job)
+        if len(calls) > 3:
+            raise KeyboardInterrupt
+        return true(*job)
+
+    monkeypatch.setattr(run, "_flown", interrupted)
+    stress = small(episodes=2)
+    with pytest.raises(KeyboardInterrupt):
+        fill(stress, workers=1)
+    assert len(stress.outcomes) == 3
+    assert stress.curve(stress.effects[0], "LQR")[0] == [0.0]
+
+
+def test_tasks_without_a_place_are_judged_by_their_own_tolerances() -> None:
+    stress = small("pretrained:track-velocity-2d", "lqr", episodes=2, only=("force",))
+    fill(stress, workers=1)
+    assert list(stress.outcomes["perfect", "LQR"].errors) == ["velocity"]
+    assert np.isfinite(stress.outcomes["perfect", "LQR"].excess).all()
+
+
+@pytest.mark.parametrize(("change", "sentence"), [
+    ({"only": ("latancy",)}, r"no effect named 'latancy' \(did you mean latency\?\)"),
+    ({"conditions": ("moon",)}, "no conditions named 'moon'"),
+])
+def test_what_is_not_there(change: dict[str, Any], sentence: str) -> None:
+    with pytest.raises(ConfigError, match=sentence):
+        small(**change)
+
+
+def test_one_of_several_tasks_must_be_picked() -> None:
+    with pytest.raises(ConfigError, match="knows several tasks"):
+        small("pretrained:multi-task-2d")
