@@ -7,6 +7,7 @@ import json
 import math
 import os
 import platform
+import stat
 import subprocess
 import sys
 from collections.abc import Callable, Mapping
@@ -85,13 +86,33 @@ def number(value: float | str | None) -> float:
     return math.inf if value is None else float(value)
 
 
-def read_json(file: Path) -> Any:
-    """The value in a JSON file; `ConfigError` where it cannot be read or is damaged."""
+def regular(file: Path) -> Path:
+    """The file itself; `ConfigError` where it is a folder, a pipe or a device, which may never end."""
     try:
-        return json.loads(file.read_text("utf-8"))
+        mode = file.stat().st_mode
+    except (OSError, ValueError) as error:  # a name that no file can have is a ValueError
+        raise ConfigError(f"cannot read {file}: {getattr(error, 'strerror', None) or error}.") from error
+    if not stat.S_ISREG(mode):
+        raise ConfigError(f"cannot read {file}: it is no file, but a folder, a pipe or a device.")
+    return file
+
+
+def read_text(file: Path) -> str:
+    """The text in a file; `ConfigError` where it cannot be read or is no text."""
+    try:
+        return regular(file).read_text("utf-8")
     except OSError as error:
         raise ConfigError(f"cannot read {file}: {error}.") from error
-    except ValueError as error:
+    except UnicodeError as error:
+        raise ConfigError(f"{file} is damaged, it is no text in UTF-8: {error}.") from error
+
+
+def read_json(file: Path) -> Any:
+    """The value in a JSON file; `ConfigError` where it cannot be read or is damaged."""
+    text = read_text(file)
+    try:
+        return json.loads(text)
+    except (ValueError, RecursionError) as error:
         raise ConfigError(f"{file} is damaged, it is not valid JSON: {error}.") from error
 
 
@@ -102,7 +123,7 @@ def read_json_lines(file: Path) -> list[dict[str, Any]]:
         ConfigError: it cannot be read, or a line is something else.
     """
     try:
-        lines = file.read_text("utf-8", "replace").splitlines()
+        lines = regular(file).read_text("utf-8", "replace").splitlines()
     except OSError as error:
         raise ConfigError(f"cannot read {file}: {error}.") from error
     values: list[Any] = []

@@ -25,7 +25,8 @@ EVALUATIONS = Path("runs") / "evaluations"
 _SPACECRAFT = {"2d": "floating-platform", "3d": "free-flyer"}
 
 
-def contestant(spec: str, protocol: ProtocolName = "own", lent: Setup | None = None) -> LoadedRun:
+def contestant(spec: str, protocol: ProtocolName = "own", lent: Setup | None = None,
+               trust: bool = False) -> LoadedRun:
     """A controller ready to fly, and in which setup.
 
     Args:
@@ -36,12 +37,13 @@ def contestant(spec: str, protocol: ProtocolName = "own", lent: Setup | None = N
             `user_policy`) know no task of their own: `ConfigError` if they are lent none.
         protocol: see `rans.evaluation.fly.protocols.under_protocol`.
         lent: somebody's setup, in which policies made elsewhere fly.
+        trust: whether a policy made elsewhere may be a pickle, which runs code when it is opened.
     """
     if is_user_policy(spec):
         if lent is None:
             raise ConfigError(f"{spec} knows no task: name somebody who does before it, as in rans compare "
                               f"RUN {spec}.")
-        return LoadedRun(user_policy(spec, lent.craft, lent.task), *lent)
+        return LoadedRun(user_policy(spec, lent.craft, lent.task, trust), *lent)
     kind, name, part = _parse(spec)
     if kind not in ("", "pretrained"):
         setup = under_protocol(protocol, _picked(_named_setup(name, spec), part, spec))

@@ -6,20 +6,24 @@ import json
 from pathlib import Path
 from typing import Any
 
-import torch
-
 from rans import files
 from rans.errors import ConfigError
 from rans.fast.learn.config import TrainConfig, from_table, to_table
+from rans.fast.packed import pack, unpack
+from rans.fast.pickled import read_tensors
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft, spacecraft_text
+
+CHECKPOINT = "checkpoint.safetensors"
+"""What continues a training; older versions wrote ``checkpoint.pt``."""
 
 
 class RunFolder:
     """Names and formats of the files of one training.
 
     ``config.json`` re-runs it, ``spacecraft.toml`` is the spacecraft as it was, ``metrics.jsonl`` has
-    one row per report, ``checkpoint.pt`` continues it, ``policy.zip`` is the agent in SB3's format.
+    one row per report, ``checkpoint.safetensors`` continues it, ``policy.zip`` is the agent. Opening them
+    runs nothing that is in them (decision 014).
 
     Args:
         path: the folder; need not exist.
@@ -28,8 +32,9 @@ class RunFolder:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.config_file, self.spacecraft_file = path / "config.json", path / "spacecraft.toml"
-        self.metrics_file, self.checkpoint_file = path / "metrics.jsonl", path / "checkpoint.pt"
+        self.metrics_file, self.checkpoint_file = path / "metrics.jsonl", path / CHECKPOINT
         self.policy_file = path / "policy.zip"
+        self._older_checkpoint = path / "checkpoint.pt"
 
     def begin(self, config: TrainConfig, command: str) -> None:
         """Write what is known before training; ConfigError where the folder holds another one already."""
@@ -70,14 +75,21 @@ class RunFolder:
 
     def save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         """Write everything needed to go on, or leave the old checkpoint in place."""
-        files.replace_file(self.checkpoint_file, lambda draft: torch.save(checkpoint, draft))
+        content = pack(checkpoint)
+        files.replace_file(self.checkpoint_file, lambda draft: draft.write_bytes(content))
+        self._older_checkpoint.unlink(missing_ok=True)
+
+    @property
+    def has_checkpoint(self) -> bool:
+        """Whether there is something to go on from."""
+        return self.checkpoint_file.exists() or self._older_checkpoint.exists()
 
     def load_checkpoint(self, device: str) -> dict[str, Any]:
-        """The latest checkpoint; ConfigError where it cannot be read or is damaged."""
-        try:
-            return torch.load(self.checkpoint_file, map_location=device, weights_only=True)
-        except Exception as error:  # a damaged pickle raises anything
-            raise ConfigError(f"{self.checkpoint_file} is damaged: {files.first_line(error)}.") from error
+        """The latest checkpoint; ConfigError where it cannot be read, is damaged or holds code."""
+        if self.checkpoint_file.exists():
+            content = files.regular(self.checkpoint_file).read_bytes()
+            return unpack(content, self.checkpoint_file, device)
+        return read_tensors(self._older_checkpoint, device)
 
 
 def read_config(file: Path) -> TrainConfig:
