@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from rans.episode import World
-from rans.errors import ConfigError
+from rans.errors import ConfigError, brief
 from rans.fast.distributed import ALONE, Processes
 from rans.fast.kernels.launch import Kernel
 from rans.fast.step import (
@@ -192,10 +192,11 @@ class Engine:
 
 def _check(craft: object, num_envs: object, seeds: Sequence[int], dtype: torch.dtype) -> None:
     if not isinstance(craft, Spacecraft):
-        raise ConfigError(f"craft must be a Spacecraft, got {craft!r}; rans.load_spacecraft reads one.")
-    if isinstance(num_envs, bool) or not isinstance(num_envs, int) or num_envs < 1:
-        raise ConfigError(f"the number of environments must be a whole number >= 1, got {num_envs!r}.")
+        raise ConfigError(f"craft must be a Spacecraft, got {brief(craft)}; rans.load_spacecraft reads one.")
+    if isinstance(num_envs, bool) or not isinstance(num_envs, int) or not 1 <= num_envs < 2**31:
+        raise ConfigError("the number of environments must be a whole number >= 1 and < 2^31, got "
+                          f"{brief(num_envs)}.")
     if not seeds or num_envs % len(seeds):
         raise ConfigError(f"{num_envs} environments cannot be divided among {len(seeds)} members.")
     if dtype not in (torch.float32, torch.float64):
-        raise ConfigError(f"dtype must be torch.float32 or torch.float64, got {dtype!r}.")
+        raise ConfigError(f"dtype must be torch.float32 or torch.float64, got {brief(dtype)}.")

@@ -115,7 +115,7 @@ def test_resume_goes_on(capsys: pytest.CaptureFixture[str]) -> None:
     ("ppo", "--set takes KEY=VALUE, got 'ppo'"),
     ("ppo.n_envs=many", "config.ppo.n_envs: expected int, got 'many'"),
     ("ppo.n_envs=true", "config.ppo.n_envs: expected int, got True"),
-    ("ppo.n_envs=0", "n_envs must be >= 1, got 0"),
+    ("ppo.n_envs=0", "n_envs must be >= 1 and < 2^31, got 0"),
     ("ppo.learning_rate=NaN", "learning_rate must be finite and > 0, got nan"),
     ("settings.fail_distance=1", "fail_distance must exceed"),
     ("seed=-1", "seed must be between 0"),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from rans.errors import ConfigError
+from rans.errors import ConfigError, brief
 from rans.evaluation.fly.agent import LoadedRun, load_agent
 from rans.evaluation.fly.controllers import CONTROLLERS, controller, is_user_policy, user_policy
 from rans.evaluation.fly.protocols import ProtocolName, Setup, under_protocol
@@ -85,7 +85,7 @@ def _parse(spec: str) -> tuple[str, str, str]:
         module, (own, _, name) = kind, name.partition(":")
         if own and name:
             return f"{module}:{own}", name, part
-        raise ConfigError(f"there is no contestant {spec!r}{meant(kind, kinds)}; known are {FORMS}.")
+        raise ConfigError(f"there is no contestant {brief(spec)}{meant(kind, kinds)}; known are {FORMS}.")
     if spec in pretrained_names() and not Path(spec).exists():
         raise ConfigError(f"there is no run folder {spec!r}; the agent of this name that comes with RANS is "
                           f"pretrained:{spec}.")

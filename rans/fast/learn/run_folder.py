@@ -16,6 +16,8 @@ from rans.model.spacecraft_file import load_spacecraft, spacecraft_text
 
 CHECKPOINT = "checkpoint.safetensors"
 """What continues a training; older versions wrote ``checkpoint.pt``."""
+_COUNTS = "steps", "seconds", "success"
+"""What every row of metrics has, besides what its task reports."""
 
 
 class RunFolder:
@@ -35,6 +37,7 @@ class RunFolder:
         self.metrics_file, self.checkpoint_file = path / "metrics.jsonl", path / CHECKPOINT
         self.policy_file = path / "policy.zip"
         self._older_checkpoint = path / "checkpoint.pt"
+        self._lock = files.Lock(self.spacecraft_file)  # which nobody writes once training has begun
 
     def begin(self, config: TrainConfig, command: str) -> None:
         """Write what is known before training; ConfigError where the folder holds another one already."""
@@ -45,6 +48,14 @@ class RunFolder:
         files.write_text(self.spacecraft_file, spacecraft_text(config.spacecraft))
         about = {"command": command, "environment": files.environment()}
         files.write_json(self.config_file, to_table(config) | {"about": about})
+
+    def lock(self) -> None:
+        """Keep other trainings out until `release`; ConfigError where one is at work here already."""
+        self._lock.take(f"{self.path} is being trained by another process; wait for its end, or stop it.")
+
+    def release(self) -> None:
+        """Let another training go on here."""
+        self._lock.release()
 
     def config(self) -> TrainConfig:
         """The training's config; ConfigError where the folder holds none, or one of another version."""
@@ -65,8 +76,16 @@ class RunFolder:
             raise ConfigError(f"cannot write {self.metrics_file}: {error}; is the disk full?") from error
 
     def metrics(self) -> list[dict[str, Any]]:
-        """Rows so far; a row cut off in the middle of writing is left out."""
-        return files.read_json_lines(self.metrics_file) if self.metrics_file.exists() else []
+        """Rows so far; a row cut off in the middle of writing is left out.
+
+        ConfigError where one does not say when it was written and how it went.
+        """
+        rows = files.read_json_lines(self.metrics_file) if self.metrics_file.exists() else []
+        for line, row in enumerate(rows, 1):
+            wrong = [key for key in _COUNTS if not isinstance(row.get(key), int | float)]
+            if wrong:
+                raise ConfigError(f"{self.metrics_file} is damaged: line {line} has no number of {wrong[0]}.")
+        return rows
 
     def forget_after(self, steps: int) -> None:
         """Drop the metrics of steps that a resumed training will take again."""

@@ -101,10 +101,14 @@ class Trainer:
             WorkerLost: another process is gone.
         """
         try:
+            if self.processes.is_first:
+                self.run.lock()
             self._train(report, stop)
         except WorkerLost as error:
             advice = f"Continue from the last checkpoint with --resume {self.run.path}."
             raise WorkerLost(f"{error} {advice}") from error
+        finally:
+            self.run.release()
 
     def _train(self, report: Callable[[Sequence[Member]], object], stop: Callable[[], bool]) -> None:
         if self.processes.is_first and not self._events:
@@ -211,8 +215,11 @@ class Trainer:
     def resume(self) -> None:
         """Continue from the run's checkpoint, bit-identically on a CPU; without one, from the start.
 
-        ConfigError where it is damaged or of another network, or where an agent without one would be lost.
+        ConfigError where it is damaged or of another network, where an agent without one would be lost, or
+        where another process trains here.
         """
+        if self.processes.is_first:
+            self.run.lock()
         if self.run.has_checkpoint:
             self._restore(self.run.load_checkpoint(self.config.device))
         elif self.run.policy_file.exists():

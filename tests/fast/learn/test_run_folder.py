@@ -75,7 +75,7 @@ def test_a_damaged_config(run: RunFolder, text: str, message: str) -> None:
 
 def test_rows_come_back(run: RunFolder) -> None:
     assert run.metrics() == []
-    rows: list[dict[str, Any]] = [{"steps": n, "success": 1 / n} for n in (1, 2, 3)]
+    rows: list[dict[str, Any]] = [{"steps": n, "seconds": 0.1, "success": 1 / n} for n in (1, 2, 3)]
     for row in rows:
         run.append_metrics(row)
     assert run.metrics() == rows

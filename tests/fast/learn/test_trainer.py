@@ -146,7 +146,7 @@ def test_without_a_checkpoint_it_starts_over(tmp_path: Path) -> None:
     whole = tiny_trainer(tmp_path / "whole")
     whole.train(ignore)
     RunFolder(tmp_path / "cut").begin(CONFIG, "rans train")
-    RunFolder(tmp_path / "cut").append_metrics({"steps": 128})
+    RunFolder(tmp_path / "cut").append_metrics({"steps": 128, "seconds": 0.1, "success": 0.0})
     trainer = resumed(tmp_path / "cut")
     trainer.train(ignore)
     assert everything(trainer) == everything(whole)
