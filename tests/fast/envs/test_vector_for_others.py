@@ -35,7 +35,7 @@ def sync(mode: AutoresetMode) -> SyncVectorEnv:
                          autoreset_mode=mode)
 
 
-SEEDS = [11, 5, 8, 2**63, 3, 4]
+SEEDS: Any = [11, 5, 8, 2**63, 3, 4]
 
 
 @pytest.mark.parametrize("mode", list(AutoresetMode))
