@@ -7,6 +7,12 @@ def legible(text: str, longest: int = 2000) -> str:
     return "".join(c if c.isprintable() or c == "\n" else ascii(c)[1:-1] for c in shown)
 
 
+def brief(value: object) -> str:
+    """A wrong value for the middle of a sentence: as Python spells it, cut where that is long."""
+    text = repr(value)
+    return text if len(text) <= 120 else f"{text[:80]} ... ({len(text):,} characters)"
+
+
 class RansError(Exception):
     """Base of every error RANS raises on purpose; its text is one sentence for the user."""
 

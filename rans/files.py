@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import contextlib
+import fcntl
+import glob
 import json
 import math
 import os
 import platform
+import stat
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -18,6 +22,9 @@ from rans.errors import ConfigError
 
 _PACKAGES = ("rans", "torch", "numpy", "drake", "casadi", "gymnasium", "stable-baselines3", "scipy")
 """Packages whose versions can change a measured value."""
+
+_ABANDONED = 10.0
+"""Age of a draft, s, at which a process that cannot be found is taken for dead."""
 
 
 def replace_file(file: Path, write: Callable[[Path], object]) -> None:
@@ -34,6 +41,7 @@ def replace_file(file: Path, write: Callable[[Path], object]) -> None:
     draft = file.with_name(f".{os.getpid()}.{file.name}")
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
+        _clear_drafts(file)
         write(draft)
         os.replace(draft, file)
     except (FileExistsError, NotADirectoryError) as error:
@@ -43,6 +51,58 @@ def replace_file(file: Path, write: Callable[[Path], object]) -> None:
     finally:
         with contextlib.suppress(OSError):
             draft.unlink()
+
+
+def _clear_drafts(file: Path) -> None:
+    """Remove what processes left that were killed while they wrote this file."""
+    for draft in file.parent.glob(f".*.{glob.escape(file.name)}"):
+        writer, ours = draft.name[1:].removesuffix(f".{file.name}"), draft.is_file()
+        # Another machine's process may be at work, whose number says nothing here.
+        if writer.isdigit() and ours and not _is_alive(int(writer)) and _age(draft) > _ABANDONED:
+            draft.unlink(missing_ok=True)
+
+
+def _is_alive(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    except PermissionError:  # it is somebody else's
+        return True
+    return True
+
+
+def _age(file: Path) -> float:
+    return time.time() - file.stat().st_mtime
+
+
+class Lock:
+    """Held by one process at a time on a file that is there and stays; it goes with the process."""
+
+    def __init__(self, file: Path) -> None:
+        self._file, self._held = file, -1
+
+    def take(self, refusal: str) -> None:
+        """Hold it from now on; ConfigError with this sentence where another process does."""
+        if self._held >= 0:
+            return
+        self._held = os.open(regular(self._file), os.O_RDONLY)
+        try:
+            fcntl.flock(self._held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            self.release()
+            raise ConfigError(refusal) from None
+        except OSError:  # a file system without locks: nobody can be kept out
+            return
+
+    def release(self) -> None:
+        """Let others have it."""
+        if self._held >= 0:
+            os.close(self._held)
+            self._held = -1
+
+    def __del__(self) -> None:
+        self.release()
 
 
 def ready_folder(folder: Path) -> Path:
@@ -85,13 +145,34 @@ def number(value: float | str | None) -> float:
     return math.inf if value is None else float(value)
 
 
-def read_json(file: Path) -> Any:
-    """The value in a JSON file; `ConfigError` where it cannot be read or is damaged."""
+def regular(file: Path, what: str = "") -> Path:
+    """The file itself; `ConfigError` where it is none, but a folder, or a pipe or device without an end."""
     try:
-        return json.loads(file.read_text("utf-8"))
+        mode = file.stat().st_mode
+    except (OSError, ValueError) as error:  # a name that no file can have is a ValueError
+        reason = getattr(error, "strerror", None) or error
+        raise ConfigError(f"cannot read {what}{file}: {reason}.") from error
+    if not stat.S_ISREG(mode):
+        raise ConfigError(f"cannot read {what}{file}: it is no file, but a folder, a pipe or a device.")
+    return file
+
+
+def read_text(file: Path) -> str:
+    """The text in a file; `ConfigError` where it cannot be read or is no text."""
+    try:
+        return regular(file).read_text("utf-8")
     except OSError as error:
         raise ConfigError(f"cannot read {file}: {error}.") from error
-    except ValueError as error:
+    except UnicodeError as error:
+        raise ConfigError(f"{file} is damaged, it is no text in UTF-8: {error}.") from error
+
+
+def read_json(file: Path) -> Any:
+    """The value in a JSON file; `ConfigError` where it cannot be read or is damaged."""
+    text = read_text(file)
+    try:
+        return json.loads(text)
+    except (ValueError, RecursionError) as error:
         raise ConfigError(f"{file} is damaged, it is not valid JSON: {error}.") from error
 
 
@@ -102,7 +183,7 @@ def read_json_lines(file: Path) -> list[dict[str, Any]]:
         ConfigError: it cannot be read, or a line is something else.
     """
     try:
-        lines = file.read_text("utf-8", "replace").splitlines()
+        lines = regular(file).read_text("utf-8", "replace").splitlines()
     except OSError as error:
         raise ConfigError(f"cannot read {file}: {error}.") from error
     values: list[Any] = []

@@ -12,7 +12,7 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any, TypeVar
 
-from rans.errors import ConfigError
+from rans.errors import ConfigError, brief
 from rans.files import first_line
 
 T = TypeVar("T")
@@ -86,7 +86,7 @@ class Registry(Mapping[str, T]):
     def _load(self, name: str) -> T:
         package = self.package(name)
         if name not in self and ":" not in name:
-            raise ConfigError(f"there is no {self._what} named {name!r}{meant(name, self)}; known are "
+            raise ConfigError(f"there is no {self._what} named {brief(name)}{meant(name, self)}; known are "
                               f"{', '.join(self)}; your own is MODULE:NAME{self._or_else}.")
         try:
             return self._checked(resolve(self._reference(name)))
@@ -98,6 +98,8 @@ class Registry(Mapping[str, T]):
         if name in self.built_in:
             return self.built_in[name]
         if name not in self._offered:
+            if name.partition(":")[0].partition(".")[0] in sys.stdlib_module_names:
+                raise ConfigError("it is of Python's own library, where nothing of RANS is.")
             return from_here(name)
         first, *others = self._offered[name]
         if others:

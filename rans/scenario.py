@@ -6,7 +6,7 @@ Drake and in an optimal control problem, on every device, however many spacecraf
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -68,3 +68,9 @@ def scenarios(task: Task, craft: Spacecraft, seed: int, count: int, first: int =
     all_ = draws(seed, count, first)
     drawn = Scenario(*task.sample(all_.random(craft.dimension, all_.first)))
     return map_leaves(lambda x: np.full(count, x, np.float64), drawn)
+
+
+def each(starts: Scenario) -> Iterator[Scenario]:
+    """The scenarios of a batch, of floats."""
+    for k in range(len(leaves(starts.start)[0])):
+        yield map_leaves(lambda field, k=k: float(field[k]), starts)

@@ -9,7 +9,7 @@ from typing import Any, Literal, TypeVar, get_args, get_origin
 
 import cattrs
 
-from rans.errors import ConfigError, RansError
+from rans.errors import ConfigError, RansError, brief
 
 T = TypeVar("T")
 Range = float | tuple[float, float]
@@ -59,7 +59,7 @@ def _strict(value: Any, kind: type) -> Any:
     if kind is float and type(value) is int:
         return float(value)
     if type(value) is not kind:
-        raise ConfigError(f"expected {kind.__name__}, got {value!r}")
+        raise ConfigError(f"expected {kind.__name__}, got {brief(value)}")
     return value
 
 
@@ -76,5 +76,5 @@ def _say(error: BaseException, kind: Any) -> str:
         return "expected a table or a list of values, such as [0.5, 4.5]"
     if get_origin(kind) is Literal:
         given, _, _ = str(error).partition(" not in ")  # "gelu not in literal ..."
-        return f"expected {' or '.join(map(repr, get_args(kind)))}, got {given!r}"
+        return f"expected {' or '.join(map(repr, get_args(kind)))}, got {brief(given)}"
     return str(error)

@@ -22,7 +22,7 @@ EPISODES = 64
 def test_an_agent_is_small_and_complete(name: str) -> None:
     files = {file.name: file.stat().st_size for file in pretrained_folder(name).iterdir()}
     assert files.keys() == {"policy.zip", "config.json", "spacecraft.toml", "card.json"}
-    assert sum(files.values()) < 500_000
+    assert sum(files.values()) < 700_000  # its weights are there twice: for RANS and for SB3
     card, found = pretrained_card(name), contestant(f"pretrained:{name}")
     assert (card["name"], card["spacecraft"]) == (name, found.craft.name)
     assert re.fullmatch(rf"{card['task']}-{found.craft.dimension}d(-fast|-thrifty|-shared)?", name)

@@ -30,8 +30,7 @@ from rans.model.spacecraft import Spacecraft
 from rans.optimal.certificate.certificate import Effort, least_time
 from rans.optimal.certificate.hull import Health, least_settling, settling_set
 from rans.optimal.certificate.lattice import Lattice
-from rans.optimal.trajectory.pool import each
-from rans.scenario import EVALUATION_SEED, draws, scenarios
+from rans.scenario import EVALUATION_SEED, draws, each, scenarios
 from validation.robustness import _loaded
 
 _HELD_OUT = 0.3, 1.0

@@ -25,7 +25,7 @@ from rans.fast.learn.network import Network
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.selection import likeliest
 from rans.fast.learn.troubles import TROUBLES
-from rans.fast.policy import read_policy
+from rans.fast.saved import read_policy
 from rans.files import environment, write_json
 from rans.flight import fly
 from rans.model.conditions import BodyConditions, Conditions
@@ -128,10 +128,11 @@ class Robustness:
 def _loaded(name: str, device: str) -> tuple[Network, Setup]:
     kind, _, own = name.rpartition(":")
     run = RunFolder(pretrained_folder(own) if kind else Path(own))
-    config, saved = run.config(), read_policy(run.policy_file).network
+    config, craft = run.config(), run.spacecraft()
+    saved = read_policy(run.policy_file, craft, config.settings).network
     network = Network.stacked(saved.architecture, [saved.tensors], torch.device(device), torch.float32)
     timing = replace(config.timing, substeps=None)
-    return network, Setup(run.spacecraft(), config.settings.for_evaluation(), timing)
+    return network, Setup(craft, config.settings.for_evaluation(), timing)
 
 
 def _said(found: Found) -> dict[str, Any]:

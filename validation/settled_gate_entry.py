@@ -27,14 +27,14 @@ from rans.fast.learn.config import PPOSettings
 from rans.fast.learn.member import begin
 from rans.fast.learn.network import Network
 from rans.fast.learn.selection import likeliest
-from rans.fast.policy import read_policy, write_policy
+from rans.fast.policy import write_policy
+from rans.fast.saved import read_policy
 from rans.fast.step import Step
 from rans.files import environment, write_json
 from rans.flight import Controller, fly
 from rans.model.conditions import BodyConditions, Conditions
 from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading, Vec2
-from rans.reference.flight import fly_in_drake
 from rans.tasks import base
 from validation.settled_gate import (
     CLASSES,
@@ -163,11 +163,14 @@ class Fly:
         from rich.console import Console
         from rich.table import Table
 
+        move = fly
+        if self.drake:
+            from rans.reference.flight import fly_in_drake as move  # Drake is imported where it flies
         result: dict[str, dict[Class, Estimate]] = {}
         for kind in CLASSES:
             each, begun = battery(kind, self.faults, self.seeds)
             for one in self._controllers(each):
-                found = settled(one, each, begun, fly_in_drake if self.drake else fly)
+                found = settled(one, each, begun, move)
                 result.setdefault(one.name, {})[kind] = share(found).scaled(100.0)
         table = Table("% settled", *CLASSES)
         for name, row in result.items():
@@ -185,7 +188,7 @@ class Fly:
         yield Oracle(each, "gain oracle")
         yield Oracle(each, "gain and bias oracle", knows_bias=True)
         for folder in self.run_folders:
-            yield ThreeAxes(read_policy(folder / "policy.zip").network, str(folder))
+            yield ThreeAxes(read_policy(folder / "policy.zip", one_axis(), Point()).network, str(folder))
 
 
 def sound(faults: Faults) -> Faults:

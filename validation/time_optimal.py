@@ -15,8 +15,8 @@ from rans.evaluation.measure.metrics import samples
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.optimal.trajectory.objectives import MinimumTime
-from rans.optimal.trajectory.pool import each, solve_all
-from rans.scenario import scenarios
+from rans.optimal.trajectory.pool import solve_all
+from rans.scenario import each, scenarios
 from rans.tasks import Task
 
 

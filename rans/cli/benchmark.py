@@ -11,6 +11,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rans.cli import laboratory
 from rans.errors import ConfigError
 from rans.files import environment, ready_folder, write_json, write_text
 from rans.model.spacecraft_file import load_spacecraft
@@ -53,6 +54,8 @@ class Benchmark:
         import torch
 
         from rans.fast.learn.trainer import check_device
+
+        laboratory.enter()
         from validation.speed.ratios import bounds
 
         if self.output is not None:

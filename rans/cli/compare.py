@@ -46,6 +46,8 @@ class Compare:
     """Of the starts."""
     output: Path | None = None
     """Folder of the results; by default that of the first contestant."""
+    trust: bool = False
+    """Open sb3: files that RANS did not write. They are pickles, which run whatever code is in them."""
 
     def run(self) -> int:
         """Print the table of scores."""
@@ -67,7 +69,8 @@ class Compare:
             with progress() as bars:
                 fill(comparison, self.contestants, self.beside, self.certified,
                      folder / "compare-bounds.json",
-                     lambda what, count: partial(bars.advance, bars.add_task(what, total=count)))
+                     lambda what, count: partial(bars.advance, bars.add_task(what, total=count)),
+                     trust=self.trust)
         finally:  # also after Ctrl-C: what is finished is kept
             _write(comparison, folder)
         return 1 if comparison.failures else 0

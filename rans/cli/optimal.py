@@ -118,7 +118,7 @@ class Optimal:
         from rans.evaluation.compare import bounds
         from rans.optimal.certificate.certificate import Effort
         from rans.optimal.trajectory.arrival import aims
-        from rans.optimal.trajectory.pool import each
+        from rans.scenario import each
 
         wanted, period = tuple(sorted(aims(task))), self.control_period
         horizon = None if self.objective == "time" else objective.intervals * period

@@ -18,7 +18,7 @@ from tyro.conf import Positional, UseAppendAction, arg
 
 from rans.cli import STARTED
 from rans.cli.progress import TrainingProgress
-from rans.errors import ConfigError, RansError
+from rans.errors import ConfigError, RansError, brief
 from rans.files import write_text
 from rans.model.spacecraft_file import load_spacecraft
 from rans.processes import beside
@@ -117,7 +117,7 @@ class Train:
         if task in RECIPES:
             return recipe(task, device)
         if task not in TASKS and ":" not in task:
-            raise ConfigError(f"there is no task and no recipe named {task!r}"
+            raise ConfigError(f"there is no task and no recipe named {brief(task)}"
                               f"{meant(task, [*TASKS, *RECIPES])}; tasks are {', '.join(TASKS)}; "
                               f"recipes are {', '.join(RECIPES)}.")
         settings, craft = TASKS[task](), load_spacecraft(spacecraft)
@@ -197,13 +197,13 @@ def _change(table: dict[str, Any], change: str) -> None:
     """Apply one KEY=VALUE to a nested table; the value is JSON, or else text."""
     key, equals, text = change.partition("=")
     if not equals:
-        raise ConfigError(f"--set takes KEY=VALUE, got {change!r}.")
+        raise ConfigError(f"--set takes KEY=VALUE, got {brief(change)}.")
     *parents, last = key.split(".")
     inner: Any = table
     for parent in parents:
         inner = inner.get(parent) if isinstance(inner, dict) else None
     if not isinstance(inner, dict) or last not in inner:
-        raise ConfigError(f"--set: the config has no {key!r}; its entries are in any run's config.json.")
+        raise ConfigError(f"--set: the config has no {brief(key)}; its entries are in any run's config.json.")
     try:
         inner[last] = json.loads(text)
     except ValueError:

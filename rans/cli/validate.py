@@ -7,6 +7,7 @@ from pathlib import Path
 
 from rich.text import Text
 
+from rans.cli import laboratory
 from rans.files import ready_folder
 from rans.model.conditions_file import load_conditions
 from rans.model.spacecraft_file import load_spacecraft
@@ -33,6 +34,7 @@ class Validate:
 
     def run(self) -> int:
         """Print the table of checks."""
+        laboratory.enter()
         from validation.page import page
         from validation.study import study
 

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import io
-import zipfile
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
-
-import torch
 
 from rans.errors import ConfigError
 from rans.evaluation.fly.agent import load_agent
@@ -18,12 +14,17 @@ from rans.evaluation.fly.protocols import ProtocolName, fitting_protocols
 from rans.evaluation.measure.aggregate import measure
 from rans.fast.learn.config import to_table
 from rans.fast.learn.run_folder import RunFolder
-from rans.files import read_json, replace_file, write_json, write_text
+from rans.fast.policy import write_policy
+from rans.fast.saved import read_policy
+from rans.files import read_json, write_json, write_text
 from rans.scenario import EVALUATION_SEED
 
 
 def export(run: Path, folder: Path, episodes: int = 1024, seed: int = EVALUATION_SEED) -> dict[str, Any]:
     """Write policy.zip, config.json, spacecraft.toml and card.json of a run into a folder of its own.
+
+    The archive is written anew, so that nothing which was hidden in the run's is handed on, and without what
+    only training needs.
 
     `load_agent` and ``stable_baselines3.PPO.load`` open it as they open the run. The folder's name is the
     agent's. For the card, which is returned, so many episodes are flown from starts of the seed under each of
@@ -37,8 +38,9 @@ def export(run: Path, folder: Path, episodes: int = 1024, seed: int = EVALUATION
     load_agent(run)  # says what is wrong with it, if anything
     source, target = RunFolder(run), RunFolder(folder)
     craft, config, training = source.spacecraft(), source.config(), _training(source)
-    content = _without_optimiser(source.policy_file)
-    replace_file(target.policy_file, lambda draft: draft.write_bytes(content))
+    saved = read_policy(source.policy_file, craft, config.settings)
+    network = saved.network
+    write_policy(target.policy_file, network.architecture, network.member(0), config.ppo, saved.steps)
     write_json(target.config_file, to_table(config) | {"spacecraft": craft.name})
     write_text(target.spacecraft_file, source.spacecraft_file.read_text("utf-8"))
     evaluations = {protocol: _judged(str(folder), protocol, episodes, seed)
@@ -59,21 +61,6 @@ def _judged(spec: str, protocol: ProtocolName, episodes: int, seed: int) -> dict
         found[one.removeprefix(spec).removeprefix("#")] = {
             r.name: [*(float(f"{x:.5g}") for x in (r.value, r.low, r.high)), r.unit] for r in rows}
     return found
-
-
-def _without_optimiser(policy: Path) -> bytes:
-    """SB3's archive with an optimiser that has seen nothing, as small as can be."""
-    content = io.BytesIO()
-    with zipfile.ZipFile(policy) as old, zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as new:
-        for name in old.namelist():
-            if name == "policy.optimizer.pth":
-                state = torch.load(io.BytesIO(old.read(name)), map_location="cpu", weights_only=True)
-                packed = io.BytesIO()
-                torch.save(state | {"state": {}}, packed)
-                new.writestr(name, packed.getvalue())
-            elif name != "system_info.txt":
-                new.writestr(name, old.read(name))
-    return content.getvalue()
 
 
 def _training(run: RunFolder) -> dict[str, Any]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import cached_property
 from typing import Any
@@ -12,7 +13,7 @@ import torch
 from torch import Tensor
 
 from rans.episode import World
-from rans.errors import ConfigError
+from rans.errors import ConfigError, brief
 from rans.fast.distributed import ALONE, Processes
 from rans.fast.kernels.launch import Kernel
 from rans.fast.step import (
@@ -64,8 +65,8 @@ class Engine:
             generated kernel else draws it again in every step. A step without one always remembers.
 
     Raises:
-        ConfigError: craft is no spacecraft, num_envs not a positive whole number, dtype another one, or mass
-            properties are not those of rigid bodies or not so many.
+        ConfigError: there is no such device here, craft is no spacecraft, num_envs not a positive whole
+            number, dtype another one, or mass properties are not those of rigid bodies or not so many.
     """
 
     def __init__(self, craft: Spacecraft, task: Task, num_envs: int, timing: Timing | None = None, *,
@@ -75,6 +76,7 @@ class Engine:
                  conditions: Conditions | None = None, remember: bool = False) -> None:
         seeds = [seed] if isinstance(seed, int) else seed
         _check(craft, num_envs, seeds, dtype)
+        _check_device(device)
         self.craft, self.task, self.timing = craft, task, timing or Timing()
         self.num_envs, self.dtype, self.device = num_envs, dtype, torch.device(device)
         self.compiled = self.device.type == "cuda" if compiled is None else compiled
@@ -183,6 +185,19 @@ class Engine:
             return self._kernel(action)
         return self._step(self._world, self._episode, action, self._draws)
 
+    @contextmanager
+    def holding(self, held: Tensor) -> Iterator[None]:
+        """Within it the spacecraft where ``held``, (N,) bool, stay as they are, whatever the others do."""
+        memory = self._episode.memory()
+        before = [x.copy() if isinstance(x, np.ndarray) else x.clone() if isinstance(x, Tensor) else x
+                  for x in memory]
+        yield
+        for buffer, old in zip(memory, before, strict=True):
+            if isinstance(buffer, Tensor) and isinstance(old, Tensor):
+                buffer.copy_(torch.where(held, old, buffer))
+            elif isinstance(buffer, np.ndarray):
+                np.copyto(buffer, old, where=held.numpy())
+
     def save_state(self) -> dict[str, Any]:
         """Everything a later `load_state` needs to go on bit-identically; all processes must ask."""
         buffers = [self.processes.whole(torch.as_tensor(b)).clone() for b in self._episode.memory()]
@@ -195,12 +210,22 @@ class Engine:
         restore(table, self._world, self._episode, (self._draws.low, self._draws.high), self.processes)
 
 
+def _check_device(device: str | torch.device) -> None:
+    try:
+        kind = torch.device(device).type
+    except RuntimeError as error:
+        raise ConfigError(f"device must be cpu or cuda, got {brief(device)}.") from error
+    if kind == "cuda" and not torch.cuda.is_available():
+        raise ConfigError("device is cuda, but torch sees no CUDA device here; use the device cpu.")
+
+
 def _check(craft: object, num_envs: object, seeds: Sequence[int], dtype: torch.dtype) -> None:
     if not isinstance(craft, Spacecraft):
-        raise ConfigError(f"craft must be a Spacecraft, got {craft!r}; rans.load_spacecraft reads one.")
-    if isinstance(num_envs, bool) or not isinstance(num_envs, int) or num_envs < 1:
-        raise ConfigError(f"the number of environments must be a whole number >= 1, got {num_envs!r}.")
+        raise ConfigError(f"craft must be a Spacecraft, got {brief(craft)}; rans.load_spacecraft reads one.")
+    if isinstance(num_envs, bool) or not isinstance(num_envs, int) or not 1 <= num_envs < 2**31:
+        raise ConfigError("the number of environments must be a whole number >= 1 and < 2^31, got "
+                          f"{brief(num_envs)}.")
     if not seeds or num_envs % len(seeds):
         raise ConfigError(f"{num_envs} environments cannot be divided among {len(seeds)} members.")
     if dtype not in (torch.float32, torch.float64):
-        raise ConfigError(f"dtype must be torch.float32 or torch.float64, got {dtype!r}.")
+        raise ConfigError(f"dtype must be torch.float32 or torch.float64, got {brief(dtype)}.")

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import math
+import zipfile
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, fields, replace
+from dataclasses import fields, replace
 from pathlib import Path
-from typing import Any, NamedTuple, cast
+from typing import Any, cast
 
 import numpy as np
 import torch
 from gymnasium import spaces
 from stable_baselines3.common.distributions import Distribution
 from stable_baselines3.common.policies import ActorCriticPolicy
-from stable_baselines3.common.save_util import load_from_zip_file, save_to_zip_file
+from stable_baselines3.common.save_util import save_to_zip_file
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import Tensor
 
@@ -22,14 +23,13 @@ from rans.fast.learn.adam import EPSILON
 from rans.fast.learn.architecture import EXTRACTOR, LOG_STD, Architecture, Duty, paper_layout
 from rans.fast.learn.config import PPOSettings
 from rans.fast.learn.network import Network, Output
-from rans.files import first_line, replace_file
+from rans.fast.saved import AGENT, packed_agent
+from rans.files import replace_file
 from rans.tasks.sight import Layout
 
 _SHARED = ("n_envs", "n_steps", "batch_size", "n_epochs", "learning_rate", "gamma", "gae_lambda",
            "clip_range", "ent_coef", "vf_coef", "max_grad_norm")
 """Settings that SB3 knows by the same names."""
-_SETTINGS = "rans_settings"
-"""All of ours, for `rans.PPO`; SB3 keeps what it does not know."""
 
 
 class NormalisedMlp(BaseFeaturesExtractor):
@@ -155,21 +155,6 @@ OnOffPolicy = AgentPolicy
 """Its name in the files of RANS 1, whose thrusters were on or off."""
 
 
-class SavedPolicy(NamedTuple):
-    """What is in a ``policy.zip``."""
-
-    network: Network
-    """Of one member, on the CPU."""
-    settings: dict[str, Any]
-    """Of `PPOSettings`, as far as the file knows them."""
-    steps: int
-    """Environment steps learned from."""
-    adam: dict[Any, Any]
-    """As `Adam.member` gives it."""
-    rate: float
-    """Adam's step size."""
-
-
 def policy_spaces(architecture: Architecture) -> tuple[spaces.Box, spaces.Space[Any]]:
     """What an agent observes and commands, in Gymnasium's terms."""
     bounds = architecture.bounds or (math.inf,) * architecture.layout.width
@@ -180,10 +165,11 @@ def policy_spaces(architecture: Architecture) -> tuple[spaces.Box, spaces.Space[
 
 def write_policy(file: Path, architecture: Architecture, tensors: Mapping[str, Tensor], settings: PPOSettings,
                  steps: int, adam: dict[Any, Any] | None = None, rate: float | None = None) -> None:
-    """Save one agent, and the settings of its training, with which SB3 goes on.
+    """Save one agent twice in one archive: as RANS reads it (`rans.fast.saved`), and as SB3 does.
 
-    Its tensors are as `Network.member` gives them. Adam begins anew without what `Adam.member` gave, and its
-    step size. ConfigError where the disk refuses.
+    With it go the settings of its training, with which SB3 goes on too. Its tensors are as `Network.member`
+    gives them. Adam begins anew without what `Adam.member` gave, and its step size. ConfigError where the
+    disk refuses.
     """
     seen, commanded = policy_spaces(architecture)
     kwargs, rate = policy_kwargs(architecture), rate or settings.learning_rate
@@ -198,30 +184,14 @@ def write_policy(file: Path, architecture: Architecture, tensors: Mapping[str, T
         optimizer["state"] = adam
     data = {"policy_class": AgentPolicy, "policy_kwargs": kwargs, "observation_space": seen,
             "action_space": commanded, "verbose": 0, "num_timesteps": steps,
-            **{name: getattr(settings, name) for name in _SHARED}, _SETTINGS: asdict(settings)}
+            **{name: getattr(settings, name) for name in _SHARED}}
+
+    ours = packed_agent(architecture, tensors, settings, steps, adam or {}, rate)
 
     def write(draft: Path) -> None:
-        with draft.open("wb") as stream:  # not a path: SB3 adds ".zip" to one that has another ending
+        with draft.open("w+b") as stream:  # not a path: SB3 adds ".zip" to one that has another ending
             save_to_zip_file(stream, data, {"policy": policy.state_dict(), "policy.optimizer": optimizer})
+            with zipfile.ZipFile(stream, "a") as archive:
+                archive.writestr(AGENT, ours)
 
     replace_file(file, write)
-
-
-def read_policy(file: Path) -> SavedPolicy:
-    """An agent that `rans train` or `rans.PPO` saved, of any version; ConfigError where it is none."""
-    try:
-        data, params, _ = load_from_zip_file(file, device="cpu")
-        if data is None or params is None:
-            raise ValueError("it holds no agent")
-        policy = data["policy_class"](data["observation_space"], data["action_space"], lambda _: 1e-3,
-                                      **data["policy_kwargs"])
-        policy.load_state_dict(params["policy"])
-        network = network_of(policy)
-        optimizer: Any = params["policy.optimizer"]
-    except ConfigError:
-        raise
-    except Exception as error:  # a damaged pickle raises anything
-        raise ConfigError(f"{file} is damaged: {first_line(error)}.") from error
-    known = {name: data[name] for name in _SHARED if name in data and not callable(data[name])}
-    return SavedPolicy(network, known | data.get(_SETTINGS, {}), data.get("num_timesteps", 0),
-                       optimizer["state"], float(optimizer["param_groups"][0]["lr"]))

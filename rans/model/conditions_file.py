@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from rans.errors import ConfigError
+from rans.files import regular
 from rans.model.conditions import Conditions
 from rans.registry import Registry
 from rans.structure import read_toml, structure
@@ -50,8 +51,8 @@ def load_conditions(name_or_file: str | Path) -> Conditions:
     if not given.endswith(".toml"):
         return CONDITIONS[given].conditions
     try:
-        return _described(Path(given).read_text("utf-8")).conditions
-    except (OSError, UnicodeDecodeError, ValueError) as error:
+        return _described(regular(Path(given), "the conditions ").read_text("utf-8")).conditions
+    except (OSError, ValueError) as error:
         raise ConfigError(f"cannot read the conditions {given!r}: {error}.") from error
     except ConfigError as error:
         raise ConfigError(f"{given}: {error}") from error

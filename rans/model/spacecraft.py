@@ -14,7 +14,7 @@ from typing import Literal
 
 import numpy as np
 
-from rans.errors import ConfigError
+from rans.errors import ConfigError, brief
 from rans.model.actuators import ON_OFF, Actuators
 
 ThrustSharing = Literal["none", "split"]
@@ -95,6 +95,10 @@ class Spacecraft:
         return 3 if self.dimension == 2 else 6
 
 
+MOST_THRUSTERS = 1000
+"""Ten times what any spacecraft has: more is a slip, and takes minutes only to be looked at."""
+
+
 def check(craft: Spacecraft) -> None:
     """Refuse what cannot exist, warn about what cannot be controlled.
 
@@ -112,6 +116,8 @@ def check(craft: Spacecraft) -> None:
             ("centre_of_mass", _triple(craft.centre_of_mass), f"{_TRIPLE} m")):
         _require(holds, craft, key, getattr(craft, key), bound)
     _require(len(craft.thrusters) > 0, craft, "thruster", "none", "at least one thruster")
+    _require(len(craft.thrusters) <= MOST_THRUSTERS, craft, "thruster", len(craft.thrusters),
+             f"at most {MOST_THRUSTERS} thrusters")
     _check_inertia(craft)
     for index, thruster in enumerate(craft.thrusters):
         _check_thruster(craft, index, thruster)
@@ -124,7 +130,7 @@ def check(craft: Spacecraft) -> None:
 
 def _require(holds: bool, craft: Spacecraft, key: str, value: object, bound: str) -> None:
     if not holds:
-        raise ConfigError(f"spacecraft {craft.name!r}: {key} must be {bound}, got {value!r}.")
+        raise ConfigError(f"spacecraft {craft.name!r}: {key} must be {bound}, got {brief(value)}.")
 
 
 def _number(x: object) -> bool:

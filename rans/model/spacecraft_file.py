@@ -11,8 +11,8 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from rans.errors import ConfigError
-from rans.files import first_line
+from rans.errors import ConfigError, brief
+from rans.files import first_line, regular
 from rans.model.actuators import KINDS, Actuators
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.registry import Registry
@@ -73,8 +73,8 @@ def spacecraft_text(name_or_file: str | Path) -> str:
 
 def _file_text(given: str) -> str:
     try:
-        return Path(given).read_text("utf-8")
-    except (OSError, UnicodeDecodeError, ValueError) as error:
+        return regular(Path(given), "the spacecraft file ").read_text("utf-8")
+    except (OSError, ValueError) as error:
         raise ConfigError(f"cannot read the spacecraft file {given!r}: {error}.") from error
 
 
@@ -121,7 +121,7 @@ def _build(table: dict[str, Any]) -> Spacecraft:
 
 def _thrusters(tables: Any, key: str, lengths: tuple[int, ...]) -> tuple[Thruster, ...]:
     if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
-        raise ConfigError(f"{key} must be [[thruster]] tables, got {tables!r}.")
+        raise ConfigError(f"{key} must be [[thruster]] tables, got {brief(tables)}.")
     return tuple(_thruster(table, index, lengths) for index, table in enumerate(tables))
 
 
@@ -131,7 +131,7 @@ def _thruster(table: dict[str, Any], index: int, lengths: tuple[int, ...]) -> Th
     direction = _vector(table["direction"], f"{where} direction", lengths)
     length = math.hypot(*direction)
     if not (math.isfinite(length) and length > 0):
-        raise ConfigError(f"{where} direction must be finite and not zero, got {direction}.")
+        raise ConfigError(f"{where} direction must be finite and not zero, got {brief(direction)}.")
     unit = (direction[0] / length, direction[1] / length, direction[2] / length)
     return Thruster(_vector(table["position"], f"{where} position", lengths), unit,
                     _number(table["force"], f"{where} force"))
@@ -139,11 +139,11 @@ def _thruster(table: dict[str, Any], index: int, lengths: tuple[int, ...]) -> Th
 
 def _actuators(table: Any, key: str) -> Actuators:
     if not isinstance(table, dict) or "kind" not in table:
-        raise ConfigError(f'{key} must be a table with the key "kind", got {table!r}.')
+        raise ConfigError(f'{key} must be a table with the key "kind", got {brief(table)}.')
     kind = KINDS.get(_text(table["kind"], "kind"))
     if kind is None:
-        raise ConfigError(f"actuators have the kind {table['kind']!r}; known are {', '.join(KINDS)}.")
-    settings, where = dataclasses.fields(kind), f"actuators of the kind {table['kind']!r}"
+        raise ConfigError(f"actuators have the kind {brief(table['kind'])}; known are {', '.join(KINDS)}.")
+    settings, where = dataclasses.fields(kind), f"actuators of the kind {brief(table['kind'])}"
     needed = [field.name for field in settings if field.default is dataclasses.MISSING]
     _check_keys(table, needed, ["kind", *(field.name for field in settings)], where, f"{where}: ")
     return kind(**{key: value for key, value in table.items() if key != "kind"})
@@ -155,7 +155,7 @@ def _check_keys(table: dict[str, Any], needed: Collection[str], optional: Collec
     known = sorted({*needed, *optional})
     for key in table:
         if key not in known:
-            raise ConfigError(f"unknown key {key!r} in {where}; known are {', '.join(known)}.")
+            raise ConfigError(f"unknown key {brief(key)} in {where}; known are {', '.join(known)}.")
     for key in needed:
         if key not in table:
             raise ConfigError(f"{prefix}the key {key!r} is missing.")
@@ -163,24 +163,24 @@ def _check_keys(table: dict[str, Any], needed: Collection[str], optional: Collec
 
 def _text(value: Any, key: str) -> str:
     if not isinstance(value, str) or not value.strip():
-        raise ConfigError(f"{key} must be a non-empty text, got {value!r}.")
+        raise ConfigError(f"{key} must be a non-empty text, got {brief(value)}.")
     return value
 
 
 def _number(value: Any, key: str) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ConfigError(f"{key} must be a number, got {value!r}.")
+        raise ConfigError(f"{key} must be a number, got {brief(value)}.")
     try:
         return float(value)
     except OverflowError as error:
-        raise ConfigError(f"{key} is too large for a 64-bit float, got {value}.") from error
+        raise ConfigError(f"{key} is too large for a 64-bit float, got {brief(value)}.") from error
 
 
 def _vector(value: Any, key: str, lengths: tuple[int, ...]) -> tuple[float, float, float]:
     """Three numbers; where two are allowed, the third is zero."""
     if not isinstance(value, list) or len(value) not in lengths:
         count = " or ".join(map(str, lengths))
-        raise ConfigError(f"{key} must be a list of {count} numbers, got {value!r}.")
+        raise ConfigError(f"{key} must be a list of {count} numbers, got {brief(value)}.")
     x, y, *z = (_number(each, key) for each in value)
     return (x, y, z[0] if z else 0.0)
 
@@ -191,5 +191,5 @@ def _inertia(value: Any, key: str) -> tuple[tuple[float, float, float], ...]:
         moment = _number(value, key)
         return ((moment, 0.0, 0.0), (0.0, moment, 0.0), (0.0, 0.0, moment))
     if len(value) != 3 or not all(isinstance(row, list) and len(row) == 3 for row in value):
-        raise ConfigError(f"{key} must be one number or three rows of three, got {value!r}.")
+        raise ConfigError(f"{key} must be one number or three rows of three, got {brief(value)}.")
     return tuple(_vector(row, key, (3,)) for row in value)

@@ -5,8 +5,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from rans.errors import ConfigError
+from rans.errors import ConfigError, brief
 
+MOST_SUBSTEPS = 10_000
+"""A hundred times what any craft needs: more is a slip, and takes for ever."""
 MOST_STEPS = 2**20 - 1
 """Of an episode. The engine counts them in the low bits of a 32-bit word, and episodes in the others."""
 
@@ -31,12 +33,14 @@ class Timing:
     def __post_init__(self) -> None:
         period = self.control_period
         if isinstance(period, bool) or not isinstance(period, int | float) or not 0 < period < math.inf:
-            raise ConfigError(f"control_period must be a finite number > 0 s, got {period!r}.")
+            raise ConfigError(f"control_period must be a finite number > 0 s, got {brief(period)}.")
         for key in ("substeps", "episode_steps"):
             value = getattr(self, key)
             if value is None and key == "substeps":
                 continue
             if isinstance(value, bool) or not isinstance(value, int) or value < 1:
-                raise ConfigError(f"{key} must be a whole number >= 1, got {value!r}.")
+                raise ConfigError(f"{key} must be a whole number >= 1, got {brief(value)}.")
+        if self.substeps is not None and self.substeps > MOST_SUBSTEPS:
+            raise ConfigError(f"substeps must be <= {MOST_SUBSTEPS:,}, got {self.substeps:,}.")
         if self.episode_steps > MOST_STEPS:
             raise ConfigError(f"episode_steps must be <= {MOST_STEPS:,}, got {self.episode_steps:,}.")

@@ -11,7 +11,7 @@ from typing import Any
 
 from rans.errors import ConfigError
 from rans.evaluation.measure.aggregate import COLUMNS, Metrics
-from rans.files import number, read_json, read_json_lines
+from rans.files import number, read_json, read_json_lines, read_text
 from rans.show.figures import data_uri, learning_curve
 from rans.show.page import Finding, Page, Picture, Section, Table, header, named, show
 
@@ -108,7 +108,7 @@ def _key_metrics(measured: Metrics) -> Iterator[tuple[str, str]]:
 
 def comparison_section(comparison: Mapping[str, Any]) -> Section:
     """Contestants (see `rans.show.comparison_tables.outcome`), a line each; compare.html has the rest."""
-    summary = [(row["contestant"], _outcome(row)) for row in comparison.get("summary", [])]
+    summary = [(str(row["contestant"]), _outcome(row)) for row in comparison.get("summary", [])]
     texts = [*comparison.get("notes", ()), *(f"{name} {outcome}." for name, outcome in summary)]
     findings = [*(Finding(text, False) for text in comparison["failures"]), *map(Finding, texts)]
     return Section("Comparison", f"{comparison['title']}.", [Table(("contestant", "outcome"), summary)], (),
@@ -135,7 +135,7 @@ def _outcome(row: Mapping[str, Any]) -> str:
 
 
 def _evaluation(file: Path, found: Any) -> Section:
-    pictures = [Picture(data_uri(picture.read_text("utf-8")), caption)
+    pictures = [Picture(data_uri(read_text(picture)), caption)
                 for name, caption in (("evaluation", "All episodes."), ("episode", "One episode."))
                 if (picture := file.with_name(f"{file.stem.replace('evaluation', name)}.svg")).is_file()]
     section = evaluation_section([*_find_metrics(found)], pictures)

@@ -205,7 +205,7 @@ Choice = tuple[float, tuple[Block, ...]]
 
 
 class Layout(NamedTuple):
-    """Which columns are what: of attitude, velocity, spin, task flag and data; pickled with every policy."""
+    """Which columns are what: of attitude, velocity, spin, task flag and data; saved with every policy."""
 
     blocks: tuple[Block, ...]
 

@@ -67,8 +67,8 @@ def test_a_run_folder_is_left(capsys: pytest.CaptureFixture[str]) -> None:
     for part in ("training: ", "success ", "return: position ", "M steps/s", "at most 0 s left"):
         assert part in captured.err
     assert {file.name for file in run.iterdir()} == {
-        "config.json", "spacecraft.toml", "metrics.jsonl", "checkpoint.pt", "policy.zip", "tensorboard",
-        "learning_curve.svg"}
+        "config.json", "spacecraft.toml", "metrics.jsonl", "checkpoint.safetensors", "policy.zip",
+        "tensorboard", "learning_curve.svg"}
     assert (run / "learning_curve.svg").read_text().startswith("<?xml")
     assert main([*tiny(), "--total-timesteps", "1000"]) == 0
     assert Path("runs/go-to-pose-floating-platform-seed0-2").is_dir()
@@ -115,7 +115,7 @@ def test_resume_goes_on(capsys: pytest.CaptureFixture[str]) -> None:
     ("ppo", "--set takes KEY=VALUE, got 'ppo'"),
     ("ppo.n_envs=many", "config.ppo.n_envs: expected int, got 'many'"),
     ("ppo.n_envs=true", "config.ppo.n_envs: expected int, got True"),
-    ("ppo.n_envs=0", "n_envs must be >= 1, got 0"),
+    ("ppo.n_envs=0", "n_envs must be >= 1 and < 2^31, got 0"),
     ("ppo.learning_rate=NaN", "learning_rate must be finite and > 0, got nan"),
     ("settings.fail_distance=1", "fail_distance must exceed"),
     ("seed=-1", "seed must be between 0"),
@@ -159,8 +159,8 @@ def test_nan_is_said_in_a_sentence(capsys: pytest.CaptureFixture[str]) -> None:
     arguments = [*tiny(ppo__reward_scale=1e38)[1:], "--run", "run"]
     text = refused(capsys, *arguments)
     assert "not finite after 128 steps" in text
-    assert "State and weights are in run/nonfinite.pt." in text
-    assert Path("run/nonfinite.pt").exists()
+    assert "State and weights are in run/nonfinite.safetensors." in text
+    assert Path("run/nonfinite.safetensors").exists()
 
 
 def stopped(number: int, *arguments: str) -> str:
@@ -182,7 +182,8 @@ def test_signals_stop_it_gently(number: int) -> None:
     out = stopped(number, *tiny(total_timesteps=10**9), "--run", "run with space")
     assert out.startswith("Stopped after ")
     run = Path("run with space")
-    assert {"policy.zip", "learning_curve.svg", "checkpoint.pt"} <= {file.name for file in run.iterdir()}
+    left = {file.name for file in run.iterdir()}
+    assert {"policy.zip", "learning_curve.svg", "checkpoint.safetensors"} <= left
     match = re.search(r"Continue with: rans (.*)\n", out)
     assert match is not None
     assert shlex.split(match[1]) == ["train", "--resume", "run with space"]

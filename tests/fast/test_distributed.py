@@ -133,7 +133,7 @@ from pathlib import Path
 from rans.cli import main
 
 def die():
-    while not Path("run/checkpoint.pt").exists():
+    while not Path("run/checkpoint.safetensors").exists():
         time.sleep(0.05)
     os._exit(9)
 

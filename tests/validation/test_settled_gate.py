@@ -13,7 +13,8 @@ import torch
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from rans.fast.policy import read_policy, write_policy
+from rans.fast.policy import write_policy
+from rans.fast.saved import read_policy
 from rans.flight import fly
 from rans.model.fields import leaves, map_leaves
 from rans.model.timing import Timing
@@ -173,7 +174,8 @@ def test_our_entry_sees_each_axis_alone(tmp_path: Path) -> None:
     network = trained(32_768, "cpu", settings_on("cpu"))
     write_policy(tmp_path / "policy.zip", network.architecture, network.member(0), settings_on("cpu"), 1)
     begun: Any = starts(range(4))
-    one, other = ThreeAxes(network), ThreeAxes(read_policy(tmp_path / "policy.zip").network)
+    saved = read_policy(tmp_path / "policy.zip", one_axis(), Point()).network
+    one, other = ThreeAxes(network), ThreeAxes(saved)
     one.reset(4)
     other.reset(4)
     told = one.act(begun.start, begun.goal, np.zeros((4, 0)))

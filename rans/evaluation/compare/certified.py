@@ -15,7 +15,7 @@ from rans.evaluation.compare.contest import Contest
 from rans.files import number, read_json, write_json
 from rans.optimal.certificate.certificate import Effort
 from rans.optimal.trajectory.arrival import aims
-from rans.optimal.trajectory.pool import each
+from rans.scenario import each
 
 _EFFORT = Effort(seconds=20.0, nozzle_seconds=2.0, levels=4)
 """Most questions take two processor seconds. Less of it, or a busy machine, leaves wider gaps but changes

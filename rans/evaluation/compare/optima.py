@@ -21,10 +21,10 @@ from rans.model.fields import leaves, map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.optimal.trajectory.objectives import Objective
-from rans.optimal.trajectory.pool import each, solve_all
+from rans.optimal.trajectory.pool import solve_all
 from rans.optimal.trajectory.transcription import Trajectory
 from rans.reference.flight import replay
-from rans.scenario import Scenario
+from rans.scenario import Scenario, each
 from rans.tasks.base import Task
 
 REPLAY_BOUND = 1e-3

@@ -35,9 +35,12 @@ def contest_of(spec: str, episodes: int, seed: int = EVALUATION_SEED, engine: En
     return Contest(craft, task, timing, seed, episodes, engine, world)
 
 
-def enlist(spec: str, contest: Contest) -> Contestant:
-    """The contestant of this name; `ConfigError` if none is for the same task, craft and control rate."""
-    run = contestant(spec, lent=contest.setup)
+def enlist(spec: str, contest: Contest, trust: bool = False) -> Contestant:
+    """The contestant of this name; `ConfigError` if none is for the same task, craft and control rate.
+
+    For ``trust`` see `rans.evaluation.fly.contestants.contestant`.
+    """
+    run = contestant(spec, lent=contest.setup, trust=trust)
     if type(run.task) is not type(contest.task):
         raise ConfigError(f"{spec} is for the task {type(run.task).__name__}, but the first contestant for "
                           f"{type(contest.task).__name__}; compare them separately.")

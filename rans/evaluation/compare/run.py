@@ -86,7 +86,7 @@ class Comparison:
 
 def fill(comparison: Comparison, specs: Sequence[str], beside: Sequence[str] = BESIDE,
          certified: int = 4, cache: Path | None = None, track: Track = lambda *_: lambda *_: None,
-         workers: int | None = None) -> None:
+         workers: int | None = None, trust: bool = False) -> None:
     """Fly everyone and find what is possible; failures are noted and the rest goes on.
 
     Args:
@@ -97,10 +97,11 @@ def fill(comparison: Comparison, specs: Sequence[str], beside: Sequence[str] = B
         cache: see `certify`.
         track: shows progress.
         workers: processes, by default one per processor.
+        trust: see `rans.evaluation.fly.contestants.contestant`.
     """
     for spec in dict.fromkeys(specs):
         with _noted(comparison, spec):
-            _fly(comparison, roster.enlist(spec, comparison.contest), spec, track, workers)
+            _fly(comparison, roster.enlist(spec, comparison.contest, trust), spec, track, workers)
     for name in dict.fromkeys(name for name in beside if name != "optimal"):
         with _noted(comparison, name):
             simple = roster.simple_controller(name, comparison.contest)

@@ -11,16 +11,18 @@ import torch
 
 from rans.errors import ConfigError
 from rans.evaluation.fly.protocols import Setup
+from rans.fast.learn.architecture import paper_layout
 from rans.fast.learn.network import Network
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.selection import likeliest
-from rans.fast.policy import read_policy
+from rans.fast.saved import read_policy
 from rans.flight import Controller
 from rans.model.conditions import Conditions
 from rans.model.conditions_file import load_conditions
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
-from rans.tasks import Task, observation_width
+from rans.tasks import Task
+from rans.tasks.base import layout
 
 
 class Agent:
@@ -69,20 +71,23 @@ def load_agent(path: Path) -> LoadedRun:
     config, craft = run.config(), run.spacecraft()
     if not run.policy_file.exists():
         raise ConfigError(f"{path} has no policy.zip yet: training was stopped before its first checkpoint.")
-    network = read_policy(run.policy_file).network
+    network = read_policy(run.policy_file, craft, config.settings).network
     _check_fit(network, craft, config.settings, run)
     return LoadedRun(Agent(network, path.resolve().name), craft, config.settings, config.timing,
                      config.conditions.or_none)
 
 
 def _check_fit(network: Network, craft: Spacecraft, task: Task, run: RunFolder) -> None:
-    given = network.architecture
+    given, shown = network.architecture, layout(task, craft.dimension)
     seen, commanded = given.layout.width, given.thrusters
-    needed = observation_width(task, craft.dimension), len(craft.thrusters)
+    needed = shown.width, len(craft.thrusters)
     if (seen, commanded) != needed:
         raise ConfigError(
             f"{run.policy_file} observes {seen} columns and commands {commanded} thrusters, but "
             f"{run.spacecraft_file} needs {needed[0]} and {needed[1]}: they are of different runs.")
+    if given.layout not in (shown, paper_layout(seen)):
+        raise ConfigError(f"{run.policy_file} observes other columns than the task in {run.config_file} "
+                          "shows: they are of different runs.")
     if given.continuous != craft.actuators.is_continuous:
         raise ConfigError(f"{run.policy_file} does not command the {craft.actuators.kind} actuators of "
                           f"{run.spacecraft_file}: they are of different runs.")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from rans.errors import ConfigError
+from rans.errors import ConfigError, brief
 from rans.evaluation.fly.agent import LoadedRun, load_agent
 from rans.evaluation.fly.controllers import CONTROLLERS, controller, is_user_policy, user_policy
 from rans.evaluation.fly.protocols import ProtocolName, Setup, under_protocol
@@ -25,7 +25,8 @@ EVALUATIONS = Path("runs") / "evaluations"
 _SPACECRAFT = {"2d": "floating-platform", "3d": "free-flyer"}
 
 
-def contestant(spec: str, protocol: ProtocolName = "own", lent: Setup | None = None) -> LoadedRun:
+def contestant(spec: str, protocol: ProtocolName = "own", lent: Setup | None = None,
+               trust: bool = False) -> LoadedRun:
     """A controller ready to fly, and in which setup.
 
     Args:
@@ -36,6 +37,7 @@ def contestant(spec: str, protocol: ProtocolName = "own", lent: Setup | None = N
             `user_policy`) know no task of their own: `ConfigError` if they are lent none.
         protocol: see `rans.evaluation.fly.protocols.under_protocol`.
         lent: somebody's setup, in which policies made elsewhere fly, and a controller by its bare name.
+        trust: whether a policy made elsewhere may be a pickle, which runs code when it is opened.
     """
     if lent is not None and spec in CONTROLLERS:
         return LoadedRun(controller(spec, lent), *lent)
@@ -43,7 +45,7 @@ def contestant(spec: str, protocol: ProtocolName = "own", lent: Setup | None = N
         if lent is None:
             raise ConfigError(f"{spec} knows no task: name somebody who does before it, as in rans compare "
                               f"RUN {spec}.")
-        return LoadedRun(user_policy(spec, lent.craft, lent.task), *lent)
+        return LoadedRun(user_policy(spec, lent.craft, lent.task, trust), *lent)
     kind, name, part = _parse(spec)
     if kind not in ("", "pretrained"):
         setup = under_protocol(protocol, _picked(_named_setup(name, spec), part, spec))
@@ -88,7 +90,7 @@ def _parse(spec: str) -> tuple[str, str, str]:
         module, (own, _, name) = kind, name.partition(":")
         if own and name:
             return f"{module}:{own}", name, part
-        raise ConfigError(f"there is no contestant {spec!r}{meant(kind, kinds)}; known are {FORMS}.")
+        raise ConfigError(f"there is no contestant {brief(spec)}{meant(kind, kinds)}; known are {FORMS}.")
     if spec in pretrained_names() and not Path(spec).exists():
         raise ConfigError(f"there is no run folder {spec!r}; the agent of this name that comes with RANS is "
                           f"pretrained:{spec}.")

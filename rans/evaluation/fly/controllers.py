@@ -100,12 +100,12 @@ craft's actuators take: zeros and ones, or numbers between."""
 class UserPolicy:
     """A function of the observation, by its `user_policy` name; each answer is checked before it flies."""
 
-    def __init__(self, name: str, policy: Policy, craft: Spacecraft, task: Task) -> None:
-        self.name, self._policy, self._craft, self._task = name, policy, craft, task
+    def __init__(self, name: str, policy: Policy, craft: Spacecraft, task: Task, trust: bool = False) -> None:
+        self.name, self._policy, self._craft, self._task, self._trust = name, policy, craft, task, trust
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Another process loads it anew: not every policy can be pickled."""
-        return user_policy, (self.name, self._craft, self._task)
+        return user_policy, (self.name, self._craft, self._task, self._trust)
 
     def reset(self, count: int) -> None:
         """See `rans.flight.Controller`; a function has no memory."""
@@ -141,23 +141,26 @@ def is_user_policy(spec: str) -> bool:
     return spec.partition(":")[0] in _LOADERS and ":" in spec
 
 
-def user_policy(spec: str, craft: Spacecraft, task: Task) -> UserPolicy:
+def user_policy(spec: str, craft: Spacecraft, task: Task, trust: bool = False) -> UserPolicy:
     """The policy behind ``sb3:FILE.zip``, ``onnx:FILE`` or ``python:MODULE:FUNCTION``.
 
-    An SB3 file is a pickle and a module is code: open only what you trust. `ConfigError` if it cannot be
-    loaded, or is for another observation or other actions than task and craft have.
+    A module is code that this runs. So is an SB3 file that RANS did not write, a pickle, which is opened only
+    with ``trust``. `ConfigError` if it cannot be loaded, or is for another observation or other actions than
+    task and craft have.
     """
     kind, _, name = spec.partition(":")
     if not is_user_policy(spec) or not name:
         raise ConfigError(f"there is no policy {spec!r}; known are {USER_POLICIES}.")
-    return UserPolicy(spec, _LOADERS[kind](name, craft, task), craft, task)
+    return UserPolicy(spec, _LOADERS[kind](name, craft, task, trust), craft, task, trust)
 
 
-def _sb3(name: str, craft: Spacecraft, task: Task) -> Policy:
+def _sb3(name: str, craft: Spacecraft, task: Task, trust: bool) -> Policy:
     """The policy of any SB3 algorithm: the file names its class, so the algorithm need not be known."""
     from stable_baselines3.common.save_util import load_from_zip_file
 
     _check_file(name)
+    if not trust:
+        return _ours(Path(name), craft, task)
     try:
         data, parameters, _ = load_from_zip_file(name, device="cpu")
         assert data is not None  # every SB3 file has them
@@ -172,6 +175,19 @@ def _sb3(name: str, craft: Spacecraft, task: Task) -> Policy:
     return lambda observation: policy.predict(observation, deterministic=True)[0]
 
 
+def _ours(file: Path, craft: Spacecraft, task: Task) -> Policy:
+    """An agent that RANS wrote, which nothing need be unpickled for."""
+    from rans.fast.policy import policy_spaces, predict
+    from rans.fast.saved import is_agent, read_policy
+
+    if not is_agent(file):
+        raise ConfigError(f"sb3:{file} is a pickle: opening it runs whatever code is in it. If you know who "
+                          "made it, add --trust.")
+    network = read_policy(file, craft, task).network
+    _check_spaces(str(file), *policy_spaces(network.architecture), craft, task)
+    return lambda observation: predict(network, observation)[0]
+
+
 def _check_spaces(name: str, seen: Any, action: Any, craft: Spacecraft, task: Task) -> None:
     from gymnasium.spaces import MultiBinary
 
@@ -184,7 +200,7 @@ def _check_spaces(name: str, seen: Any, action: Any, craft: Spacecraft, task: Ta
                           f"{craft.actuators.allowed}: {', '.join(dict.fromkeys(map(str, known)))}.")
 
 
-def _onnx(name: str, _craft: Spacecraft, _task: Task) -> Policy:
+def _onnx(name: str, *_: object) -> Policy:
     """A network with one input of observations, whose first output is the commands."""
     try:
         from onnxruntime import InferenceSession  # pyright: ignore[reportMissingImports]: is optional
@@ -201,9 +217,9 @@ def _onnx(name: str, _craft: Spacecraft, _task: Task) -> Policy:
     return lambda observation: session.run(None, {inputs[0]: observation})[0]
 
 
-def _python(name: str, _craft: Spacecraft, _task: Task) -> Policy:
-    module, _, function = name.rpartition(":")
-    if not module or not function:
+def _python(name: str, *_: object) -> Policy:
+    module, colon, function = name.rpartition(":")
+    if not module or not colon or not function:
         raise ConfigError(f"python:{name} must name a module and a function, as python:my_policy:act.")
     try:
         policy = resolve(from_here(name))
@@ -219,5 +235,5 @@ def _check_file(name: str) -> None:
         raise ConfigError(f"there is no file {name}.")
 
 
-_LOADERS: dict[str, Callable[[str, Spacecraft, Task], Policy]] = {
+_LOADERS: dict[str, Callable[[str, Spacecraft, Task, bool], Policy]] = {
     "sb3": _sb3, "onnx": _onnx, "python": _python}

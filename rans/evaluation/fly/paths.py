@@ -12,6 +12,7 @@ from pathlib import Path as FilePath
 import numpy as np
 
 from rans.errors import ConfigError
+from rans.files import regular
 
 SPACING = 0.005
 """Largest distance along a path between neighbouring points, m: a fiftieth of the paper's look-ahead. A
@@ -141,7 +142,7 @@ def read_path(file: FilePath) -> Path:
     file cannot be read or holds no path, a `ConfigError` names the line.
     """
     try:
-        rows = list(csv.reader(file.read_text("utf-8-sig").splitlines()))
+        rows = list(csv.reader(regular(file).read_text("utf-8-sig").splitlines()))
     except UnicodeDecodeError as error:
         raise ConfigError(f"cannot read {file}: it is not text in UTF-8.") from error
     except (OSError, csv.Error) as error:

@@ -13,6 +13,7 @@ from torch import Tensor
 
 from rans.environment import action_space, observation_space
 from rans.fast.engine import Engine
+from rans.fast.envs.actions import Actions
 
 
 class SB3VecEnv(VecEnv):
@@ -27,7 +28,7 @@ class SB3VecEnv(VecEnv):
         self.render_mode = None
         super().__init__(engine.num_envs, observation_space(engine.task, engine.craft.dimension),
                          action_space(engine.craft))
-        self._action = torch.zeros(0)
+        self._action, self._actions = torch.zeros(0), Actions(engine)
 
     def reset(self) -> VecEnvObs:
         """Start every episode anew; (N, width) float32."""
@@ -38,8 +39,8 @@ class SB3VecEnv(VecEnv):
         return _float32(self.engine.reset(seed))
 
     def step_async(self, actions: np.ndarray) -> None:
-        """Keep the actions (N, thrusters) for `step_wait`."""
-        self._action = torch.as_tensor(actions, device=self.engine.device)
+        """Keep the actions (N, thrusters) for `step_wait`; ConfigError where thrusters cannot follow them."""
+        self._action = self._actions.checked(actions)
 
     def step_wait(self) -> VecEnvStepReturn:
         """One control period; ends are reported in SB3's way, with same-step reset."""

@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from torch import Tensor
 
 from rans.environment import action_space, checked_render_mode, choose, observation_space
-from rans.errors import ConfigError
+from rans.errors import ConfigError, brief
 from rans.fast.engine import Engine
+from rans.fast.envs.actions import Actions
+from rans.fast.step import Step
 from rans.model.conditions import Conditions
 from rans.model.fields import leaves, unflatten
 from rans.model.spacecraft import Spacecraft
@@ -35,10 +41,11 @@ class SpacecraftVectorEnv(VectorEnv[Tensor, Tensor, Tensor]):
     arrays use ``gymnasium.wrappers.vector.ArrayConversion(env, torch, numpy)``.
 
     One seed serves the whole batch: environment i flies episodes i, i + N, i + 2 N, ... of it, and episode k
-    is the same whatever N is, here and in `SpacecraftEnv`. Episodes restart in the step that ends them
-    (``AutoresetMode.SAME_STEP``). Nothing waits for the device, so every step's ``info`` has the same keys,
-    tensors whose masks say where they count: "final_obs" (N, width) and "final_info" {"is_success": (N,)}
-    under "_final_obs" and "_final_info", and "reward_terms" {name: (N,)} everywhere.
+    is the same whatever N is, here and in `SpacecraftEnv`. With a list of N seeds environment i is the single
+    one of the i-th. Episodes restart by default in the step that ends them (``AutoresetMode.SAME_STEP``).
+    Nothing waits for the device, so every step's ``info`` has the same keys, tensors whose masks say where
+    they count: "final_obs" (N, width) and "final_info" {"is_success": (N,)} under "_final_obs" and
+    "_final_info", and "reward_terms" {name: (N,)} everywhere.
 
     Args:
         num_envs: N, number of spacecraft stepped together.
@@ -48,6 +55,9 @@ class SpacecraftVectorEnv(VectorEnv[Tensor, Tensor, Tensor]):
         task: settings; None: the defaults.
         timing: see `Engine`, as device, dtype and compiled.
         conditions: what episodes do not promise; None: a perfect world.
+        autoreset_mode: or NEXT_STEP, where the step after an end begins the next episode and its action
+            counts for nothing; or DISABLED, where ``reset(options={"reset_mask": (N,) bool})`` does. Both
+            copy the state once more a step.
         render_mode: None; "rgb_array": `render` gives a frame of every environment; "human": every `reset`
             and `step` shows the first 16 in the browser, at real time (see `rans.window.Window`).
 
@@ -62,11 +72,15 @@ class SpacecraftVectorEnv(VectorEnv[Tensor, Tensor, Tensor]):
                  spacecraft: str | Path | Spacecraft | None = None, task: Task | None = None,
                  timing: Timing | None = None, device: str | torch.device = "cpu",
                  dtype: torch.dtype = torch.float32, compiled: bool | None = None,
-                 render_mode: str | None = None, conditions: Conditions | None = None) -> None:
-        self.render_mode = checked_render_mode(render_mode)
+                 render_mode: str | None = None, conditions: Conditions | None = None,
+                 autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP) -> None:
+        self.render_mode, self.autoreset_mode = checked_render_mode(render_mode), _mode(autoreset_mode)
         craft, task = choose(task_name, dimension, spacecraft, task)
-        self.engine = Engine(craft, task, num_envs, timing, device=device, dtype=dtype, compiled=compiled,
-                             conditions=conditions)
+        self._made = partial(Engine, craft, task, num_envs, timing, device=device, dtype=dtype,
+                             compiled=compiled, conditions=conditions)
+        self.engine = self._made()
+        self._actions = Actions(self.engine)
+        self._over = torch.zeros(num_envs, dtype=torch.bool, device=self.engine.device)
         self.num_envs, self.device = num_envs, self.engine.device
         width = np.float32 if dtype == torch.float32 else np.float64
         self.single_observation_space = observation_space(task, dimension, width)
@@ -74,25 +88,43 @@ class SpacecraftVectorEnv(VectorEnv[Tensor, Tensor, Tensor]):
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._seeded = False
-        self.metadata = {**self.metadata, "render_fps": 1.0 / self.engine.timing.control_period}
+        self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode,
+                         "render_fps": 1.0 / self.engine.timing.control_period}
         self._film = None if render_mode is None else Film(self.engine, render_mode)
 
-    def reset(self, *, seed: int | None = None,
+    @property
+    def spec(self) -> EnvSpec | None:  # type: ignore[override]  # Gymnasium's is an attribute
+        """As registered, with the length of an episode here."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:  # type: ignore[override]
+        steps = self.engine.timing.episode_steps
+        self._spec = None if spec is None else replace(spec, max_episode_steps=steps)
+
+    def reset(self, *, seed: int | Sequence[int | None] | None = None,
               options: dict[str, Any] | None = None) -> tuple[Tensor, dict[str, Any]]:
         """Start a new episode everywhere; the observation is (N, width).
 
         Episodes count from 0 under a given seed; by default they go on counting, or at first under a random
-        one. ConfigError where the seed is a list, or there are options.
+        one. A list has one seed for each environment. With AutoresetMode.DISABLED the option "reset_mask",
+        (N,) bool, says where a new episode starts. ConfigError where a seed or an option is something else.
         """
-        if options:
-            raise ConfigError(f"reset has no options here, got {options!r}.")
-        if seed is not None and not isinstance(seed, int):
-            raise ConfigError(f"the seed must be one whole number for the whole batch, got {seed!r}.")
-        super().reset(seed=seed)
-        if seed is None and not self._seeded:
-            seed = int(self.np_random.integers(2**63))
+        mask = self._mask(options or {}, seed)
+        if mask is not None:
+            with self.engine.holding(~mask | self._over):  # the next episode waits where one is over
+                self.engine.reset()
+            self._over &= ~mask
+            return self.engine.observe().contiguous(), {}
+        seeds = _seeds(seed, self.num_envs)
+        super().reset(seed=seeds if isinstance(seeds, int) else None)
+        if seeds is None and not self._seeded:
+            seeds = int(self.np_random.integers(2**63))
         self._seeded = True
-        observation = self.engine.reset(seed)
+        if seeds is not None and self.engine.members != (1 if isinstance(seeds, int) else self.num_envs):
+            self._exchange(self._made(seed=seeds))
+        observation = self.engine.reset(seeds).contiguous()
+        self._over.fill_(False)
         if self._film is not None:
             self._film.restart()
         return observation, {}
@@ -111,15 +143,56 @@ class SpacecraftVectorEnv(VectorEnv[Tensor, Tensor, Tensor]):
             gymnasium.error.ResetNeeded: there was no `reset` yet.
         """
         self._require_reset()
-        actions = torch.as_tensor(actions, device=self.device)
-        step = self.engine.step(actions)
+        actions = self._actions.checked(actions)
+        step = self._stepped(actions)
         ended = step.terminated | step.truncated
         if self._film is not None:
             self._film.advance(actions, ended)
         info = {"reward_terms": dict(zip(self.engine.term_names, step.terms, strict=True)),
                 "final_obs": step.final_observation, "_final_obs": ended,
                 "final_info": {"is_success": step.reached & step.truncated}, "_final_info": ended}
-        return step.observation, step.reward, step.terminated, step.truncated, info
+        observation = step.observation
+        if self.autoreset_mode != AutoresetMode.SAME_STEP:
+            observation, self._over = torch.where(ended[:, None], step.final_observation, observation), ended
+        return observation.contiguous(), step.reward, step.terminated, step.truncated, info
+
+    def _stepped(self, actions: Tensor) -> Step:
+        """One step of those whose episodes are not over; NEXT_STEP shows the others their new ones."""
+        if self.autoreset_mode == AutoresetMode.SAME_STEP:
+            return self.engine.step(actions)
+        if self.autoreset_mode == AutoresetMode.DISABLED and self._over.any():
+            over = self._over.nonzero().flatten().tolist()
+            raise ResetNeeded(f"the episodes of environments {brief(over)} are over: reset them with "
+                              'options={"reset_mask": ...}.')
+        held = self._over
+        with self.engine.holding(held):
+            step = self.engine.step(actions)
+        return step._replace(
+            observation=torch.where(held[:, None], self.engine.observe(), step.observation),
+            reward=step.reward.masked_fill(held, 0.0), terminated=step.terminated & ~held,
+            truncated=step.truncated & ~held, reached=step.reached & ~held,
+            terms=step.terms.masked_fill(held, 0.0))
+
+    def _mask(self, options: dict[str, Any], seed: Any) -> Tensor | None:
+        """Where a new episode starts, (N,); None: everywhere."""
+        if unknown := sorted(options.keys() - {"reset_mask"}):
+            raise ConfigError(f'unknown option {brief(unknown[0])} of reset; the only one is "reset_mask".')
+        if not options:
+            return None
+        mask = torch.as_tensor(options["reset_mask"], device=self.device)
+        if self.autoreset_mode != AutoresetMode.DISABLED or seed is not None or not self._seeded:
+            raise ConfigError('the option "reset_mask" of reset is for AutoresetMode.DISABLED, after a first '
+                              "reset and without a seed.")
+        if mask.dtype != torch.bool or mask.shape != (self.num_envs,):
+            raise ConfigError(f"reset_mask must be {self.num_envs} of True and False, got {mask.dtype} of "
+                              f"shape {tuple(mask.shape)}.")
+        return mask
+
+    def _exchange(self, engine: Engine) -> None:
+        """Fly on with an engine whose environments have other seeds."""
+        self.engine, self._actions = engine, Actions(engine)
+        if self._film is not None:
+            self._film.engine = engine
 
     def render(self) -> Any:
         """A frame (240, 320, 3) uint8 of every environment in the mode "rgb_array"; first comes `reset`."""
@@ -136,6 +209,27 @@ class SpacecraftVectorEnv(VectorEnv[Tensor, Tensor, Tensor]):
             self._film.close()
 
 
+def _mode(given: AutoresetMode | str) -> AutoresetMode:
+    try:
+        return given if isinstance(given, AutoresetMode) else AutoresetMode[str(given).upper()]
+    except KeyError as error:
+        raise ConfigError(f"autoreset_mode must be one of {', '.join(AutoresetMode.__members__)}, got "
+                          f"{brief(given)}.") from error
+
+
+def _seeds(given: Any, count: int) -> int | list[int] | None:
+    """One seed for all, or a list of one for each, as plain numbers."""
+    if given is None:
+        return None
+    many = isinstance(given, list | tuple | np.ndarray)
+    each = list(given) if many else [given]
+    whole = all(isinstance(x, int | np.integer) and not isinstance(x, bool) and 0 <= x < 2**64 for x in each)
+    if not whole or (many and len(each) != count):
+        raise ConfigError("the seed must be one whole number for the whole batch, >= 0 and < 2^64, or a list "
+                          f"of {count}, got {brief(given)}.")
+    return [int(x) for x in each] if len(each) > 1 else int(each[0])
+
+
 class Film:
     """Follows the spacecraft of an engine and draws them, see `SpacecraftVectorEnv`."""
 
@@ -144,13 +238,13 @@ class Film:
         from rans.window import Window
 
         shown = render_mode == "human"
-        self._engine, self._count = engine, min(engine.num_envs, _SHOWN) if shown else engine.num_envs
+        self.engine, self._count = engine, min(engine.num_envs, _SHOWN) if shown else engine.num_envs
         self._scene = Scene(engine.craft, engine.task, _WIDTH, _HEIGHT)
         self._window = Window(1.0 / engine.timing.control_period) if shown else None
 
     def restart(self) -> None:
         """New episodes began everywhere."""
-        self._commands = np.zeros((self._count, len(self._engine.craft.thrusters)))
+        self._commands = np.zeros((self._count, len(self.engine.craft.thrusters)))
         self._trails: list[list[np.ndarray]] = [[] for _ in range(self._count)]
         self._remember()
 
@@ -164,7 +258,7 @@ class Film:
 
     def frames(self) -> tuple[np.ndarray, ...]:
         """A frame (240, 320, 3) uint8 of every environment that is filmed."""
-        given, filmed = self._engine, zip(self._states, self._rows(self._engine.goal), self._commands,
+        given, filmed = self.engine, zip(self._states, self._rows(self.engine.goal), self._commands,
                                           self._trails, strict=True)
         return tuple(self._scene.render(unflatten(given.state, state), unflatten(given.goal, goal), command,
                                         np.array(trail[:-1])) for state, goal, command, trail in filmed)
@@ -176,9 +270,9 @@ class Film:
             self._window = None
 
     def _remember(self) -> None:
-        self._states = self._rows(self._engine.state)
+        self._states = self._rows(self.engine.state)
         for trail, state in zip(self._trails, self._states, strict=True):
-            trail.append(state[:self._engine.craft.dimension])
+            trail.append(state[:self.engine.craft.dimension])
         if self._window is not None:
             from rans.window import tiled
 

@@ -125,6 +125,20 @@ class Architecture:
         """Those of observations before any was made."""
         return {"mean": torch.zeros(self.seen), "variance": torch.ones(self.seen), "count": torch.zeros(())}
 
+    def _parts(self) -> dict[str, nn.Module]:
+        """Everything that is learnt, by how its names begin, in the order of SB3."""
+        rows = self.thrusters if self.continuous else 2 * self.thrusters
+        return {EXTRACTOR: nn.ModuleDict(self.modules()), "action_net.": nn.Linear(self.features, rows),
+                "value_net.": nn.Linear(self.features, 1)}
+
+    def shapes(self) -> dict[str, torch.Size]:
+        """Of every weight and statistic by its name, in the order of `initial`; nothing is allocated."""
+        with torch.device("meta"):
+            found = {"log_std": torch.Size((self.thrusters,))} if self.continuous else {}
+            for prefix, part in self._parts().items():
+                found |= {prefix + name: value.shape for name, value in part.state_dict().items()}
+            return found | {EXTRACTOR + name: x.shape for name, x in self.statistics().items()}
+
     def initial(self, seed: int, duty: float) -> tuple[dict[str, Tensor], torch.Generator]:
         """Weights and statistics of one member that has learnt nothing, and its random numbers from then on.
 
@@ -134,9 +148,7 @@ class Architecture:
         """
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
-            rows = self.thrusters if self.continuous else 2 * self.thrusters
-            parts = {EXTRACTOR: nn.ModuleDict(self.modules()), "action_net.": nn.Linear(self.features, rows),
-                     "value_net.": nn.Linear(self.features, 1)}
+            parts = self._parts()
             for part, gain in zip(parts.values(), (math.sqrt(2), 0.01, 1.0), strict=True):
                 for layer in part.modules():
                     if isinstance(layer, nn.Linear):
@@ -144,7 +156,7 @@ class Architecture:
                         nn.init.zeros_(layer.bias)
             generator = torch.Generator()
             generator.set_state(torch.get_rng_state())
-        tensors = {"log_std": torch.full((rows,), LOG_STD)} if self.continuous else {}
+        tensors = {"log_std": torch.full((self.thrusters,), LOG_STD)} if self.continuous else {}
         for prefix, part in parts.items():
             tensors |= {prefix + name: value for name, value in part.state_dict().items()}
         expect_duty(tensors, duty)

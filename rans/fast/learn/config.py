@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
-from rans.errors import ConfigError
+from rans.errors import ConfigError, brief
 from rans.fast.learn.curriculum import Ramp, check_ramps
 from rans.model.conditions import Conditions
 from rans.model.timing import Timing
@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 
 Precision = Literal["float32", "tf32", "bf16"]
 """Of a GPU's matrix products: 24, 11 or, in hidden layers, 8 significant bits (docs/speed.md)."""
+
+MOST_LAYERS, MOST_UNITS = 32, 65_536
+"""A hundred times what any agent here has: more is a slip, and fills the memory."""
 
 
 @dataclass(frozen=True)
@@ -86,9 +89,10 @@ class PPOSettings:
     valves shut find out about it sooner from a low one."""
 
     def __post_init__(self) -> None:
-        _require(self, ">= 1", lambda x: x >= 1,
-                 "n_envs", "n_steps", "n_epochs", "history", "recurrent_units")
-        _require(self, ">= 2", lambda x: x >= 2, "batch_size")
+        _require(self, ">= 1 and < 2^31", lambda x: 1 <= x < 2**31, "n_envs", "n_steps", "n_epochs")
+        _require(self, ">= 2 and < 2^31", lambda x: 2 <= x < 2**31, "batch_size")
+        _require(self, f">= 1 and <= {MOST_UNITS:,}", lambda x: 1 <= x <= MOST_UNITS,
+                 "history", "recurrent_units")
         _require(self, "finite and > 0", lambda x: 0 < x < math.inf,
                  "learning_rate", "max_learning_rate", "clip_range", "max_grad_norm", "reward_scale")
         _require(self, "finite and >= 0", lambda x: 0 <= x < math.inf, "ent_coef", "vf_coef", "zoom")
@@ -97,7 +101,8 @@ class PPOSettings:
         _require(self, "in (0, 1]", lambda x: 0 < x <= 1, "gamma", "gae_lambda")
         _require(self, "finite and > 0, or null", lambda x: x is None or 0 < x < math.inf, "desired_kl")
         _require(self, "numbers between 0 and 1", lambda x: all(0 < share < 1 for share in x), "averages")
-        _require(self, "one or more numbers >= 1", lambda x: len(x) > 0 and min(x) >= 1, "layers")
+        _require(self, f"1 to {MOST_LAYERS} numbers >= 1 and <= {MOST_UNITS:,}",
+                 lambda x: 1 <= len(x) <= MOST_LAYERS and 1 <= min(x) <= max(x) <= MOST_UNITS, "layers")
         if self.memory == "recurrent" and self.symmetric:
             raise ConfigError("memory 'recurrent' needs symmetric to be false: what is remembered was seen "
                               "from one side of the spacecraft, and the next step may be from another.")
@@ -129,7 +134,7 @@ def _require(config: object, bound: str, holds: Callable[[Any], bool], *names: s
     for name in names:
         if not holds(value := getattr(config, name)):
             said = list(value) if isinstance(value, tuple) else value
-            raise ConfigError(f"{name} must be {bound}, got {said}.")
+            raise ConfigError(f"{name} must be {bound}, got {brief(said)}.")
 
 
 @dataclass(frozen=True)
@@ -166,7 +171,8 @@ class TrainConfig:
     def __post_init__(self) -> None:
         # What NumPy's generator takes, which Stable-Baselines3 seeds too.
         _require(self, "between 0 and 2^32 - 1", lambda x: 0 <= x < 2**32, "seed")
-        _require(self, ">= 1", lambda x: x >= 1, "total_timesteps", "report_interval", "threads")
+        _require(self, ">= 1 and < 2^63", lambda x: 1 <= x < 2**63, "total_timesteps", "report_interval")
+        _require(self, ">= 1 and <= 1,024", lambda x: 1 <= x <= 1024, "threads")
         _require(self, "in (0, 1], or null", lambda x: x is None or 0 < x <= 1, "solved_share")
         check_ramps(self.settings, self.curriculum)
 

@@ -14,7 +14,8 @@ from rans.fast.engine import Engine
 from rans.fast.envs.sb3 import SB3VecEnv
 from rans.fast.learn.config import PPOSettings
 from rans.fast.learn.member import begin, statistics
-from rans.fast.policy import predict, read_policy, write_policy
+from rans.fast.policy import predict, write_policy
+from rans.fast.saved import read_policy
 
 _KNOWN = PPOSettings.__dataclass_fields__.keys() - {"n_envs"}
 
@@ -90,7 +91,8 @@ class PPO:
         Settings are as in the constructor, where they are others than it was trained with; ConfigError where
         the file is damaged, or not for this engine.
         """
-        saved, count = read_policy(Path(file)), _engine_of(env).num_envs
+        engine = _engine_of(env)
+        saved, count = read_policy(Path(file), engine.craft, engine.task), engine.num_envs
         kept = {name: value for name, value in saved.settings.items() if name in _KNOWN}
         if saved.settings.get("n_envs") != count:
             kept.pop("batch_size", None)

@@ -6,20 +6,26 @@ import json
 from pathlib import Path
 from typing import Any
 
-import torch
-
 from rans import files
 from rans.errors import ConfigError
 from rans.fast.learn.config import TrainConfig, from_table, to_table
+from rans.fast.packed import pack, unpack
+from rans.fast.pickled import read_tensors
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft, spacecraft_text
+
+CHECKPOINT = "checkpoint.safetensors"
+"""What continues a training; older versions wrote ``checkpoint.pt``."""
+_COUNTS = "steps", "seconds", "success"
+"""What every row of metrics has, besides what its task reports."""
 
 
 class RunFolder:
     """Names and formats of the files of one training.
 
     ``config.json`` re-runs it, ``spacecraft.toml`` is the spacecraft as it was, ``metrics.jsonl`` has
-    one row per report, ``checkpoint.pt`` continues it, ``policy.zip`` is the agent in SB3's format.
+    one row per report, ``checkpoint.safetensors`` continues it, ``policy.zip`` is the agent. Opening them
+    runs nothing that is in them (decision 014).
 
     Args:
         path: the folder; need not exist.
@@ -28,8 +34,10 @@ class RunFolder:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.config_file, self.spacecraft_file = path / "config.json", path / "spacecraft.toml"
-        self.metrics_file, self.checkpoint_file = path / "metrics.jsonl", path / "checkpoint.pt"
+        self.metrics_file, self.checkpoint_file = path / "metrics.jsonl", path / CHECKPOINT
         self.policy_file = path / "policy.zip"
+        self._older_checkpoint = path / "checkpoint.pt"
+        self._lock = files.Lock(self.spacecraft_file)  # which nobody writes once training has begun
 
     def begin(self, config: TrainConfig, command: str) -> None:
         """Write what is known before training; ConfigError where the folder holds another one already."""
@@ -40,6 +48,14 @@ class RunFolder:
         files.write_text(self.spacecraft_file, spacecraft_text(config.spacecraft))
         about = {"command": command, "environment": files.environment()}
         files.write_json(self.config_file, to_table(config) | {"about": about})
+
+    def lock(self) -> None:
+        """Keep other trainings out until `release`; ConfigError where one is at work here already."""
+        self._lock.take(f"{self.path} is being trained by another process; wait for its end, or stop it.")
+
+    def release(self) -> None:
+        """Let another training go on here."""
+        self._lock.release()
 
     def config(self) -> TrainConfig:
         """The training's config; ConfigError where the folder holds none, or one of another version."""
@@ -60,8 +76,16 @@ class RunFolder:
             raise ConfigError(f"cannot write {self.metrics_file}: {error}; is the disk full?") from error
 
     def metrics(self) -> list[dict[str, Any]]:
-        """Rows so far; a row cut off in the middle of writing is left out."""
-        return files.read_json_lines(self.metrics_file) if self.metrics_file.exists() else []
+        """Rows so far; a row cut off in the middle of writing is left out.
+
+        ConfigError where one does not say when it was written and how it went.
+        """
+        rows = files.read_json_lines(self.metrics_file) if self.metrics_file.exists() else []
+        for line, row in enumerate(rows, 1):
+            wrong = [key for key in _COUNTS if not isinstance(row.get(key), int | float)]
+            if wrong:
+                raise ConfigError(f"{self.metrics_file} is damaged: line {line} has no number of {wrong[0]}.")
+        return rows
 
     def forget_after(self, steps: int) -> None:
         """Drop the metrics of steps that a resumed training will take again."""
@@ -70,14 +94,21 @@ class RunFolder:
 
     def save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         """Write everything needed to go on, or leave the old checkpoint in place."""
-        files.replace_file(self.checkpoint_file, lambda draft: torch.save(checkpoint, draft))
+        content = pack(checkpoint)
+        files.replace_file(self.checkpoint_file, lambda draft: draft.write_bytes(content))
+        self._older_checkpoint.unlink(missing_ok=True)
+
+    @property
+    def has_checkpoint(self) -> bool:
+        """Whether there is something to go on from."""
+        return self.checkpoint_file.exists() or self._older_checkpoint.exists()
 
     def load_checkpoint(self, device: str) -> dict[str, Any]:
-        """The latest checkpoint; ConfigError where it cannot be read or is damaged."""
-        try:
-            return torch.load(self.checkpoint_file, map_location=device, weights_only=True)
-        except Exception as error:  # a damaged pickle raises anything
-            raise ConfigError(f"{self.checkpoint_file} is damaged: {files.first_line(error)}.") from error
+        """The latest checkpoint; ConfigError where it cannot be read, is damaged or holds code."""
+        if self.checkpoint_file.exists():
+            content = files.regular(self.checkpoint_file).read_bytes()
+            return unpack(content, self.checkpoint_file, device)
+        return read_tensors(self._older_checkpoint, device)
 
 
 def read_config(file: Path) -> TrainConfig:

@@ -59,7 +59,7 @@ class Sweep:
             write_json(self.path / "configs.json", {"command": self.command, "configs": configs})
         for place, batch in enumerate(self._batches):
             run = RunFolder(self.path / "batches" / str(place))
-            if not stop() or run.checkpoint_file.exists():
+            if not stop() or run.has_checkpoint:
                 if place > 0:
                     gc.collect()  # the device's memory of the batch before hangs in reference cycles
                 self._train(run, batch, report, stop)

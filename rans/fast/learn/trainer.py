@@ -18,6 +18,7 @@ from rans.fast.learn.curriculum import Curriculum
 from rans.fast.learn.member import Member, begin, statistics
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.selection import Selection
+from rans.fast.packed import pack
 from rans.fast.policy import write_policy
 from rans.fast.step import field_dtype
 from rans.files import replace_file
@@ -100,10 +101,14 @@ class Trainer:
             WorkerLost: another process is gone.
         """
         try:
+            if self.processes.is_first:
+                self.run.lock()
             self._train(report, stop)
         except WorkerLost as error:
             advice = f"Continue from the last checkpoint with --resume {self.run.path}."
             raise WorkerLost(f"{error} {advice}") from error
+        finally:
+            self.run.release()
 
     def _train(self, report: Callable[[Sequence[Member]], object], stop: Callable[[], bool]) -> None:
         if self.processes.is_first and not self._events:
@@ -153,9 +158,9 @@ class Trainer:
         try:
             self._said = [statistics(numbers, self.engine, self.steps, self._goes_on) for numbers in said]
         except NonFiniteState as error:
-            file, state = self.run.path / "nonfinite.pt", self._checkpoint()
+            file, state = self.run.path / "nonfinite.safetensors", pack(self._checkpoint())
             if self.processes.is_first:
-                replace_file(file, lambda draft: torch.save(state, draft))
+                replace_file(file, lambda draft: draft.write_bytes(state))
             raise NonFiniteState(f"{error} State and weights are in {file}.") from error
 
     def _report(self, report: Callable[[Sequence[Member]], object]) -> None:
@@ -210,9 +215,12 @@ class Trainer:
     def resume(self) -> None:
         """Continue from the run's checkpoint, bit-identically on a CPU; without one, from the start.
 
-        ConfigError where it is damaged or of another network, or where an agent without one would be lost.
+        ConfigError where it is damaged or of another network, where an agent without one would be lost, or
+        where another process trains here.
         """
-        if self.run.checkpoint_file.exists():
+        if self.processes.is_first:
+            self.run.lock()
+        if self.run.has_checkpoint:
             self._restore(self.run.load_checkpoint(self.config.device))
         elif self.run.policy_file.exists():
             raise ConfigError(f"{self.run.path} holds an agent without a checkpoint to go on from, as a "

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
 
-from rans.model.fields import leaves, map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.optimal.trajectory.arrival import aims
 from rans.optimal.trajectory.objectives import Objective
 from rans.optimal.trajectory.transcription import Trajectory, Transcription, unsolved
 from rans.processes import submitted
-from rans.scenario import Scenario
+from rans.scenario import Scenario, each
 from rans.tasks.base import Task
 
 _transcriptions: list[Transcription] = []
@@ -58,9 +57,3 @@ def _build(craft: Spacecraft, task: Task, objectives: Sequence[Objective]) -> No
 
 def _solve(index: int, scenario: Scenario, guesses: int) -> Trajectory:
     return _transcriptions[index].solve(scenario.start, scenario.goal, guesses)
-
-
-def each(starts: Scenario) -> Iterator[Scenario]:
-    """The scenarios of a batch, of floats."""
-    for k in range(len(leaves(starts.start)[0])):
-        yield map_leaves(lambda field, k=k: float(field[k]), starts)

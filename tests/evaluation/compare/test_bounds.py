@@ -16,8 +16,7 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.certificate.certificate import Effort, Unreachable
 from rans.optimal.certificate.lattice import GoalSet
 from rans.optimal.trajectory.arrival import aims
-from rans.optimal.trajectory.pool import each
-from rans.scenario import Scenario, scenarios
+from rans.scenario import Scenario, each, scenarios
 from rans.tasks import GoToPose, GoToPosition, Task, TrackVelocity
 from tests.crafts import nasty_planar
 

@@ -16,10 +16,9 @@ from rans.model.fields import map_leaves
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.optimal.trajectory.objectives import MinimumFuel, MinimumTime
-from rans.optimal.trajectory.pool import each
 from rans.optimal.trajectory.transcription import Trajectory
 from rans.reference.flight import replay
-from rans.scenario import Scenario, scenarios
+from rans.scenario import Scenario, each, scenarios
 from rans.tasks import GoToPose
 
 PLATFORM, TASK = load_spacecraft("floating-platform"), GoToPose().for_evaluation()

@@ -14,7 +14,7 @@ from rans.evaluation.compare.optima import Optimum, episode, optima
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.optimal.trajectory.objectives import MaximumReward, MinimumFuel, MinimumTime
-from rans.optimal.trajectory.pool import each
+from rans.scenario import each
 from rans.tasks import GoToPose
 
 NEAR = GoToPose(evaluation_distance=(0.8, 0.9)).for_evaluation()

@@ -145,15 +145,21 @@ def saved(path: Path, algorithm: type, action_space: object, width: int = 10) ->
 @pytest.mark.parametrize("space", [MultiDiscrete([2] * 8), MultiBinary(8)])
 def test_sb3_file_does_what_its_model_does(tmp_path: Path, algorithm: type, space: object) -> None:
     file, model = saved(tmp_path / "policy.zip", algorithm, space)
-    policy = user_policy(f"sb3:{file}", CRAFT, GoToPose())
+    policy = user_policy(f"sb3:{file}", CRAFT, GoToPose(), trust=True)
     expected, _ = model.predict(OBSERVATIONS, deterministic=True)  # type: ignore[attr-defined]
     assert 0 < expected.sum() < expected.size  # not trivial
     np.testing.assert_array_equal(policy.act(None, None, OBSERVATIONS), expected)
 
 
+def test_a_pickle_of_sb3_needs_trust(tmp_path: Path) -> None:
+    file, _ = saved(tmp_path / "policy.zip", PPO, MultiBinary(8))
+    with pytest.raises(ConfigError, match=r"sb3:.*policy\.zip is a pickle: .* add --trust"):
+        user_policy(f"sb3:{file}", CRAFT, GoToPose())
+
+
 def test_other_processes_load_it_anew(tmp_path: Path) -> None:
     file, model = saved(tmp_path / "policy.zip", PPO, MultiBinary(8))
-    policy = pickle.loads(pickle.dumps(user_policy(f"sb3:{file}", CRAFT, GoToPose())))
+    policy = pickle.loads(pickle.dumps(user_policy(f"sb3:{file}", CRAFT, GoToPose(), trust=True)))
     expected, _ = model.predict(OBSERVATIONS, deterministic=True)  # type: ignore[attr-defined]
     np.testing.assert_array_equal(policy.act(None, None, OBSERVATIONS), expected)
 
@@ -176,7 +182,7 @@ def test_agent_of_rans_train_is_such_a_file(tmp_path: Path) -> None:
 def test_sb3_file_for_something_else(tmp_path: Path, space: object, width: int, sentence: str) -> None:
     file, _ = saved(tmp_path / "policy.zip", PPO, space, width)
     with pytest.raises(ConfigError, match=sentence):
-        user_policy(f"sb3:{file}", CRAFT, GoToPose())
+        user_policy(f"sb3:{file}", CRAFT, GoToPose(), trust=True)
 
 
 def test_python_function() -> None:
@@ -203,7 +209,7 @@ def test_answers_of_policies_are_checked(name: str, sentence: str) -> None:
     ("python:tests.evaluation.policies", "must name a module and a function"),
     ("python:", "there is no policy 'python:'; known are sb3:"),
     ("sb3:/no/such.zip", "there is no file /no/such.zip"),
-    (f"sb3:{__file__}", "is no policy that Stable-Baselines3 saved"),
+    (f"sb3:{__file__}", r"test_controllers\.py is damaged: File is not a zip file"),
 ])
 def test_what_cannot_be_loaded(spec: str, sentence: str) -> None:
     assert is_user_policy(spec)

@@ -147,7 +147,7 @@ def test_without_a_checkpoint_it_starts_over(tmp_path: Path) -> None:
     whole = tiny_trainer(tmp_path / "whole")
     whole.train(ignore)
     RunFolder(tmp_path / "cut").begin(CONFIG, "rans train")
-    RunFolder(tmp_path / "cut").append_metrics({"steps": 128})
+    RunFolder(tmp_path / "cut").append_metrics({"steps": 128, "seconds": 0.1, "success": 0.0})
     trainer = resumed(tmp_path / "cut")
     trainer.train(ignore)
     assert everything(trainer) == everything(whole)
@@ -167,8 +167,8 @@ def test_what_a_run_holds(tmp_path: Path) -> None:
                 "train/loss", "rollout/success_rate"):
         assert np.isfinite(rows[1][key]), key
     names = {file.name for file in (tmp_path / "run").iterdir()}
-    assert names == {"config.json", "spacecraft.toml", "metrics.jsonl", "checkpoint.pt", "policy.zip",
-                     "tensorboard"}
+    assert names == {"config.json", "spacecraft.toml", "metrics.jsonl", "checkpoint.safetensors",
+                     "policy.zip", "tensorboard"}
     assert len(list((tmp_path / "run" / "tensorboard").iterdir())) == 1
 
 
@@ -213,15 +213,32 @@ def test_checkpoints_that_are_not_opened(tmp_path: Path, old: bool) -> None:
     """Nothing in a file is run; what an older version wrote is refused with the reason."""
     trainer = tiny_trainer(tmp_path / "run")
     trainer.train(ignore, after(1))
-    file, ran = trainer.run.checkpoint_file, tmp_path / "ran"
+    trainer.run.checkpoint_file.unlink()
+    file, ran = tmp_path / "run" / "checkpoint.pt", tmp_path / "ran"
     if old:
         torch.save({"policy": {}, "network": "", "optimizer": {}, "steps": 128}, file)
     else:
         torch.save({"learner": Code(str(ran))}, file)
-    sentence = "written by an older RANS, .* begin anew with --config" if old else "is damaged"
+    sentence = ("written by an older RANS, .* begin anew with --config" if old else
+                r"checkpoint\.pt holds code that would run posix\.mkdir")
     with pytest.raises(ConfigError, match=sentence):
         resumed(tmp_path / "run")
     assert not ran.exists()
+
+
+def test_a_run_of_before_goes_on_bit_by_bit(tmp_path: Path) -> None:
+    """With the checkpoint as torch saves it, which gives way to ours."""
+    whole = tiny_trainer(tmp_path / "whole")
+    whole.train(ignore)
+    tiny_trainer(tmp_path / "cut").train(ignore, after(3))
+    run = RunFolder(tmp_path / "cut")
+    torch.save(run.load_checkpoint("cpu"), tmp_path / "cut" / "checkpoint.pt")
+    run.checkpoint_file.unlink()
+    trainer = resumed(tmp_path / "cut")
+    assert trainer.steps == 3 * 128
+    trainer.train(ignore)
+    assert everything(trainer) == everything(whole)
+    assert not (tmp_path / "cut" / "checkpoint.pt").exists()
 
 
 class Code:
@@ -275,7 +292,7 @@ def test_a_warm_up_that_takes_all_steps_is_reported(
 def test_an_agent_without_a_checkpoint_is_not_lost(tmp_path: Path) -> None:
     """A sweep leaves such a one; to resume would begin anew and write over it."""
     tiny_trainer(tmp_path / "run").train(ignore)
-    (tmp_path / "run" / "checkpoint.pt").unlink()
+    (tmp_path / "run" / "checkpoint.safetensors").unlink()
     with pytest.raises(ConfigError, match=r"agent without a checkpoint .* anew with --config .*config\.json"):
         resumed(tmp_path / "run")
     assert len(RunFolder(tmp_path / "run").metrics()) == 1

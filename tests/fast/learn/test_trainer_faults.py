@@ -12,6 +12,7 @@ import pytest
 import torch
 
 from rans.errors import ConfigError, NonFiniteState
+from rans.fast.packed import pack, unpack
 from rans.tasks import GoToPose
 from tests.fast.training import after, ignore, resumed, tiny_trainer
 
@@ -28,15 +29,15 @@ def test_nan_stops_it(tmp_path: Path, what: str, monkeypatch: pytest.MonkeyPatch
         trainer.engine.state.p.x[3] = float("nan")
     else:
         monkeypatch.setattr(GoToPose, "reward", lambda *_: {"position": np.full(16, np.nan, np.float32)})
-    sentence = r"not finite after 384 steps .* State and weights are in .*nonfinite\.pt"
+    sentence = r"not finite after 384 steps .* State and weights are in .*nonfinite\.safetensors"
     with pytest.raises(NonFiniteState, match=sentence):
         trainer.train(ignore)
-    dump = torch.load(tmp_path / "run" / "nonfinite.pt", weights_only=True)
+    dump = unpack((tmp_path / "run" / "nonfinite.safetensors").read_bytes(), "dump")
     assert dump["steps"] == 384
     assert trainer.run.checkpoint_file.read_bytes() == before
 
 
-@pytest.mark.parametrize("failing", ["checkpoint.pt", "policy.zip", "metrics.jsonl"])
+@pytest.mark.parametrize("failing", ["checkpoint.safetensors", "policy.zip", "metrics.jsonl"])
 def test_a_full_disk(tmp_path: Path, failing: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """One sentence, and what was written before is still there to continue from."""
     trainer = tiny_trainer(tmp_path / "run")
@@ -87,7 +88,7 @@ def test_a_damaged_checkpoint(tmp_path: Path, damaged: bytes) -> None:
     content = file.read_bytes()
     file.write_bytes({b"half": content[:len(content) // 2]}.get(damaged, damaged))
     if damaged == b"other":
-        torch.save([1, 2, 3], file)
-    with pytest.raises(ConfigError, match=r"checkpoint\.pt (is damaged|does not fit)") as caught:
+        file.write_bytes(pack([1, 2, 3]))
+    with pytest.raises(ConfigError, match=r"checkpoint\.safetensors (is damaged|does not fit)") as caught:
         resumed(tmp_path / "run")
     assert "\n" not in str(caught.value)

@@ -1,0 +1,20 @@
+"""Where `rans validate` and `rans benchmark` find the package `validation`, which nobody else should."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import rans
+
+
+def enter() -> None:
+    """Let ``validation`` be ours from here on, whatever has that name where the user stands.
+
+    In a wheel it lies in ``rans/laboratory``, so that none of this name is installed; in a working copy
+    beside ``rans`` (decision 015).
+    """
+    here = Path(rans.__file__).parent
+    place = str(next(one for one in (here / "laboratory", here.parent) if (one / "validation").is_dir()))
+    if sys.path[:1] != [place]:
+        sys.path.insert(0, place)

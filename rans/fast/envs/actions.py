@@ -1,0 +1,69 @@
+"""Actions as other libraries give them, refused or converted as the single environment does."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from rans.errors import ConfigError
+from rans.fast.engine import Engine
+from rans.files import first_line
+
+
+class Actions:
+    """Checks actions for an engine's thrusters without making a GPU wait.
+
+    There a wrong action is told by the first later call that finds it checked, usually the next.
+    """
+
+    def __init__(self, engine: Engine) -> None:
+        self._engine, self._shape = engine, (engine.num_envs, len(engine.craft.thrusters))
+        self._wrong = torch.zeros((), dtype=torch.bool, pin_memory=engine.device.type == "cuda")
+        self._done: torch.cuda.Event | None = None
+
+    def checked(self, actions: Any) -> Tensor:
+        """Actions (N, thrusters) on the engine's device, without gradients, in a dtype that it knows.
+
+        Raises:
+            ConfigError: they have another shape or kind, or the craft's actuators cannot follow them.
+        """
+        try:
+            given = torch.as_tensor(actions, device=self._engine.device).detach()
+        except (TypeError, ValueError, RuntimeError) as error:
+            raise ConfigError(f"actions must be numbers, got {type(actions).__name__}: {first_line(error)}."
+                              ) from error
+        if given.is_floating_point() and given.dtype not in (torch.float32, torch.float64):
+            given = given.float()  # exactly: from half precision
+        if tuple(given.shape) != self._shape:
+            return given  # which the engine refuses
+        if given.is_complex():
+            self._refuse(given)
+        possible = self._possible(given)
+        if given.device.type != "cuda":
+            if not possible:
+                self._refuse(given)
+        elif not torch.cuda.is_current_stream_capturing():
+            self._remember(possible)
+        return given
+
+    def _possible(self, given: Tensor) -> Tensor:
+        if not self._engine.craft.actuators.is_continuous:
+            return ((given == 0) | (given == 1)).all()
+        return ((given >= 0) & (given <= 1)).all()
+
+    def _refuse(self, given: Tensor) -> None:
+        self._engine.craft.actuators.check(given.cpu().numpy(), *self._shape)
+
+    def _remember(self, possible: Tensor) -> None:
+        if self._done is not None:
+            if not self._done.query():
+                return
+            if self._wrong:
+                self._done = None
+                raise ConfigError("an action of before was not what the thrusters take: "
+                                  f"{self._engine.craft.actuators.allowed}.")
+        self._wrong.copy_(~possible, non_blocking=True)
+        self._done = torch.cuda.Event()
+        self._done.record()

@@ -1,0 +1,77 @@
+"""Nested tables of numbers, texts and tensors as safetensors and JSON: reading them runs nothing."""
+
+from __future__ import annotations
+
+import json
+import zlib
+from typing import Any
+
+import torch
+from safetensors import SafetensorError
+from safetensors.torch import load, save
+from torch import Tensor
+
+from rans.errors import ConfigError
+from rans.files import first_line
+
+_TABLE = "rans"
+"""Key of the metadata: everything but the tensors, as JSON."""
+_CHECKSUM = "crc32"
+"""Key of the metadata: of that table and of all tensors, for safetensors has none."""
+_TENSOR = "$tensor"
+"""Key of what stands in that table for a tensor: its name."""
+
+
+def pack(tree: Any) -> bytes:
+    """Dictionaries and lists of numbers, texts, None and tensors as the content of a safetensors file.
+
+    Tensors are named by their way from the top, ``learner/weights/value_net.bias``; keys become texts and
+    tuples lists.
+    """
+    tensors: dict[str, Tensor] = {}
+    table = json.dumps(_split(tree, "", tensors))
+    return save(tensors, {_TABLE: table, _CHECKSUM: _checksum(table, tensors)})
+
+
+def unpack(content: bytes, where: object, device: str | torch.device = "cpu") -> Any:
+    """What `pack` was given, on a device; `ConfigError`, which says where, if it is something else."""
+    try:
+        tensors = load(content)
+        end = 8 + int.from_bytes(content[:8], "little")  # of the header, by the format's definition
+        told = json.loads(content[8:end])["__metadata__"]
+        if told[_CHECKSUM] != _checksum(told[_TABLE], tensors):
+            raise ValueError("its checksum is wrong")
+        return _joined(json.loads(told[_TABLE]), {name: x.to(device) for name, x in tensors.items()})
+    except (SafetensorError, KeyError, TypeError, ValueError, RecursionError) as error:
+        raise ConfigError(f"{where} is damaged, it is not a safetensors file of RANS: {first_line(error)}."
+                          ) from error
+
+
+def _checksum(table: str, tensors: dict[str, Tensor]) -> str:
+    found = zlib.crc32(table.encode())
+    for name, x in sorted(tensors.items()):
+        found = zlib.crc32(f"{name} {x.dtype} {list(x.shape)}".encode(), found)
+        found = zlib.crc32(x.flatten().view(torch.uint8).numpy().tobytes(), found)
+    return str(found)
+
+
+def _split(value: Any, path: str, tensors: dict[str, Tensor]) -> Any:
+    """The value with names in the place of tensors, which are kept under them."""
+    if isinstance(value, Tensor):
+        tensors[path] = value.detach().cpu().contiguous().clone()  # members' weights share memory
+        return {_TENSOR: path}
+    if isinstance(value, dict):
+        return {key: _split(inner, f"{path}/{key}" if path else str(key), tensors)
+                for key, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [_split(inner, f"{path}/{place}" if path else str(place), tensors)
+                for place, inner in enumerate(value)]
+    return value
+
+
+def _joined(value: Any, tensors: dict[str, Tensor]) -> Any:
+    if isinstance(value, dict):
+        if value.keys() == {_TENSOR}:
+            return tensors[value[_TENSOR]]
+        return {key: _joined(inner, tensors) for key, inner in value.items()}
+    return [_joined(inner, tensors) for inner in value] if isinstance(value, list) else value

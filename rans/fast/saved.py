@@ -1,0 +1,180 @@
+"""Agents as RANS keeps them: weights as safetensors and what they mean as JSON, within a ``policy.zip``.
+
+What Stable-Baselines3 reads of that file is pickled, so RANS does not read it (decision 014).
+"""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import asdict, fields
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import torch
+from torch import Tensor
+
+from rans.errors import ConfigError, RansError
+from rans.fast import older
+from rans.fast.learn.architecture import Architecture
+from rans.fast.learn.config import PPOSettings
+from rans.fast.learn.network import Network
+from rans.fast.packed import pack, unpack
+from rans.fast.pickled import foul, refuse
+from rans.fast.symmetry import Symmetries
+from rans.files import first_line, plain, regular
+from rans.model.spacecraft import Spacecraft
+from rans.tasks.base import Task
+from rans.tasks.sight import Block, Entry, Layout
+
+AGENT = "agent.safetensors"
+"""Name of our part in the archive."""
+_LARGEST = 2**30
+"""Bytes of an archive when unpacked: a thousand times an agent."""
+_LISTS = {"layers": int, "averages": float, "nominal": float, "bounds": float}
+
+
+class SavedPolicy(NamedTuple):
+    """What is in a ``policy.zip``."""
+
+    network: Network
+    """Of one member, on the CPU."""
+    settings: dict[str, Any]
+    """Of `PPOSettings`."""
+    steps: int
+    """Environment steps learned from."""
+    adam: dict[Any, Any]
+    """As `Adam.member` gives it."""
+    rate: float
+    """Adam's step size."""
+
+
+def packed_agent(architecture: Architecture, tensors: Mapping[str, Tensor], settings: PPOSettings, steps: int,
+                 adam: dict[Any, Any], rate: float) -> bytes:
+    """What goes into the archive as `AGENT`; arguments are as those of `rans.fast.policy.write_policy`."""
+    return pack({"architecture": _table(architecture), "weights": dict(tensors), "settings": asdict(settings),
+                 "steps": steps, "adam": adam, "rate": rate})
+
+
+def read_policy(file: Path, craft: Spacecraft, task: Task) -> SavedPolicy:
+    """An agent for a spacecraft and a task, as `rans train` or `rans.PPO` of any version saved it.
+
+    Nothing in the file is run.
+
+    Raises:
+        ConfigError: it is none, is damaged or for another spacecraft or task, or holds code.
+    """
+    with _opened(file) as archive:
+        if AGENT not in archive.namelist():
+            return _older(archive, craft, task)
+        table = unpack(archive.read(AGENT), f"{file}/{AGENT}")
+        made = _architecture(table["architecture"])
+        settings = older.known(table["settings"])
+        adam = {int(place): moments for place, moments in table["adam"].items()}
+        return SavedPolicy(_network(made, table["weights"]), settings, int(table["steps"]), adam,
+                           float(table["rate"]))
+
+
+def is_agent(file: Path) -> bool:
+    """Whether a file is a ``policy.zip`` that RANS wrote; ConfigError where it is damaged or holds code."""
+    with _opened(file) as archive:
+        return AGENT in archive.namelist() or older.is_ours(archive)
+
+
+@contextmanager
+def _opened(file: Path) -> Iterator[zipfile.ZipFile]:
+    """The archive, every byte of it checked; whatever goes wrong with it is a `ConfigError`."""
+    regular(file)
+    try:
+        with zipfile.ZipFile(file) as archive:
+            if sum(entry.file_size for entry in archive.infolist()) > _LARGEST:
+                raise ConfigError(f"{file} would unpack to more than {_LARGEST // 2**20:,} MB, a thousand "
+                                  "times what an agent is: it was not opened.")
+            if spoilt := archive.testzip():
+                raise ValueError(f"the checksum of {spoilt} is wrong")
+            if name := foul(archive):
+                refuse(file, name)
+            yield archive
+    except RansError:
+        raise
+    except Exception as error:  # a damaged file raises anything
+        raise ConfigError(f"{file} is damaged: {first_line(error)}.") from error
+
+
+def _older(archive: zipfile.ZipFile, craft: Spacecraft, task: Task) -> SavedPolicy:
+    if not older.is_ours(archive):
+        raise ValueError("it holds no agent that RANS wrote")
+    adam = older.arrays(archive, "policy.optimizer.pth")
+    network = _network(older.architecture(archive, craft, task), older.weights(archive))
+    return SavedPolicy(network, older.settings(archive), older.steps(archive), adam["state"],
+                       float(adam["param_groups"][0]["lr"]))
+
+
+def _network(architecture: Architecture, weights: Mapping[str, Tensor]) -> Network:
+    """In single precision, in which agents fly; ValueError where the weights are of another one."""
+    shapes = architecture.shapes() if len(architecture.layers) <= len(weights) else {}
+    if {name: x.shape for name, x in weights.items()} != shapes:
+        raise ValueError("its weights are not those of the network that it describes")
+    return Network(architecture, {name: weights[name].float() for name in shapes})
+
+
+def _table(architecture: Architecture) -> dict[str, Any]:
+    """An architecture as `pack` takes it."""
+    views = architecture.symmetries
+    own = {field.name: plain(getattr(architecture, field.name)) for field in fields(Architecture)
+           if field.name not in ("layout", "symmetries")}
+    tables = None if views is None else {
+        name: torch.as_tensor(table) for name, table in views._asdict().items()}
+    return own | {"layout": [_described(block) for block in architecture.layout.blocks], "symmetries": tables}
+
+
+def _architecture(table: dict[str, Any]) -> Architecture:
+    """The architecture that `_table` described; ValueError, KeyError or TypeError where it is none."""
+    views = table.pop("symmetries")
+    if views is not None:
+        views = Symmetries(*(views[name].numpy() for name in Symmetries._fields))
+    blocks = Layout(tuple(_block(row) for row in table.pop("layout")))
+    given = Architecture(blocks, symmetries=views, **{name: _value(name, x) for name, x in table.items()})
+    if views is not None and not _are_views(views, given):
+        raise ValueError("its symmetries are of another spacecraft")
+    if given.nominal and len(given.nominal) != given.privileged:
+        raise ValueError("its critic is told of another spacecraft")
+    return given
+
+
+def _value(name: str, value: Any) -> Any:
+    """A number or text in the type that the architecture has."""
+    if name in _LISTS:
+        return tuple(map(_LISTS[name], value))
+    return int(value) if name == "thrusters" else type(getattr(Architecture, name))(value)
+
+
+def _are_views(views: Symmetries, given: Architecture) -> bool:
+    """Whether every view has a matrix, a hand and a place for each thruster."""
+    count, axes = len(views.turn), views.turn.shape[-1]
+    shapes = views.turn.shape, views.hand.shape, views.place.shape
+    places = views.place.astype(int)
+    return (shapes == ((count, axes, axes), (count,), (count, given.thrusters)) and axes in (2, 3)
+            and count > 0 and bool(((places >= 0) & (places < given.thrusters)).all()))
+
+
+def _described(block: Block) -> list[Any]:
+    """A block of columns in JSON: the name of its kind, its width, and its choices."""
+    choices = [[flag, [_described(one) for one in blocks]] for flag, blocks in block.choices]
+    return [f"{block.kind.__module__}.{block.kind.__qualname__}", block.width, choices]
+
+
+def _block(row: list[Any]) -> Block:
+    kind, width, choices = row
+    kinds = {f"{one.__module__}.{one.__qualname__}": one for one in _kinds(Entry)}
+    if kind not in kinds:  # nothing is imported because a file says so
+        raise ValueError(f"it observes columns of the unknown kind {kind}")
+    return Block(kinds[kind], int(width),
+                 tuple((float(flag), tuple(map(_block, blocks))) for flag, blocks in choices))
+
+
+def _kinds(base: type[Entry]) -> Iterator[type[Entry]]:
+    yield base
+    for one in base.__subclasses__():
+        yield from _kinds(one)

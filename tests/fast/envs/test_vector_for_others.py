@@ -1,0 +1,156 @@
+"""The batched environment as other libraries want it: seeds, actions, ends, wrappers."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+import torch
+from gymnasium.error import ResetNeeded
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from gymnasium.wrappers import vector as wrappers
+
+import rans
+from rans.errors import ConfigError
+from rans.fast.envs.vector import SpacecraftVectorEnv
+from tests.fast.engines import NEAR, SHORT
+
+PLANE, COUNT, STEPS = "rans/GoToPose2D-v0", 6, 50
+
+
+def make(**kwargs: Any) -> SpacecraftVectorEnv:
+    made: Any = gymnasium.make_vec(PLANE, num_envs=COUNT, task=NEAR, timing=SHORT, **kwargs)
+    return made
+
+
+def actions(steps: int = STEPS) -> torch.Tensor:
+    return torch.randint(2, (steps, COUNT, 8), generator=torch.Generator().manual_seed(1))
+
+
+def sync(mode: AutoresetMode) -> SyncVectorEnv:
+    """Gymnasium's own loop over single environments, which count their episodes from the seeds given."""
+    return SyncVectorEnv([lambda: gymnasium.make(PLANE, task=NEAR, timing=SHORT)] * COUNT,
+                         autoreset_mode=mode)
+
+
+SEEDS: Any = [11, 5, 8, 2**63, 3, 4]
+
+
+@pytest.mark.parametrize("mode", list(AutoresetMode))
+def test_every_mode_is_gymnasiums_own(mode: AutoresetMode) -> None:
+    """Observation, reward and ends of 50 steps, with resets by mask where nothing resets itself."""
+    ours, theirs = make(autoreset_mode=mode, dtype=torch.float64), sync(mode)
+    assert ours.autoreset_mode == ours.metadata["autoreset_mode"] == mode
+    one, _ = ours.reset(seed=SEEDS)
+    other, _ = theirs.reset(seed=SEEDS)
+    np.testing.assert_allclose(one, other, rtol=0, atol=1e-6)  # float32 there
+    ends = 0
+    for action in actions():
+        mine, yours = ours.step(action), theirs.step(action.numpy())
+        np.testing.assert_allclose(mine[0], yours[0], rtol=0, atol=2e-6)
+        np.testing.assert_allclose(mine[1], yours[1], rtol=0, atol=1e-6)
+        for flags, expected in zip(mine[2:4], yours[2:4], strict=True):
+            np.testing.assert_array_equal(flags, expected)
+        over = (mine[2] | mine[3]).numpy()
+        ends += over.sum()
+        if mode == AutoresetMode.DISABLED and over.any():
+            with pytest.raises(ResetNeeded, match="are over: reset them"):
+                ours.step(action)
+            one, _ = ours.reset(options={"reset_mask": over})
+            other, _ = theirs.reset(options={"reset_mask": over})
+            np.testing.assert_allclose(one, other, rtol=0, atol=1e-6)
+    assert ends > COUNT
+
+
+def test_a_mask_resets_in_the_middle_of_an_episode_too() -> None:
+    env = make(autoreset_mode="disabled")
+    before = env.reset(seed=1)[0].clone()
+    env.step(actions()[0])
+    mask = torch.tensor([True, False, True, False, False, False])
+    after, _ = env.reset(options={"reset_mask": mask})
+    assert (after[mask] != before[mask]).any(dim=1).all()
+    assert torch.equal(env.reset(options={"reset_mask": ~mask})[0][mask], after[mask])
+
+
+def test_seeds_are_whole_numbers_of_any_kind() -> None:
+    env = make()
+    first = env.reset(seed=3)[0].clone()
+    assert torch.equal(env.reset(seed=np.int64(3))[0], first)  # type: ignore[arg-type]
+    alone = [gymnasium.make(PLANE, task=NEAR, timing=SHORT).reset(seed=seed)[0] for seed in SEEDS]
+    np.testing.assert_allclose(env.reset(seed=np.array(SEEDS, np.uint64))[0],  # type: ignore[arg-type]
+                               alone, rtol=0, atol=1e-6)
+    assert torch.equal(env.reset(seed=3)[0], first)
+    for wrong in (-1, 2**64, 1.0, "1", True, [1, 2], [None] * COUNT):
+        with pytest.raises(ConfigError, match="the seed must be one whole number"):
+            env.reset(seed=wrong)  # type: ignore[arg-type]
+
+
+def test_observations_are_contiguous_and_the_length_of_episodes_is_told() -> None:
+    env = make()
+    assert env.reset(seed=1)[0].is_contiguous()
+    assert env.step(actions()[0])[0].is_contiguous()
+    assert env.spec is not None
+    assert env.spec.max_episode_steps == SHORT.episode_steps
+
+
+@pytest.mark.parametrize("wrong", [2.0, -1.0, 255.0, 0.5, float("nan"), float("inf")])
+@pytest.mark.parametrize("kind", ["vector", "sb3"])
+def test_actions_that_valves_cannot_follow(wrong: float, kind: str) -> None:
+    env: Any = make()
+    env.reset(seed=1)
+    around = rans.SB3VecEnv(env.engine)
+    around.reset()
+    action = torch.zeros(COUNT, 8)
+    action[3, 2] = wrong
+    with pytest.raises(ConfigError, match=r"0 \(shut\) or 1 \(open\)"):
+        env.step(action) if kind == "vector" else around.step(action.numpy())
+
+
+@pytest.mark.parametrize("dtype", [torch.bfloat16, torch.float16, torch.bool, torch.uint8, torch.int64])
+def test_actions_of_any_kind_of_number(dtype: torch.dtype) -> None:
+    results = []
+    for action in (actions()[0].float(), actions()[0].to(dtype)):
+        env = make()
+        env.reset(seed=1)
+        results.append(env.step(action)[0])
+    assert torch.equal(*results)
+
+
+def test_gradients_end_at_the_environment() -> None:
+    env = make()
+    env.reset(seed=1)
+    assert not env.step(actions()[0].float().requires_grad_())[0].requires_grad
+    with pytest.raises(ConfigError, match="actions must be numbers, got list"):
+        env.step([["open"] * 8] * COUNT)  # type: ignore[arg-type]
+
+
+@pytest.mark.skipif(torch.cuda.is_available(), reason="there is one")
+def test_a_gpu_that_is_not_there() -> None:
+    with pytest.raises(ConfigError, match="device is cuda, but torch sees no CUDA device here"):
+        make(device="cuda")
+    with pytest.raises(ConfigError, match="device must be cpu or cuda, got 'gpu'"):
+        make(device="gpu")
+
+
+WRAPPERS: dict[str, Any] = {
+    "RecordEpisodeStatistics": wrappers.RecordEpisodeStatistics, "NormalizeReward": wrappers.NormalizeReward,
+    "NormalizeObservation": wrappers.NormalizeObservation, "FlattenObservation": wrappers.FlattenObservation,
+    "DictInfoToList": wrappers.DictInfoToList,
+    "ClipReward": lambda env: wrappers.ClipReward(env, -1.0, 1.0),
+    "TransformReward": lambda env: wrappers.TransformReward(env, lambda reward: 2 * reward),
+    "TransformObservation": lambda env: wrappers.TransformObservation(env, lambda seen: 2 * seen),
+    "DtypeObservation": lambda env: wrappers.DtypeObservation(env, np.float32),
+}
+
+
+@pytest.mark.parametrize("name", WRAPPERS)
+def test_gymnasiums_wrappers(name: str) -> None:
+    """Behind the one that makes arrays of tensors, for 50 steps of NEXT_STEP, which all of them know."""
+    env = WRAPPERS[name](wrappers.ArrayConversion(make(autoreset_mode="next_step"), torch, np))
+    env.reset(seed=1)
+    for action in actions():
+        seen, reward, *_ = env.step(action.numpy())
+        assert np.isfinite(seen).all()
+        assert np.isfinite(reward).all()

@@ -1,0 +1,195 @@
+"""What is read of a ``policy.zip``: arrays and known settings, whatever else is in it."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import shutil
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import stable_baselines3
+import torch
+from stable_baselines3.common.save_util import load_from_zip_file
+
+from rans.errors import ConfigError
+from rans.fast import saved
+from rans.fast.learn.run_folder import RunFolder
+from rans.fast.packed import pack, unpack
+from rans.fast.policy import network_of
+from rans.fast.saved import AGENT, SavedPolicy, is_agent, read_policy
+from rans.pretrained import pretrained_folder, pretrained_names
+from tests.strangers import older, rewritten, trapped, trapped_weights
+
+
+def opened(folder: Path) -> SavedPolicy:
+    run = RunFolder(folder)
+    return read_policy(run.policy_file, run.spacecraft(), run.config().settings)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A shipped agent that a test may spoil."""
+    return Path(shutil.copytree(pretrained_folder("go-to-pose-2d-fast"), tmp_path / "agent"))
+
+
+@pytest.mark.parametrize("name", pretrained_names())
+@pytest.mark.parametrize("with_ours", [True, False], ids=["ours", "older"])
+def test_it_is_the_agent_that_sb3_unpickles(name: str, with_ours: bool, tmp_path: Path) -> None:
+    """Every bit of it, also of files that older versions wrote."""
+    folder = Path(shutil.copytree(pretrained_folder(name), tmp_path / "agent"))
+    data, parameters, _ = load_from_zip_file(folder / "policy.zip", device="cpu")
+    assert data is not None
+    policy = data["policy_class"](data["observation_space"], data["action_space"], lambda _: 1e-3,
+                                  **data["policy_kwargs"])
+    policy.load_state_dict(parameters["policy"])
+    if not with_ours:
+        older(folder / "policy.zip")
+    expected, found = network_of(policy), opened(folder).network
+    assert found.tensors.keys() == expected.tensors.keys()
+    for key, tensor in expected.tensors.items():
+        assert torch.equal(found.tensors[key], tensor), key
+    ours, theirs = found.architecture, expected.architecture
+    for key in ("layout", "thrusters", "layers", "activation", "zoom", "continuous", "history", "units",
+                "clip"):
+        assert getattr(ours, key) == getattr(theirs, key), key
+    assert (ours.symmetries is None) == (theirs.symmetries is None)
+    for one, other in zip(ours.symmetries or (), theirs.symmetries or (), strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+@pytest.mark.parametrize("trap", [trapped, trapped_weights])
+@pytest.mark.parametrize("with_ours", [True, False], ids=["ours", "older"])
+def test_code_is_told_and_not_run(folder: Path, tmp_path: Path, trap: Callable[[Path, Path], None],
+                                  with_ours: bool) -> None:
+    file, ran = folder / "policy.zip", tmp_path / "ran"
+    trap(file, ran)
+    if not with_ours:
+        older(file)
+    for open_ in (lambda: opened(folder), lambda: is_agent(file)):
+        with pytest.raises(ConfigError, match=r"policy\.zip holds code that would run posix\.mkdir"):
+            open_()
+    assert not ran.exists()
+    if trap is trapped:  # the trap works where somebody unpickles
+        with pytest.raises(Exception):  # noqa: B017, PT011
+            stable_baselines3.PPO.load(file)
+        assert ran.exists()
+
+
+def test_code_that_no_list_knows_is_not_run_either(folder: Path, monkeypatch: pytest.MonkeyPatch,
+                                                   tmp_path: Path) -> None:
+    """Safety does not hang on finding it: with the look for it switched off, nothing runs."""
+    monkeypatch.setattr(saved, "foul", lambda _: None)
+    file, ran = folder / "policy.zip", tmp_path / "ran"
+    before = opened(folder).network.tensors
+    trapped(file, ran)
+    assert all(torch.equal(x, before[name]) for name, x in opened(folder).network.tensors.items())
+    older(file)
+    assert all(torch.equal(x, before[name]) for name, x in opened(folder).network.tensors.items())
+    trapped_weights(file, ran)
+    with pytest.raises(ConfigError, match=r"policy\.zip is damaged: "):
+        opened(folder)
+    assert not ran.exists()
+
+
+def test_a_bomb_is_not_unpacked(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Much in little; here the bound is a hundredth, so that making one takes no time."""
+    monkeypatch.setattr(saved, "_LARGEST", 10 * 2**20)
+    file = folder / "policy.zip"
+    with zipfile.ZipFile(file, "a", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("more", bytes(11 * 2**20))
+    assert file.stat().st_size < 200_000
+    with pytest.raises(ConfigError, match="would unpack to more than 10 MB"):
+        opened(folder)
+
+
+def test_a_pipe_is_refused_at_once(folder: Path) -> None:
+    (folder / "policy.zip").unlink()
+    os.mkfifo(folder / "policy.zip")
+    with pytest.raises(ConfigError, match="it is no file, but a folder, a pipe or a device"):
+        opened(folder)
+
+
+def spoilt(folder: Path, change: Callable[[dict[str, Any]], object]) -> str:
+    """What is said of an agent whose table somebody changed."""
+    def changed(name: str, content: bytes) -> bytes:
+        if name != AGENT:
+            return content
+        table = unpack(content, name)
+        change(table)
+        return pack(table)
+
+    rewritten(folder / "policy.zip", changed)
+    with pytest.raises(ConfigError) as caught:
+        opened(folder)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize(("change", "sentence"), [
+    (lambda t: t["architecture"].update(layers=[10**6, 10**6]), "not those of the network"),
+    (lambda t: t["architecture"].update(layers=[1] * 10**6), "not those of the network"),
+    (lambda t: t["architecture"].update(layers=[-1]), "is damaged"),
+    (lambda t: t["architecture"].update(activation="exec"), "is damaged"),
+    (lambda t: t["architecture"].update(thrusters=2**70), "is damaged"),
+    (lambda t: t["architecture"].update(surprise=1), "is damaged"),
+    (lambda t: t["architecture"]["symmetries"]["place"].fill_(99), "symmetries are of another spacecraft"),
+    (lambda t: t["architecture"]["layout"][0].__setitem__(0, "os.system"), "unknown kind os.system"),
+    (lambda t: t["weights"].pop("value_net.bias"), "not those of the network"),
+    (lambda t: t["weights"].update({"value_net.bias": torch.zeros(3)}), "not those of the network"),
+    (lambda t: t["settings"].update(gamma="high"), "gamma"),
+    (lambda t: t.pop("steps"), "is damaged"),
+    (lambda t: t.update(weights=[1, 2]), "is damaged"),
+])
+def test_a_table_that_somebody_changed(folder: Path, change: Callable[[dict[str, Any]], object],
+                                       sentence: str) -> None:
+    text = spoilt(folder, change)
+    assert sentence in text
+    assert len(text) < 600
+
+
+def test_what_is_packed_comes_back() -> None:
+    generator = torch.get_rng_state()
+    row = torch.arange(12.0)
+    tree = {"views": [row[:6].view(2, 3), row[6:]], "state": generator, "number": 0.1 + 0.2, "big": 2**70,
+            "none": None, "empty": torch.zeros(0, 3), "deep": {"a": {"b": [True, "text"]}},
+            "double": torch.tensor(math.pi, dtype=torch.float64)}
+    again = unpack(pack(tree), "there")
+    for one, other in zip(tree["views"], again["views"], strict=True):
+        assert torch.equal(one, other)
+    assert torch.equal(again["state"], generator)
+    assert again["double"].dtype == torch.float64
+    assert float(again["double"]) == math.pi
+    assert again["empty"].shape == (0, 3)
+    plain = {key: again[key] for key in ("number", "big", "none", "deep")}
+    assert plain == {key: tree[key] for key in plain}
+
+
+@pytest.mark.parametrize("content", [b"", b"rubbish", b"\xff" * 64, bytes(8), b"\x02" + bytes(7) + b"{}",
+                                     (20).to_bytes(8, "little") + b'{"__metadata__":{}}' + b" "])
+def test_what_is_no_such_file(content: bytes) -> None:
+    with pytest.raises(ConfigError, match=r"^there is damaged, it is not a safetensors file of RANS"):
+        unpack(content, "there")
+
+
+def test_every_bit_counts(tmp_path: Path) -> None:
+    content = pack({"steps": 128, "weights": torch.arange(5.0), "flags": torch.tensor([True, False])})
+    for place in range(8, len(content)):
+        spoilt = bytearray(content)
+        spoilt[place] ^= 1
+        with pytest.raises(ConfigError, match=r"^there is damaged"):
+            unpack(bytes(spoilt), "there")
+
+
+def test_the_header_is_readable_without_us(folder: Path) -> None:
+    """Length, JSON, arrays: as the format of safetensors has it, with any library for it."""
+    with zipfile.ZipFile(folder / "policy.zip") as archive:
+        content = archive.read(AGENT)
+    header = json.loads(content[8:8 + int.from_bytes(content[:8], "little")])
+    table = json.loads(header["__metadata__"]["rans"])
+    assert table["architecture"]["layers"] == [64, 64]
+    assert header["weights/action_net.bias"]["shape"] == [16]

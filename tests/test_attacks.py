@@ -1,0 +1,232 @@
+"""What a stranger, or a slip, may put into files and options: one short sentence, and nothing hangs."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rans.cli import main
+from rans.errors import ConfigError, brief
+from rans.fast.engine import Engine
+from rans.fast.learn.run_folder import RunFolder
+from rans.files import Lock, read_json, read_text, regular, replace_file, write_text
+from rans.model.spacecraft_file import spacecraft_text
+from tests.fast.engines import NEAR, PLATFORM, SHORT
+from tests.fast.training import after, ignore, resumed, tiny_trainer
+
+ROOT = Path(__file__).parents[1]
+PLATFORM_TEXT = spacecraft_text("floating-platform")
+
+
+@pytest.fixture(autouse=True)
+def _elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+def said(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
+    """The one sentence with which a command ends."""
+    assert main(list(arguments)) == 2
+    captured = capsys.readouterr()
+    assert captured.err.count("\n") == 1
+    assert "\x1b" not in captured.err
+    return captured.err
+
+
+LONG = "x" * 1_000_000
+
+
+@pytest.mark.parametrize(("old", "new", "end"), [
+    ("mass = ", f'{LONG} = 1\nmass = ', "known are actuators, centre_of_mass, "),
+    ("mass = ", f"mass = [{'1, ' * 100_000}1]\nnever = ", "characters)."),
+    ("mass = ", f"mass = 1{'0' * 400}\nnever = ", "characters)."),
+    ("dimension = ", f"dimension = 1{'0' * 400}\nnever = ", "characters)."),
+    ("thrust_sharing = ", f'thrust_sharing = "{LONG}"\nnever = ', "characters)."),
+])
+def test_a_long_value_leaves_room_for_the_rest_of_the_sentence(
+        capsys: pytest.CaptureFixture[str], old: str, new: str, end: str) -> None:
+    text = PLATFORM_TEXT if old in PLATFORM_TEXT else f"{old}\n{PLATFORM_TEXT}"
+    changed = text.replace(old, new, 1).replace("never = ", "# ", 1)
+    write_text(Path("long.toml"), changed)
+    sentence = said(capsys, "list", "long.toml")
+    assert end in sentence
+    assert len(sentence) < 600
+
+
+def test_what_is_short_is_shown_whole() -> None:
+    assert brief([1, "a"]) == "[1, 'a']"
+    assert brief("x" * 200) == "'" + "x" * 79 + " ... (202 characters)"
+
+
+@pytest.mark.parametrize("change", [
+    "ppo.layers=[1000000,1000000]", "ppo.layers=[18446744073709551616]", f"ppo.layers={[8] * 33}",
+    "ppo.n_envs=18446744073709551616", "ppo.batch_size=18446744073709551616",
+    "ppo.history=18446744073709551616",
+    "ppo.n_epochs=18446744073709551616", "threads=9999999999", "threads=18446744073709551616",
+    "total_timesteps=18446744073709551616", "report_interval=18446744073709551616",
+    "seed=18446744073709551616",
+    "timing.episode_steps=18446744073709551616", "timing.substeps=10001",
+])
+def test_numbers_that_no_machine_holds(capsys: pytest.CaptureFixture[str], change: str) -> None:
+    key = change.partition("=")[0].rpartition(".")[2]
+    sentence = said(capsys, "train", "go-to-pose", "--device", "cpu", "--run", "run", "--set", change)
+    assert f"{key} must be" in sentence
+    assert not Path("run").exists()
+
+
+@pytest.mark.parametrize("count", [2**31, 2**70])
+def test_an_engine_of_more_environments_than_can_be_numbered(count: int) -> None:
+    with pytest.raises(ConfigError, match=r">= 1 and < 2\^31, got "):
+        Engine(PLATFORM, NEAR, count, SHORT)
+
+
+def test_a_spacecraft_of_thousands_of_thrusters(capsys: pytest.CaptureFixture[str]) -> None:
+    head, _, first = PLATFORM_TEXT.partition("[[thruster]]")
+    thruster = "[[thruster]]" + first.partition("[[thruster]]")[0]
+    write_text(Path("many.toml"), head + thruster * 1001)
+    assert "at most 1000 thrusters, got 1001" in said(capsys, "list", "many.toml")
+
+
+READERS: dict[str, Callable[[Path], object]] = {"text": read_text, "json": read_json, "any": regular}
+
+
+@pytest.mark.parametrize("reader", READERS.values(), ids=READERS)
+@pytest.mark.parametrize("kind", ["pipe", "folder", "device"])
+def test_what_is_no_file_is_not_waited_for(reader: Callable[[Path], object], kind: str,
+                                           tmp_path: Path) -> None:
+    odd = Path("/dev/zero") if kind == "device" else tmp_path / "odd"
+    if kind != "device":
+        (os.mkfifo if kind == "pipe" else os.mkdir)(odd)
+    with pytest.raises(ConfigError, match="it is no file, but a folder, a pipe or a device"):
+        reader(odd)
+
+
+@pytest.mark.parametrize("command", [
+    ["list", "odd.toml"], ["evaluate", "lqr:go-to-pose-2d@odd.toml"],
+    ["follow", "lqr:track-velocity-2d", "--path", "odd.csv"],
+    ["train", "go-to-pose", "--spacecraft", "odd.toml"], ["train", "--config", "odd.json"],
+    ["train", "go-to-pose", "--conditions", "odd.toml"]])
+def test_no_command_waits_for_a_pipe(capsys: pytest.CaptureFixture[str], command: list[str]) -> None:
+    for name in ("odd.toml", "odd.csv", "odd.json"):
+        os.mkfifo(name)
+    assert "it is no file" in said(capsys, *command)
+
+
+@pytest.mark.parametrize("name", ["config.json", "metrics.jsonl", "policy.zip", "spacecraft.toml"])
+def test_nor_for_one_in_a_run_folder(capsys: pytest.CaptureFixture[str], name: str) -> None:
+    tiny_trainer(Path("run")).train(ignore, after(1))
+    Path("run", name).unlink()
+    os.mkfifo(Path("run", name))
+    command = ["train", "--resume"] if name == "metrics.jsonl" else ["evaluate"]
+    assert "it is no file" in said(capsys, *command, "run")
+
+
+@pytest.mark.parametrize("row", ["[1]", "{}", '{"steps": "many", "seconds": 1, "success": 0}'])
+def test_metrics_that_say_nothing(capsys: pytest.CaptureFixture[str], row: str) -> None:
+    tiny_trainer(Path("run")).train(ignore, after(1))
+    Path("run/metrics.jsonl").write_text(row + "\n")
+    for command in (["train", "--resume", "run"], ["export", "run", "--output", "agent"]):
+        assert "metrics.jsonl is damaged: line 1" in said(capsys, *command)
+
+
+def test_a_task_of_pythons_own_library_is_not_imported(capsys: pytest.CaptureFixture[str]) -> None:
+    """A run folder may name any module as its task; one of these opens a browser when it is imported."""
+    tiny_trainer(Path("run")).train(ignore, after(1))
+    table = json.loads(Path("run/config.json").read_text())
+    Path("run/config.json").write_text(json.dumps(table | {"task": "antigravity:Task"}))
+    assert "of Python's own library" in said(capsys, "evaluate", "run")
+    assert "antigravity" not in sys.modules
+
+
+HOLDER = """
+import sys, time
+from pathlib import Path
+from rans.fast.learn.run_folder import RunFolder
+run = RunFolder(Path("run"))
+run.lock()
+print("held", flush=True)
+time.sleep(60)
+"""
+
+
+def test_two_trainings_in_one_folder(capsys: pytest.CaptureFixture[str]) -> None:
+    """The second is told; when the first is killed, the next goes on, and no row is there twice."""
+    tiny_trainer(Path("run")).train(ignore, after(1))
+    with subprocess.Popen([sys.executable, "-c", HOLDER], stdout=subprocess.PIPE, text=True,
+                          env=os.environ | {"PYTHONPATH": str(ROOT)}) as other:
+        assert other.stdout is not None
+        assert other.stdout.readline() == "held\n"
+        before = Path("run/metrics.jsonl").read_bytes()
+        sentence = said(capsys, "train", "--resume", "run")
+        assert "run is being trained by another process; wait for its end, or stop it" in sentence
+        assert Path("run/metrics.jsonl").read_bytes() == before
+        other.kill()
+    resumed(Path("run")).train(ignore)
+    steps = [row["steps"] for row in RunFolder(Path("run")).metrics()]
+    assert steps == sorted(set(steps))
+
+
+def test_a_lock_goes_with_its_holder_and_without_file_systems_that_have_none(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_text(tmp_path / "file", "")
+    first, second = Lock(tmp_path / "file"), Lock(tmp_path / "file")
+    first.take("taken")
+    first.take("taken")
+    with pytest.raises(ConfigError, match=r"^taken$"):
+        second.take("taken")
+    del first
+    second.take("taken")
+
+    def unsupported(*_: Any) -> None:
+        raise OSError(95, "Operation not supported")
+
+    monkeypatch.setattr(fcntl, "flock", unsupported)
+    Lock(tmp_path / "file").take("taken")
+
+
+def test_drafts_of_killed_processes_go(tmp_path: Path) -> None:
+    """Not those of the living, nor young ones: another machine's process may be at work."""
+    with subprocess.Popen([sys.executable, "-c", ""]) as dead:
+        pass
+    drafts = {name: tmp_path / f".{name}.policy.zip" for name in (str(dead.pid), str(os.getppid()), "x")}
+    other = tmp_path / f".{dead.pid}.other.zip"
+    for draft in (*drafts.values(), other):
+        draft.write_text("half")
+        os.utime(draft, (time.time() - 60, time.time() - 60))
+    replace_file(tmp_path / "policy.zip", lambda draft: draft.write_text("whole"))
+    assert not drafts[str(dead.pid)].exists()
+    assert all(file.exists() for file in (drafts[str(os.getppid())], drafts["x"], other))
+    drafts[str(dead.pid)].write_text("young")
+    replace_file(tmp_path / "policy.zip", lambda draft: draft.write_text("whole"))
+    assert drafts[str(dead.pid)].exists()
+
+
+@pytest.mark.parametrize("distance", [1e2, 1e7])
+def test_the_picture_of_a_spacecraft_fits_however_far_its_thrusters_are(
+        capsys: pytest.CaptureFixture[str], distance: float) -> None:
+    head, _, tail = PLATFORM_TEXT.partition("position = [")
+    write_text(Path("far.toml"), f"{head}position = [{distance}, {tail.partition(',')[2].lstrip()}")
+    assert main(["list", "far.toml"]) == 0
+    assert len(capsys.readouterr().out) < 10_000
+
+
+def test_names_are_neither_mark_up_nor_commands_anywhere(capsys: pytest.CaptureFixture[str]) -> None:
+    """In tables, sentences and the pictures of an evaluation."""
+    name = '[/red]x\\u001b[31m $x^$ <b>'
+    write_text(Path("odd.toml"), PLATFORM_TEXT.replace('name = "floating-platform"', f'name = "{name}"'))
+    assert main(["list", "odd.toml"]) == 0
+    assert main(["evaluate", "lqr:go-to-pose-2d@odd.toml", "--episodes", "2"]) == 0
+    text = capsys.readouterr().out
+    assert "[/red]x\\x1b[31m $x^$ <b>" in text
+    assert "\x1b" not in text
+    folder = Path("runs/evaluations/lqr-go-to-pose-2d-odd.toml")
+
+    assert b"\x1b" not in (folder / "evaluation.svg").read_bytes()
