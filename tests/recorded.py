@@ -20,7 +20,10 @@ SEED, EPISODES = 31, 64
 
 
 def flown(name: str) -> Flight:
-    """A shipped agent's flights from the recorded starts; a multi-task's episodes draw their tasks."""
+    """A shipped agent's flights from the recorded starts; a multi-task's episodes draw their tasks.
+
+    All fly in a perfect world, also those that are made for another.
+    """
     controller, craft, task, timing, _ = contestant(f"pretrained:{name}")
     judged = task.for_evaluation()
     return fly(craft, judged, controller, scenarios(judged, craft, SEED, EPISODES), timing)

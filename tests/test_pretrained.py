@@ -22,21 +22,26 @@ EPISODES = 64
 def test_an_agent_is_small_and_complete(name: str) -> None:
     files = {file.name: file.stat().st_size for file in pretrained_folder(name).iterdir()}
     assert files.keys() == {"policy.zip", "config.json", "spacecraft.toml", "card.json"}
-    assert sum(files.values()) < 700_000  # its weights are there twice: for RANS and for SB3
+    # Its weights are there twice: for RANS and for SB3. A history is wide, and in space wider.
+    adaptive = name.endswith(("-robust", "-faults"))
+    assert sum(files.values()) < (700_000 if not adaptive else 1_100_000 if "2d" in name else 3_000_000)
     card, found = pretrained_card(name), contestant(f"pretrained:{name}")
     assert (card["name"], card["spacecraft"]) == (name, found.craft.name)
-    assert re.fullmatch(rf"{card['task']}-{found.craft.dimension}d(-fast|-thrifty|-shared)?", name)
+    kinds = "(-fast|-thrifty|-shared|-robust|-faults)?"
+    assert re.fullmatch(rf"{card['task']}-{found.craft.dimension}d{kinds}", name)
 
 
 @every_agent
 def test_an_agent_is_worth_what_its_card_says(name: str) -> None:
+    """In a perfect world, also if it is for another, which takes minutes: it misses a goal rarely then."""
     spec, card = f"pretrained:{name}", pretrained_card(name)
     for one in judged_separately(spec):
-        controller, craft, task, timing, _ = contestant(one)
+        controller, craft, task, timing, conditions = contestant(one)
         task = task.for_evaluation()
         starts = scenarios(task, craft, card["evaluation_seed"], EPISODES)
         flight = fly(craft, task, controller, starts, timing)
-        said = card["evaluation"]["own"][one.removeprefix(spec).removeprefix("#")]["solved"][0] / 100.0
+        own = card["evaluation"]["own"][one.removeprefix(spec).removeprefix("#")]["solved"][0] / 100.0
+        said = own if conditions is None else 0.999
         # Four standard deviations of a share of 64, and one episode for shares of 0 and 1.
         spread = 4.0 * math.sqrt(said * (1.0 - said) / EPISODES) + 1.0 / EPISODES
         assert solved(flight).mean() == pytest.approx(said, abs=spread)

@@ -154,8 +154,12 @@ class Demanding(GoToPose):
     limit: float
 
 
+def no_task() -> None:
+    """Settings need fields."""
+
+
 @pytest.mark.parametrize(("name", "said"), [
-    ("math:sin", "a task must be a dataclass"),
+    ("tests.test_registry:no_task", "a task must be a dataclass"),
     ("tests.test_registry:Unfinished", "Unfinished has no errors, failed, reward, sample, sight, which"),
     ("tests.test_registry:Boundless", "Boundless has no tolerances, which every task must have"),
     ("tests.test_registry:Demanding", "the settings limit of Demanding have no defaults"),

@@ -169,7 +169,7 @@ def held(state: AnyState, craft: Spacecraft, body: Body, command: Sequence[Field
         parts = pieces(*told, lag, period)
     for duration, first, last in parts:
         plain = type(duration) is float  # not of NumPy
-        steps = math.ceil(duration / period * substeps - 1e-9) if plain else substeps
+        steps = max(1, math.ceil(duration / period * substeps - 1e-9)) if plain else substeps
         state = advance(state, first, body, duration, steps, nodes, disturbance, drift, last)
     return state.normalised()
 

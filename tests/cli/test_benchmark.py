@@ -66,7 +66,7 @@ def test_peers_that_cannot_be_installed_are_rows_that_say_why(
 
 @pytest.mark.parametrize(("arguments", "message"), [
     (["--device", "tpu"], "device must be cpu or cuda, got 'tpu'"),
-    ([*QUICK, "--num-envs", "0"], "must be a whole number >= 1, got 0"),
+    ([*QUICK, "--num-envs", "0"], "must be a whole number >= 1 and < 2^31, got 0"),
     (["--task", "hover"], "no task named 'hover'"),
     (["--spacecraft", "nowhere.toml"], "nowhere.toml"),
     pytest.param(["--device", "cuda"], "torch sees no CUDA device", marks=pytest.mark.skipif(

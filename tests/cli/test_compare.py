@@ -60,8 +60,9 @@ def test_mistakes_end_in_a_sentence(arguments: list[str], sentence: str,
 
 
 def test_every_option_reaches_the_comparison(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def fill(comparison: Comparison, *given: Any) -> None:
+    def fill(comparison: Comparison, *given: Any, trust: bool) -> None:
         contest = comparison.contest
+        assert not trust
         told.append(((contest.episodes, contest.seed, contest.engine), *given[:-1]))
 
     told: list[Any] = []

@@ -184,7 +184,7 @@ def test_horizons_of_optimal_trajectories() -> None:
 def test_notes_of_a_comparison_are_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str],
                                            monkeypatch: pytest.MonkeyPatch) -> None:
     """Also beside names that are no mark-up, and all files are written before."""
-    def fill(comparison: Any, *_: object) -> None:
+    def fill(comparison: Any, *_: object, trust: bool) -> None:
         comparison.notes.append("No certificate [/red].")
         comparison.failures.append("LQR [bold]failed.")
 

@@ -262,7 +262,7 @@ def test_errors_are_those_of_the_current_state(backend: Any) -> None:
 
 @pytest.mark.parametrize("count", [0, -1, 2.5, True, "4"])
 def test_wrong_number_of_environments(count: Any) -> None:
-    with pytest.raises(ConfigError, match="whole number >= 1, got"):
+    with pytest.raises(ConfigError, match=r"whole number >= 1 and < 2\^31, got"):
         Engine(PLATFORM, NEAR, count)
 
 

@@ -85,7 +85,8 @@ def test_it_begins_with_the_weights_of_sb3(craft: Any, continuous: bool) -> None
 def test_many_members_say_what_each_says_alone() -> None:
     """Batched products against plain ones, for every kind of network."""
     kinds: list[dict[str, Any]] = [
-        {}, {"history": 2}, {"units": 8}, {"privileged": 2}, {"zoom": 20.0, "continuous": True}]
+        {}, {"history": 2}, {"history": 1, "averages": (0.5, 0.9)}, {"units": 8}, {"privileged": 2},
+        {"zoom": 20.0, "continuous": True}]
     for kind in kinds:
         alone = [make_network(PLATFORM, **kind) for _ in range(3)]
         for number, network in enumerate(alone):
@@ -154,6 +155,22 @@ def test_a_history_holds_the_last_columns_and_commands() -> None:
         memory = network.remember(columns, memory, command, output)
         rows.append(torch.cat((columns, command), dim=1))
     torch.testing.assert_close(memory, torch.cat(rows[1:], dim=1), rtol=0, atol=0)
+
+
+def test_averages_keep_their_share_of_what_was() -> None:
+    """Of a 1 before three zeros 0.5^4 is left in the first average, 0.1 x 0.9^3 in the second."""
+    network = make_network(PLATFORM, history=1, averages=(0.5, 0.9))
+    memory, width = network.blank(2), network.architecture.seen
+    output, columns = network.shown(seen(PLATFORM, 2).double(), memory)
+    command = output.policy.mode()
+    for level in (1.0, 0.0, 0.0, 0.0):
+        told = torch.full_like(columns, level), memory, torch.full_like(command, level)
+        memory = network.remember(*told, output)
+    assert memory is not None
+    assert memory.shape == (2, 3 * (width + len(PLATFORM.thrusters)))
+    rows = memory.unflatten(1, (3, -1))[0]
+    for row, value in zip(rows, (0.0625, 0.0729, 0.0), strict=True):
+        torch.testing.assert_close(row, torch.full_like(row, value), rtol=0, atol=1e-15)  # a last place
 
 
 def test_probabilities_of_all_actions_add_up_to_one() -> None:

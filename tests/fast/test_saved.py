@@ -38,8 +38,11 @@ def folder(tmp_path: Path) -> Path:
     return Path(shutil.copytree(pretrained_folder("go-to-pose-2d-fast"), tmp_path / "agent"))
 
 
-@pytest.mark.parametrize("name", pretrained_names())
-@pytest.mark.parametrize("with_ours", [True, False], ids=["ours", "older"])
+@pytest.mark.parametrize(("name", "with_ours"), [
+    *(pytest.param(name, True, id=f"{name}-ours") for name in pretrained_names()),
+    # Networks with moving averages are newer than our part of the file.
+    *(pytest.param(name, False, id=f"{name}-older") for name in pretrained_names()
+      if not name.endswith(("-robust", "-faults")))])
 def test_it_is_the_agent_that_sb3_unpickles(name: str, with_ours: bool, tmp_path: Path) -> None:
     """Every bit of it, also of files that older versions wrote."""
     folder = Path(shutil.copytree(pretrained_folder(name), tmp_path / "agent"))
@@ -55,8 +58,8 @@ def test_it_is_the_agent_that_sb3_unpickles(name: str, with_ours: bool, tmp_path
     for key, tensor in expected.tensors.items():
         assert torch.equal(found.tensors[key], tensor), key
     ours, theirs = found.architecture, expected.architecture
-    for key in ("layout", "thrusters", "layers", "activation", "zoom", "continuous", "history", "units",
-                "clip"):
+    for key in ("layout", "thrusters", "layers", "activation", "zoom", "continuous", "history", "averages",
+                "units", "clip"):
         assert getattr(ours, key) == getattr(theirs, key), key
     assert (ours.symmetries is None) == (theirs.symmetries is None)
     for one, other in zip(ours.symmetries or (), theirs.symmetries or (), strict=True):

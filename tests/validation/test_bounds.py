@@ -32,8 +32,8 @@ def test_no_random_flight_is_below_its_bounds() -> None:
 def test_a_bound_that_is_too_high_is_found_out(monkeypatch: pytest.MonkeyPatch) -> None:
     """The cap that once forgot the thrusters that turn."""
     of = hull.Reach.of.__func__  # type: ignore[attr-defined]
-    monkeypatch.setattr(hull.Reach, "of", lambda craft: replace(found := of(hull.Reach, craft),
-                                                                most=float(found.thrust.max())))
+    monkeypatch.setattr(hull.Reach, "of", lambda *given: replace(found := of(hull.Reach, *given),
+                                                                 most=float(found.thrust.max())))
     report = Bounds(10, seed=35).run()
     assert [check.passed for check in report.checks] == [True, False, True]
     assert "seeds [" in report.checks[1].reason

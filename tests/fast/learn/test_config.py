@@ -81,8 +81,8 @@ def changed(place: str, value: Any) -> dict[str, Any]:
     ("device", None, r"config\.device: expected str, got None"),
     ("solved_share", "null", "expected float"),
     ("solved_share", 1.1, r"solved_share must be in \(0, 1\], or null, got 1\.1"),
-    ("total_timesteps", 0, "total_timesteps must be >= 1, got 0"),
-    ("report_interval", 0, "report_interval must be >= 1, got 0"),
+    ("total_timesteps", 0, r"total_timesteps must be >= 1 and < 2\^63, got 0"),
+    ("report_interval", 0, r"report_interval must be >= 1 and < 2\^63, got 0"),
     ("task", "hover", "no task named 'hover'"),
     ("task", 3, "must name its task"),
 ])
@@ -121,7 +121,7 @@ def test_whole_numbers_are_numbers() -> None:
     assert config == replace(CONFIG, ppo=replace(CONFIG.ppo, gamma=1.0))
 
 
-NOT_NUMBERS = ("layers", "activation", "symmetric", "matmul", "memory", "privileged_critic")
+NOT_NUMBERS = ("layers", "averages", "activation", "symmetric", "matmul", "memory", "privileged_critic")
 NUMBERS = [f.name for f in fields(PPOSettings) if f.name not in NOT_NUMBERS]
 
 
@@ -135,10 +135,16 @@ def test_numbers_out_of_range(name: str, value: float) -> None:
 
 @pytest.mark.parametrize("layers", [(), (0,), (64, -1)])
 def test_wrong_layers(layers: tuple[int, ...]) -> None:
-    with pytest.raises(ConfigError, match="layers must be one or more numbers >= 1"):
+    with pytest.raises(ConfigError, match="layers must be 1 to 32 numbers >= 1 and <= 65,536"):
         PPOSettings(layers=layers)
 
 
+@pytest.mark.parametrize("averages", [(0.0,), (0.5, 1.0), (math.nan,)])
+def test_wrong_averages(averages: tuple[float, ...]) -> None:
+    with pytest.raises(ConfigError, match=r"averages must be numbers between 0 and 1, got "):
+        PPOSettings(averages=averages)
+
+
 def test_one_transition_has_no_spread_to_normalise() -> None:
-    with pytest.raises(ConfigError, match="batch_size must be >= 2, got 1"):
+    with pytest.raises(ConfigError, match=r"batch_size must be >= 2 and < 2\^31, got 1"):
         PPOSettings(batch_size=1)
