@@ -19,6 +19,7 @@ from rans.fast.learn.curriculum import Curriculum, Ramp
 from rans.fast.step import Step
 from rans.model.actuators import Pulsed, Throttle
 from rans.model.body import Body
+from rans.model.conditions import Conditions, ThrusterConditions
 from rans.model.drift import FREE, Drift, UniformGravity, step_goal
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
@@ -291,3 +292,12 @@ def test_every_condition_is_drawn_and_flown_as_on_numpy(on_host: Any, effect: st
     ours, theirs = Engine(*made, **how), on_host(*made, **how, remember=remember)
     torch.testing.assert_close(theirs.observe(), ours.observe(), rtol=0, atol=1e-12)
     assert compare(ours, theirs) > 8
+
+
+@pytest.mark.parametrize("thrusters", [
+    ThrusterConditions(latency=0.2), ThrusterConditions(latency=0.33, rise=0.4, fall=0.1)], ids=str)
+def test_conditions_without_ranges_are_programs_too(on_host: Any, thrusters: ThrusterConditions) -> None:
+    """Where a period is cut is then known before; pieces of it come and go."""
+    how: Any = {"seed": SEED, "dtype": torch.float64, "conditions": Conditions(thrusters=thrusters)}
+    made: Any = (PLATFORM, GoToPose(), 8, Timing(episode_steps=12))
+    assert compare(Engine(*made, **how), on_host(*made, **how)) > 8
