@@ -46,8 +46,10 @@ def test_figures(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
 
 def test_peers_that_cannot_be_installed_are_rows_that_say_why(
         capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """pip finds no such version; Stable-Baselines3 is there anyway."""
+    """pip finds no such version; Stable-Baselines3 is there anyway. Ours was in `test_figures`."""
     monkeypatch.setenv("PIP_NO_INDEX", "1")
+    monkeypatch.setattr("validation.speed.suite.measurements", lambda *_: [
+        Measurement("engine", "64 environments", 1e6, "steps/s"), Measurement("policy", "one", 9.0, "us")])
     sb3 = Peer("stable-baselines3", "stable_baselines3", "sb3_ppo.py", ())
     absent = Peer("absent", "absent_module", "absent.py", ("absent-package==1.2.3",))
     monkeypatch.setattr("validation.speed.ratios.PEERS", (absent, sb3))
