@@ -7,6 +7,7 @@ from typing import Any
 
 from rans.errors import ConfigError
 from rans.files import read_json
+from rans.registry import meant
 
 FOLDER = Path(__file__).parent / "data" / "pretrained"
 """One folder an agent: policy.zip, config.json, spacecraft.toml and card.json."""
@@ -24,8 +25,8 @@ def pretrained_folder(name: str) -> Path:
         ConfigError: there is none.
     """
     if name not in pretrained_names():
-        raise ConfigError(f"no agent named {name!r} comes with RANS; known are "
-                          f"{', '.join(pretrained_names()) or 'none'}.")
+        raise ConfigError(f"no agent named {name!r} comes with RANS{meant(name, pretrained_names())}; "
+                          f"known are {', '.join(pretrained_names()) or 'none'}.")
     return FOLDER / name
 
 

@@ -67,11 +67,12 @@ class List:
         if self.name in agents:
             return _agent_details(self.name)
         if self.name not in crafts and ":" not in self.name and not self.name.endswith(".toml"):
-            near = meant(self.name, [*crafts, *TASKS, *agents])
+            near = meant(self.name, [*crafts, *TASKS, *CONDITIONS, *agents])
             raise ConfigError(
-                f"there is no spacecraft, task or agent named {self.name!r}{near}; known spacecraft are "
-                f"{', '.join(crafts)}; known tasks are {', '.join(TASKS)}; known agents are "
-                f"{', '.join(agents) or 'none'}; your own spacecraft's file must end in .toml.")
+                f"there is no spacecraft, task, agent or set of conditions named {self.name!r}{near}; known "
+                f"spacecraft are {', '.join(crafts)}; known tasks are {', '.join(TASKS)}; known conditions are "
+                f"{', '.join(CONDITIONS)}; known agents are {', '.join(agents) or 'none'}; your own "
+                "spacecraft's file must end in .toml.")
         craft = load_spacecraft(self.name)
         if self.picture is None:
             return _spacecraft_details(craft)
@@ -140,8 +141,11 @@ def _all_tasks() -> Table:
 
 
 def _all_conditions() -> Table:
+    def row(name: str) -> tuple[str, ...]:
+        return (CONDITIONS[name].conditions.description,)
+
     return table("Conditions (rans list NAME tells every number and its source)", ("name", "what"),
-                 [(_named(CONDITIONS, name), CONDITIONS[name].conditions.description) for name in CONDITIONS])
+                 [(_named(CONDITIONS, name), *_or_why_not(row, name)[-1:]) for name in CONDITIONS])
 
 
 def _named(registry: Registry[Any], name: str) -> str:

@@ -94,6 +94,9 @@ def _parse(spec: str) -> tuple[str, str, str]:
     if spec in pretrained_names() and not Path(spec).exists():
         raise ConfigError(f"there is no run folder {spec!r}; the agent of this name that comes with RANS is "
                           f"pretrained:{spec}.")
+    if not Path(spec).exists() and (near := meant(spec, CONTROLLERS)):
+        raise ConfigError(f"{spec} knows no task; add one, as in {spec}:go-to-pose-2d."
+                          if spec in CONTROLLERS else f"{spec} is not a run folder, and no controller{near}.")
     return "", spec, part
 
 

@@ -103,6 +103,9 @@ class PPOSettings:
         _require(self, "numbers between 0 and 1", lambda x: all(0 < share < 1 for share in x), "averages")
         _require(self, f"1 to {MOST_LAYERS} numbers >= 1 and <= {MOST_UNITS:,}",
                  lambda x: 1 <= len(x) <= MOST_LAYERS and 1 <= min(x) <= max(x) <= MOST_UNITS, "layers")
+        if self.averages and self.memory != "history":
+            raise ConfigError(f"averages stand beside a history, so that memory must be 'history', got "
+                              f"{self.memory!r}.")
         if self.memory == "recurrent" and self.symmetric:
             raise ConfigError("memory 'recurrent' needs symmetric to be false: what is remembered was seen "
                               "from one side of the spacecraft, and the next step may be from another.")
