@@ -70,8 +70,8 @@ class List:
             near = meant(self.name, [*crafts, *TASKS, *CONDITIONS, *agents])
             raise ConfigError(
                 f"there is no spacecraft, task, agent or set of conditions named {self.name!r}{near}; known "
-                f"spacecraft are {', '.join(crafts)}; known tasks are {', '.join(TASKS)}; known conditions are "
-                f"{', '.join(CONDITIONS)}; known agents are {', '.join(agents) or 'none'}; your own "
+                f"spacecraft are {', '.join(crafts)}; known tasks are {', '.join(TASKS)}; known conditions "
+                f"are {', '.join(CONDITIONS)}; known agents are {', '.join(agents) or 'none'}; your own "
                 "spacecraft's file must end in .toml.")
         craft = load_spacecraft(self.name)
         if self.picture is None:

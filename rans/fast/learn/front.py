@@ -16,6 +16,7 @@ from rans.fast.learn.config import PPOSettings
 from rans.fast.learn.member import begin, statistics
 from rans.fast.policy import predict, write_policy
 from rans.fast.saved import read_policy
+from rans.registry import meant
 
 _KNOWN = PPOSettings.__dataclass_fields__.keys() - {"n_envs"}
 
@@ -43,9 +44,9 @@ class PPO:
         if threads is not None:
             torch.set_num_threads(threads)
         if unknown := settings.keys() - _KNOWN:
-            raise ConfigError(f"rans.PPO has no setting {', '.join(sorted(unknown))}; those of "
-                              "rans.fast.learn.config.PPOSettings are known, except n_envs, which the "
-                              "engine decides.")
+            said = ", ".join(name + meant(name, _KNOWN) for name in sorted(unknown))
+            raise ConfigError(f"rans.PPO has no setting {said}; those of rans.fast.learn.config.PPOSettings "
+                              "are known, except n_envs, which the engine decides.")
         count = self.engine.num_envs * self.engine.processes.size
         rollout = count * settings.get("n_steps", PPOSettings.n_steps)
         quarter = rollout // 4 if count % 4 == 0 else rollout
