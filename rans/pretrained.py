@@ -5,9 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from rans.errors import ConfigError
+from rans.errors import ConfigError, meant
 from rans.files import read_json
-from rans.registry import meant
 
 FOLDER = Path(__file__).parent / "data" / "pretrained"
 """One folder an agent: policy.zip, config.json, spacecraft.toml and card.json."""

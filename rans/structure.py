@@ -10,8 +10,7 @@ from typing import Any, Literal, TypeVar, get_args, get_origin
 
 import cattrs
 
-from rans.errors import ConfigError, RansError, brief
-from rans.registry import meant
+from rans.errors import ConfigError, RansError, brief, meant
 
 T = TypeVar("T")
 Range = float | tuple[float, float]

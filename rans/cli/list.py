@@ -15,14 +15,14 @@ from typing import Annotated, Any
 from rich.table import Table
 from tyro import conf
 
-from rans.errors import ConfigError
+from rans.errors import ConfigError, meant
 from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.files import number
 from rans.model.conditions_file import CONDITIONS
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import SPACECRAFT, load_spacecraft, spacecraft_names
 from rans.pretrained import pretrained_card, pretrained_folder, pretrained_names
-from rans.registry import Registry, meant
+from rans.registry import Registry
 from rans.tasks import TASKS, gymnasium_ids, observation_columns
 from rans.terminal import Terminal, table
 
@@ -37,7 +37,7 @@ class List:
     """Show the spacecraft, tasks and agents there are; with a name, one of them in detail."""
 
     name: Annotated[str | None, conf.Positional, conf.arg(metavar="[NAME]")] = None
-    """A spacecraft, a task, an agent, a controller, conditions (or the word CONDITIONS for all of them), or the
+    """A spacecraft, a task, an agent, a controller, conditions (the word CONDITIONS for all of them), or the
     .toml file of your own spacecraft."""
     picture: Annotated[Path | None, conf.arg(metavar="FILE")] = None
     """Save a drawing of the spacecraft's thrusters here (.png, .svg or .pdf)."""

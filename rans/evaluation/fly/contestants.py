@@ -5,14 +5,13 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from rans.errors import ConfigError, brief
+from rans.errors import ConfigError, brief, meant
 from rans.evaluation.fly.agent import LoadedRun, load_agent
 from rans.evaluation.fly.controllers import CONTROLLERS, controller, is_user_policy, user_policy
 from rans.evaluation.fly.protocols import ProtocolName, Setup, under_protocol
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.pretrained import pretrained_folder, pretrained_names
-from rans.registry import meant
 from rans.tasks import TASKS
 
 FORMS = (f"a run folder, pretrained:NAME, {', '.join(f'{name}:TASK-2d' for name in CONTROLLERS)} or "

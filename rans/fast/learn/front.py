@@ -9,14 +9,13 @@ from typing import Any
 import numpy as np
 import torch
 
-from rans.errors import ConfigError
+from rans.errors import ConfigError, meant
 from rans.fast.engine import Engine
 from rans.fast.envs.sb3 import SB3VecEnv
 from rans.fast.learn.config import PPOSettings
 from rans.fast.learn.member import begin, statistics
 from rans.fast.policy import predict, write_policy
 from rans.fast.saved import read_policy
-from rans.registry import meant
 
 _KNOWN = PPOSettings.__dataclass_fields__.keys() - {"n_envs"}
 
