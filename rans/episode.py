@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from rans.errors import ConfigError
+from rans.errors import ConfigError, brief
 from rans.model.accuracy import chosen
 from rans.model.body import Body
 from rans.model.case import Case, draw
@@ -117,6 +117,9 @@ class World:
     def __post_init__(self) -> None:
         """Substeps are chosen for what flies; under conditions for 1,024 episodes' bodies, after faults."""
         bodies = None
+        if not isinstance(self.conditions, Conditions | None):
+            raise ConfigError(f"conditions must be rans.Conditions, got {brief(self.conditions)}; "
+                              "rans.load_conditions makes them from a name or a file.")
         if self.conditions is not None:
             self.conditions.check_valves(self.craft)
             many = Draws(0, 0, np.arange(1024, dtype=np.int32), 0, np.float64)

@@ -1,5 +1,8 @@
 """What can go wrong, as sentences a user can act on."""
 
+import difflib
+from collections.abc import Iterable
+
 
 def legible(text: str, longest: int = 2000) -> str:
     """A text without control characters, which could command a terminal, and cut where it is too long."""
@@ -11,6 +14,12 @@ def brief(value: object) -> str:
     """A wrong value for the middle of a sentence: as Python spells it, cut where that is long."""
     text = repr(value)
     return text if len(text) <= 120 else f"{text[:80]} ... ({len(text):,} characters)"
+
+
+def meant(name: str, known: Iterable[str]) -> str:
+    """" (did you mean ...?)" where a known name is near, for the middle of a sentence."""
+    near = difflib.get_close_matches(name, list(known), 1)
+    return f" (did you mean {near[0]}?)" if near else ""
 
 
 class RansError(Exception):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from rans.errors import ConfigError
+from rans.errors import ConfigError, meant
 from rans.files import read_json
 
 FOLDER = Path(__file__).parent / "data" / "pretrained"
@@ -24,8 +24,8 @@ def pretrained_folder(name: str) -> Path:
         ConfigError: there is none.
     """
     if name not in pretrained_names():
-        raise ConfigError(f"no agent named {name!r} comes with RANS; known are "
-                          f"{', '.join(pretrained_names()) or 'none'}.")
+        raise ConfigError(f"no agent named {name!r} comes with RANS{meant(name, pretrained_names())}; "
+                          f"known are {', '.join(pretrained_names()) or 'none'}.")
     return FOLDER / name
 
 

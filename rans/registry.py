@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import difflib
 import importlib
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import cached_property, reduce
 from importlib import resources
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any, TypeVar
 
-from rans.errors import ConfigError, brief
+from rans.errors import ConfigError, brief, meant
 from rans.files import first_line
 
 T = TypeVar("T")
@@ -130,9 +129,3 @@ def resolve(reference: str) -> Any:
         return reduce(getattr, name.split("."), importlib.import_module(module))
     except Exception as error:  # a module's top level raises anything
         raise ConfigError(f"{type(error).__name__}: {first_line(error)}.") from error
-
-
-def meant(name: str, known: Iterable[str]) -> str:
-    """" (did you mean ...?)" where a known name is near, for the middle of a sentence."""
-    near = difflib.get_close_matches(name, list(known), 1)
-    return f" (did you mean {near[0]}?)" if near else ""

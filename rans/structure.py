@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import inspect
 import tomllib
+from dataclasses import fields, is_dataclass
 from functools import partial
 from typing import Any, Literal, TypeVar, get_args, get_origin
 
 import cattrs
 
-from rans.errors import ConfigError, RansError, brief
+from rans.errors import ConfigError, RansError, brief, meant
 
 T = TypeVar("T")
 Range = float | tuple[float, float]
@@ -51,7 +52,11 @@ def structure(table: Any, cls: type[T], where: str) -> T:
 def _range(converter: cattrs.Converter, value: Any, kind: Any) -> Any:
     if value is None and kind != Range:
         return None
-    return converter.structure(value, tuple[float, float] if isinstance(value, list | tuple) else float)
+    pair = isinstance(value, list | tuple)
+    if len(value) != 2 if pair else type(value) not in (int, float):
+        raise ConfigError("expected a number, or the least and the largest of two, such as [0.0, 0.1], got "
+                          f"{brief(value)}")
+    return converter.structure(value, tuple[float, float] if pair else float)
 
 
 def _strict(value: Any, kind: type) -> Any:
@@ -67,7 +72,8 @@ def _say(error: BaseException, kind: Any) -> str:
     if isinstance(error, RansError):
         return str(error).rstrip(".")
     if isinstance(error, cattrs.ForbiddenExtraKeysError):
-        return f"unknown key {', '.join(sorted(map(repr, error.extra_fields)))}"
+        known = [one.name for one in fields(error.cl)] if is_dataclass(error.cl) else []
+        return f"unknown key {', '.join(repr(key) + meant(key, known) for key in sorted(error.extra_fields))}"
     if isinstance(error, KeyError):
         return f"the key {error} is missing"
     if isinstance(error, AttributeError):  # cattrs asks whatever it is given for its keys

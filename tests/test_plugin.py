@@ -40,11 +40,11 @@ def test_a_package_gives_every_command_its_task_spacecraft_and_controller(place:
     listed, task, _, _, _, validated, _, _ = rans(
         place, "list", "list keep-distance",
         "train keep-distance --spacecraft puck --device cpu --total-timesteps 9000 --run keep",
-        "evaluate keep --episodes 8 --engine both",  # Drake judges it too
+        "evaluate keep --episodes 8 --engine both --conditions workshop",  # Drake judges it too
         f"compare keep {FLIER} --with steer --certified 0 --episodes 8",
         "validate --spacecraft puck --quick", "export keep --output gift --episodes 8",
         f"view gift {FLIER} --save page.html")
-    for name in ("keep-distance", "puck", "steer"):
+    for name in ("keep-distance", "puck", "steer", "workshop"):
         assert f"{name} (of rans-example)" in listed
     assert "rans/KeepDistance3D-v0" in task
 
@@ -52,7 +52,7 @@ def test_a_package_gives_every_command_its_task_spacecraft_and_controller(place:
     assert (config["task"], config["spacecraft"]) == ("keep-distance", "puck")
     assert config["settings"]["distance"] == 1.0
     assert 'name = "puck"' in (place / "keep" / "spacecraft.toml").read_text()
-    assert (place / "keep" / "evaluation.json").exists()
+    assert (place / "keep" / "evaluation-workshop.json").exists()
     summary = json.loads((place / "keep" / "compare.json").read_text())["summary"]
     settled = {row["contestant"]: row for row in summary}
     assert list(settled) == ["keep", "steer"]  # nobody flies twice
@@ -63,7 +63,8 @@ def test_a_package_gives_every_command_its_task_spacecraft_and_controller(place:
 def test_its_readme_names_what_it_has() -> None:
     text = (ROOT / "examples" / "plugin" / "README.md").read_text("utf-8")
     declared = (ROOT / "examples" / "plugin" / "pyproject.toml").read_text("utf-8")
-    for group, name in (("tasks", "keep-distance"), ("spacecraft", "puck"), ("controllers", "steer")):
+    for group, name in (("tasks", "keep-distance"), ("spacecraft", "puck"), ("controllers", "steer"),
+                        ("conditions", "workshop")):
         assert f'entry-points."rans.{group}"]\n{name} = ' in declared
         assert f"`rans.{group}`" in text
         assert f"`{name}`" in text

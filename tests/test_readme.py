@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import re
 import shlex
+import tomllib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +15,13 @@ import pytest
 import torch
 
 from rans.cli import COMMANDS, _parse
+from rans.cli.list import _field_meanings
+from rans.fast.learn.config import PPOSettings
+from rans.model.conditions import Conditions, SensorsConditions
+from rans.model.conditions_file import CONDITIONS
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import parse_spacecraft
+from rans.structure import structure
 from rans.tasks import GoToPose, observation_columns
 
 ROOT = Path(__file__).parents[1]
@@ -89,6 +97,42 @@ def test_the_spacecraft_page_has_a_spacecraft_and_all_its_keys() -> None:
     assert craft.wrench_map[0] == pytest.approx((1.0, 0.0, -0.2), abs=1e-15)
     keys = {key for row in rows(page, "key") for key in re.findall(r"`([a-z_]+)`", row[0])}
     assert keys == {field.name for field in dataclasses.fields(Spacecraft)} - {"thrusters"} | {"thruster"}
+
+
+def test_the_conditions_page_has_all_keys_with_their_defaults_and_units() -> None:
+    page, told = ROOT / "docs" / "conditions.md", dict[str, tuple[str, str]]()
+    sensors = [f.name for f in dataclasses.fields(SensorsConditions) if f.name != "delay"]
+    for key, default, unit, *_ in rows(page, "key"):
+        for sensor in sensors:
+            told[key.strip("`").replace("*", sensor)] = default.strip("`"), unit
+    known = dict(described(Conditions()))
+    assert told.keys() == known.keys()
+    for key, (default, meaning) in known.items():
+        assert tomllib.loads(f"x = {told[key][0] or '[]'}")["x"] == default, key
+        assert told[key][1] == "its own" or told[key][1] in meaning, key
+    names = [row[0].strip("`") for row in rows(page, "name")]
+    assert names == list(CONDITIONS.built_in)
+    own = structure(tomllib.loads(blocks(page, "toml")[0]), Conditions, page.name)
+    assert own.thrusters.latency == (0.0, 0.05)
+
+
+def described(given: Any, place: str = "") -> Iterator[tuple[str, tuple[Any, str]]]:
+    """Every key of a dataclass of dataclasses, its default as TOML has it, and the text under its field."""
+    meanings = _field_meanings(type(given))
+    for one in dataclasses.fields(given):
+        value = getattr(given, one.name)
+        if dataclasses.is_dataclass(value):
+            yield from described(value, f"{place}{one.name}.")
+        else:
+            plain = [] if value is None else list(value) if isinstance(value, tuple) else value
+            yield place + one.name, (plain, meanings[one.name])
+
+
+def test_the_training_page_has_the_memory_settings_with_their_defaults() -> None:
+    settings, found = PPOSettings(), rows(ROOT / "docs" / "training.md", "setting")
+    for key, default, _ in found:
+        value = getattr(settings, key.strip("`").removeprefix("ppo."))
+        assert json.loads(default.strip("`")) == (list(value) if isinstance(value, tuple) else value), key
 
 
 def test_the_tasks_page_has_the_observation_and_the_rewards() -> None:

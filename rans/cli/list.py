@@ -15,14 +15,14 @@ from typing import Annotated, Any
 from rich.table import Table
 from tyro import conf
 
-from rans.errors import ConfigError
+from rans.errors import ConfigError, meant
 from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.files import number
 from rans.model.conditions_file import CONDITIONS
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import SPACECRAFT, load_spacecraft, spacecraft_names
 from rans.pretrained import pretrained_card, pretrained_folder, pretrained_names
-from rans.registry import Registry, meant
+from rans.registry import Registry
 from rans.tasks import TASKS, gymnasium_ids, observation_columns
 from rans.terminal import Terminal, table
 
@@ -37,8 +37,8 @@ class List:
     """Show the spacecraft, tasks and agents there are; with a name, one of them in detail."""
 
     name: Annotated[str | None, conf.Positional, conf.arg(metavar="[NAME]")] = None
-    """A spacecraft, a task, an agent, conditions (or the word CONDITIONS for all of them), or the .toml file
-    of your own spacecraft."""
+    """A spacecraft, a task, an agent, a controller, conditions (the word CONDITIONS for all of them), or the
+    .toml file of your own spacecraft."""
     picture: Annotated[Path | None, conf.arg(metavar="FILE")] = None
     """Save a drawing of the spacecraft's thrusters here (.png, .svg or .pdf)."""
 
@@ -64,14 +64,19 @@ class List:
             return (CONDITIONS[self.name].text.rstrip(),)
         if self.name in TASKS:
             return _task_details(self.name)
-        if self.name in agents:
-            return _agent_details(self.name)
+        if (agent := self.name.removeprefix("pretrained:")) in agents:
+            return _agent_details(agent)
+        if self.name in CONTROLLERS:
+            return (f"{self.name}: {_summary(CONTROLLERS[self.name])}",
+                    f"As a contestant {self.name}:go-to-pose-2d, or {self.name} after a first one.")
         if self.name not in crafts and ":" not in self.name and not self.name.endswith(".toml"):
-            near = meant(self.name, [*crafts, *TASKS, *agents])
+            near = meant(self.name, [*crafts, *TASKS, *CONDITIONS, *CONTROLLERS, *agents])
             raise ConfigError(
-                f"there is no spacecraft, task or agent named {self.name!r}{near}; known spacecraft are "
-                f"{', '.join(crafts)}; known tasks are {', '.join(TASKS)}; known agents are "
-                f"{', '.join(agents) or 'none'}; your own spacecraft's file must end in .toml.")
+                f"there is no spacecraft, task, agent, controller or set of conditions named {self.name!r}"
+                f"{near}; known spacecraft are {', '.join(crafts)}; known tasks are {', '.join(TASKS)}; "
+                f"known conditions are {', '.join(CONDITIONS)}; known controllers are "
+                f"{', '.join(CONTROLLERS)}; known agents are {', '.join(agents) or 'none'}; your own "
+                "spacecraft's file must end in .toml.")
         craft = load_spacecraft(self.name)
         if self.picture is None:
             return _spacecraft_details(craft)
@@ -140,8 +145,11 @@ def _all_tasks() -> Table:
 
 
 def _all_conditions() -> Table:
+    def row(name: str) -> tuple[str, ...]:
+        return (CONDITIONS[name].conditions.description,)
+
     return table("Conditions (rans list NAME tells every number and its source)", ("name", "what"),
-                 [(_named(CONDITIONS, name), CONDITIONS[name].conditions.description) for name in CONDITIONS])
+                 [(_named(CONDITIONS, name), *_or_why_not(row, name)[-1:]) for name in CONDITIONS])
 
 
 def _named(registry: Registry[Any], name: str) -> str:
@@ -256,5 +264,5 @@ def _vector(numbers: Iterable[float], digits: int = 3) -> str:
     return "  ".join(f"{round(x, 9) + 0.0:.{digits}g}" for x in numbers)
 
 
-def _summary(described: type) -> str:
+def _summary(described: object) -> str:
     return (described.__doc__ or "").strip().splitlines()[0]

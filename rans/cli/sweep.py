@@ -49,6 +49,9 @@ class Sweep:
     """cpu or cuda; by default a GPU if there is one."""
     total_timesteps: int | None = None
     """End after so many environment steps a member, solved or not."""
+    conditions: str | None = None
+    """What episodes do not promise: a name (see `rans list CONDITIONS`) or your own TOML file; by default a
+    perfect world."""
     output: Annotated[Path | None, arg(name="run")] = None
     """Folder for the results; by default a new one under runs/."""
     config: Path | None = None
@@ -106,7 +109,7 @@ class Sweep:
         for changes in itertools.product(*map(_changes, self.set)):
             for seed in range(self.seeds):
                 yield Train(self.task, self.spacecraft, seed, self.device, self.total_timesteps,
-                            set=changes, config=self.config).resolved()
+                            self.conditions, set=changes, config=self.config).resolved()
 
 
 def _changes(text: str) -> list[str]:

@@ -18,11 +18,10 @@ from tyro.conf import Positional, UseAppendAction, arg
 
 from rans.cli import STARTED
 from rans.cli.progress import TrainingProgress
-from rans.errors import ConfigError, RansError, brief
+from rans.errors import ConfigError, RansError, brief, meant
 from rans.files import write_text
 from rans.model.spacecraft_file import load_spacecraft
 from rans.processes import beside
-from rans.registry import meant
 from rans.tasks import TASKS
 
 if TYPE_CHECKING:

@@ -289,4 +289,4 @@ def _is_number(x: Any) -> bool:
 
 def _require(holds: Any, name: str, value: object, bound: str) -> None:
     if not holds:
-        raise ConfigError(f"conditions: {name} must be {bound}, got {value!r}.")
+        raise ConfigError(f"{name} must be {bound}, got {value!r}.")

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from rans.errors import ConfigError
-from rans.files import regular
+from rans.files import read_text
 from rans.model.conditions import Conditions
 from rans.registry import Registry
 from rans.structure import read_toml, structure
@@ -31,7 +31,7 @@ def _described(found: Any) -> Described:
     return Described(repr(found), found)
 
 
-CONDITIONS = Registry("conditions", "rans.conditions", {
+CONDITIONS = Registry("set of conditions", "rans.conditions", {
     name: f"rans:data/conditions/{name}.toml"
     for name in ("perfect", "lab", "roboran", "orbit", "harsh", "faults")
 }, _described, ", or a file whose name ends in .toml")
@@ -50,10 +50,9 @@ def load_conditions(name_or_file: str | Path) -> Conditions:
     given = str(name_or_file)
     if not given.endswith(".toml"):
         return CONDITIONS[given].conditions
+    text = read_text(Path(given))
     try:
-        return _described(regular(Path(given), "the conditions ").read_text("utf-8")).conditions
-    except (OSError, ValueError) as error:
-        raise ConfigError(f"cannot read the conditions {given!r}: {error}.") from error
+        return _described(text).conditions
     except ConfigError as error:
         raise ConfigError(f"{given}: {error}") from error
 

@@ -151,8 +151,8 @@ class StressReport:
 
     def _errors(self, level: Level, name: str, episode: int) -> str:
         errors = self.stress.outcomes[level.name, name].errors
-        return ", ".join(f"{factor * errors[q][episode]:.3g} {unit}" for q in errors
-                         for factor, unit in [DISPLAY[q]])
+        shown = ((factor * errors[q][episode], unit) for q in errors for factor, unit in [DISPLAY[q]])
+        return ", ".join(f"{x:,.0f} {unit}" if x >= 1000.0 else f"{x:.3g} {unit}" for x, unit in shown)
 
     def _world(self, level: Level) -> dict[str, Any]:
         return {"effect": level.effect, "size": level.size, "conditions": conditions_text(level.conditions),

@@ -91,6 +91,17 @@ def test_unknown_name(capsys: pytest.CaptureFixture[str]) -> None:
         assert part in text
 
 
+def test_what_a_slip_meant(capsys: pytest.CaptureFixture[str]) -> None:
+    assert "named 'labb' (did you mean lab?)" in refused(capsys, "labb")
+    assert "named 'mppl' (did you mean mppi?)" in refused(capsys, "mppl")
+
+
+def test_names_as_contestants_have_them(capsys: pytest.CaptureFixture[str]) -> None:
+    agent = listed(capsys, "pretrained:go-to-pose-2d")
+    assert agent.startswith("go-to-pose-2d: go-to-pose with floating-platform")
+    assert "Linear-quadratic regulator" in listed(capsys, "lqr")
+
+
 def test_missing_file(capsys: pytest.CaptureFixture[str]) -> None:
     assert "nowhere.toml" in refused(capsys, "nowhere.toml")
 

@@ -13,6 +13,7 @@ from rans.cli import main
 from rans.cli.sweep import Sweep
 from rans.evaluation.fly.agent import load_agent
 from rans.fast.learn.run_folder import RunFolder
+from rans.model.conditions_file import load_conditions
 
 TINY = {"ppo.n_envs": "16", "ppo.n_steps": "8", "ppo.batch_size": "64", "timing.episode_steps": "20",
         "solved_share": "null"}
@@ -74,6 +75,11 @@ def test_values_of_every_kind() -> None:
                      for craft in ("floating-platform", "floating-platform-air-tank")]
 
 
+def test_every_member_flies_under_the_conditions() -> None:
+    sweep = Sweep("go-to-pose", seeds=2, device="cpu", conditions="lab", set=("ppo.gamma=0.9,0.98",))
+    assert [config.conditions for config in sweep._configs()] == [load_conditions("lab")] * 4
+
+
 def test_an_interrupt_keeps_what_there_is(monkeypatch: pytest.MonkeyPatch,
                                           capsys: pytest.CaptureFixture[str]) -> None:
     signals = iter([signal.SIGINT])
@@ -95,6 +101,7 @@ def test_an_interrupt_keeps_what_there_is(monkeypatch: pytest.MonkeyPatch,
     (["go-to-pose", "--config", "config.json"], "leave out 'go-to-pose'"),
     (["go-to-pose", "--set", "seed=1,2"], "would train the same 8 times; add --seeds 1"),
     (["go-to-pose", "--run", "."], ". exists already"),
+    (["go-to-pose", "--conditions", "labb"], "named 'labb' (did you mean lab?)"),
 ])
 def test_wrong_arguments(capsys: pytest.CaptureFixture[str], arguments: list[str], message: str) -> None:
     assert main(["sweep", *arguments, "--device", "cpu"]) == 2

@@ -5,14 +5,13 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from rans.errors import ConfigError, brief
+from rans.errors import ConfigError, brief, meant
 from rans.evaluation.fly.agent import LoadedRun, load_agent
 from rans.evaluation.fly.controllers import CONTROLLERS, controller, is_user_policy, user_policy
 from rans.evaluation.fly.protocols import ProtocolName, Setup, under_protocol
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.pretrained import pretrained_folder, pretrained_names
-from rans.registry import meant
 from rans.tasks import TASKS
 
 FORMS = (f"a run folder, pretrained:NAME, {', '.join(f'{name}:TASK-2d' for name in CONTROLLERS)} or "
@@ -94,6 +93,9 @@ def _parse(spec: str) -> tuple[str, str, str]:
     if spec in pretrained_names() and not Path(spec).exists():
         raise ConfigError(f"there is no run folder {spec!r}; the agent of this name that comes with RANS is "
                           f"pretrained:{spec}.")
+    if not Path(spec).exists() and (near := meant(spec, CONTROLLERS)):
+        raise ConfigError(f"{spec} knows no task; add one, as in {spec}:go-to-pose-2d."
+                          if spec in CONTROLLERS else f"{spec} is not a run folder, and no controller{near}.")
     return "", spec, part
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
-from rans.errors import ConfigError, RansError
+from rans.errors import ConfigError, RansError, meant
 from rans.evaluation.compare.contest import Contest, Contestant
 from rans.evaluation.compare.roster import enlist
 from rans.evaluation.measure.statistics import Estimate
@@ -22,7 +22,6 @@ from rans.flight import fly
 from rans.model.conditions import Conditions
 from rans.model.conditions_file import load_conditions
 from rans.processes import submitted
-from rans.registry import meant
 from rans.scenario import draws, scenarios
 
 _PERFECT = Level("perfect", None, Conditions())

@@ -6,7 +6,7 @@ import dataclasses
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
 
 from rans.errors import ConfigError, brief
 from rans.fast.learn.curriculum import Ramp, check_ramps
@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 
 Precision = Literal["float32", "tf32", "bf16"]
 """Of a GPU's matrix products: 24, 11 or, in hidden layers, 8 significant bits (docs/speed.md)."""
+
+Activation = Literal["tanh", "elu", "relu"]
+Memory = Literal["none", "history", "recurrent"]
 
 MOST_LAYERS, MOST_UNITS = 32, 65_536
 """A hundred times what any agent here has: more is a slip, and fills the memory."""
@@ -62,7 +65,7 @@ class PPOSettings:
     """Factor on every reward."""
     layers: tuple[int, ...] = (64, 64)
     """Units of the network's hidden layers, shared by actor and critic."""
-    activation: Literal["tanh", "elu", "relu"] = "tanh"
+    activation: Activation = "tanh"
     """Between the layers."""
     symmetric: bool = True
     """Whether what is learnt on one side of the spacecraft serves all that look the same."""
@@ -71,7 +74,7 @@ class PPOSettings:
     008). 0: none, which learns the rough way to go sooner."""
     matmul: Precision = "tf32"
     """How a GPU multiplies matrices; a CPU always does in float32."""
-    memory: Literal["none", "history", "recurrent"] = "none"
+    memory: Memory = "none"
     """What the network remembers of an episode: nothing, the last observations and commands, or what a gated
     recurrent unit keeps."""
     history: int = 4
@@ -82,8 +85,8 @@ class PPOSettings:
     recurrent_units: int = 64
     """Of that unit."""
     privileged_critic: bool = False
-    """Whether the critic has layers of its own that are also given what a robot does not know: the
-    spacecraft's true mass properties."""
+    """Whether the critic has layers of its own that are also given what a robot does not know: all that
+    conditions draw, or without any the spacecraft's true mass properties."""
     initial_duty: float = 0.5
     """Probability that a thruster is open before anything is learnt. Agents that should rest with all
     valves shut find out about it sooner from a low one."""
@@ -100,9 +103,16 @@ class PPOSettings:
         _require(self, "between 0 and 1", lambda x: 0 <= x <= 1, "anneal")
         _require(self, "in (0, 1]", lambda x: 0 < x <= 1, "gamma", "gae_lambda")
         _require(self, "finite and > 0, or null", lambda x: x is None or 0 < x < math.inf, "desired_kl")
-        _require(self, "numbers between 0 and 1", lambda x: all(0 < share < 1 for share in x), "averages")
+        _require(self, "numbers between 0 and 1",
+                 lambda x: isinstance(x, tuple | list) and all(0 < share < 1 for share in x), "averages")
+        for name, kind in (("activation", Activation), ("matmul", Precision), ("memory", Memory)):
+            known = get_args(kind)
+            _require(self, f"one of {', '.join(known)}", lambda x, known=known: x in known, name)
         _require(self, f"1 to {MOST_LAYERS} numbers >= 1 and <= {MOST_UNITS:,}",
                  lambda x: 1 <= len(x) <= MOST_LAYERS and 1 <= min(x) <= max(x) <= MOST_UNITS, "layers")
+        if self.averages and self.memory != "history":
+            raise ConfigError(f"averages stand beside a history, so that memory must be 'history', got "
+                              f"{self.memory!r}.")
         if self.memory == "recurrent" and self.symmetric:
             raise ConfigError("memory 'recurrent' needs symmetric to be false: what is remembered was seen "
                               "from one side of the spacecraft, and the next step may be from another.")

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from rans.errors import ConfigError
+from rans.errors import ConfigError, meant
 from rans.fast.engine import Engine
 from rans.fast.envs.sb3 import SB3VecEnv
 from rans.fast.learn.config import PPOSettings
@@ -43,9 +43,9 @@ class PPO:
         if threads is not None:
             torch.set_num_threads(threads)
         if unknown := settings.keys() - _KNOWN:
-            raise ConfigError(f"rans.PPO has no setting {', '.join(sorted(unknown))}; those of "
-                              "rans.fast.learn.config.PPOSettings are known, except n_envs, which the "
-                              "engine decides.")
+            said = ", ".join(name + meant(name, _KNOWN) for name in sorted(unknown))
+            raise ConfigError(f"rans.PPO has no setting {said}; those of rans.fast.learn.config.PPOSettings "
+                              "are known, except n_envs, which the engine decides.")
         count = self.engine.num_envs * self.engine.processes.size
         rollout = count * settings.get("n_steps", PPOSettings.n_steps)
         quarter = rollout // 4 if count % 4 == 0 else rollout

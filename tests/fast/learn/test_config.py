@@ -145,6 +145,19 @@ def test_wrong_averages(averages: tuple[float, ...]) -> None:
         PPOSettings(averages=averages)
 
 
+@pytest.mark.parametrize(("given", "message"), [
+    ({"memory": "histori"}, "memory must be one of none, history, recurrent, got 'histori'"),
+    ({"matmul": "fp8"}, "matmul must be one of float32, tf32, bf16, got 'fp8'"),
+    ({"activation": "gelu"}, "activation must be one of tanh, elu, relu, got 'gelu'"),
+    ({"averages": (0.5,)}, "averages stand beside a history"),
+    ({"memory": "history", "averages": 0.5}, "averages must be numbers between 0 and 1, got 0.5"),
+    ({"memory": "history", "averages": (1.0,)}, "averages must be numbers between 0 and 1"),
+])
+def test_what_no_network_is(given: dict[str, Any], message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        PPOSettings(**given)
+
+
 def test_one_transition_has_no_spread_to_normalise() -> None:
     with pytest.raises(ConfigError, match=r"batch_size must be >= 2 and < 2\^31, got 1"):
         PPOSettings(batch_size=1)

@@ -103,8 +103,8 @@ def test_through_json_and_back() -> None:
 
 
 @pytest.mark.parametrize(("change", "message"), [
-    ({"start": "near"}, r"config\.curriculum\[0\]\.start: expected float, got 'near'"),
-    ({"start": [1, 2, 3]}, r"config\.curriculum\[0\]\.start: Too many values"),
+    ({"start": "near"}, r"config\.curriculum\[0\]\.start: expected a number, or .*, got 'near'"),
+    ({"start": [1, 2, 3]}, r"config\.curriculum\[0\]\.start: expected a number, or .*, got \[1, 2, 3\]"),
     ({"duration": 2.5}, r"config\.curriculum\[0\]\.duration: expected int, got 2\.5"),
     ({"ends": 1}, r"config\.curriculum\[0\]: unknown key 'ends'"),
 ])
