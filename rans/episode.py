@@ -118,8 +118,7 @@ class World:
         """Substeps are chosen for what flies; under conditions for 1,024 episodes' bodies, after faults."""
         bodies = None
         if not isinstance(self.conditions, Conditions | None):
-            raise ConfigError(f"conditions must be rans.Conditions, got {brief(self.conditions)}; "
-                              "rans.load_conditions makes them from a name or a file.")
+            raise ConfigError(f"conditions must be rans.load_conditions(...), got {brief(self.conditions)}.")
         if self.conditions is not None:
             self.conditions.check_valves(self.craft)
             many = Draws(0, 0, np.arange(1024, dtype=np.int32), 0, np.float64)
