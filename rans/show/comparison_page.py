@@ -88,7 +88,7 @@ def _gaps(comparison: Comparison) -> Iterator[Section]:
             "brackets how many; it is infinite for the others.")
     shown = [event.text for event in (Event(), Event("settling"), comparison.events()[-1])]
     yield Section("Gaps to the certified bounds", text, [
-        Table(("contestant", *gaps), tables.gap_rows(gaps), "Median multiple of the bound"),
+        Table(("event", *tables.gap_names(gaps)), tables.gap_rows(gaps), "Median multiple of the bound"),
         Table(("question", "certified bound, median", "best found, median", "proven optimal"), bounds,
               "The bounds (s and N s)")],
         [Picture.of(figures.gap_histograms(gaps, shown), "Flights from each start over the bound.")])

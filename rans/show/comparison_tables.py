@@ -97,9 +97,16 @@ def _ratios(comparison: Comparison, event: Event) -> dict[str, np.ndarray]:
 
 
 def gap_rows(gaps: dict[str, dict[str, np.ndarray]]) -> list[list[str | None]]:
-    """A row per contestant: its median multiple of every bound, and from how many starts it was there."""
-    names = dict.fromkeys(name for found in gaps.values() for name in found)
-    return [[name, *(_middle(found.get(name)) for found in gaps.values())] for name in names]
+    """A row per event: median multiples of its bound, and from how many starts somebody was there.
+
+    The contestants are those of `gap_names`, in their order.
+    """
+    return [[event, *(_middle(found.get(name)) for name in gap_names(gaps))] for event, found in gaps.items()]
+
+
+def gap_names(gaps: dict[str, dict[str, np.ndarray]]) -> list[str]:
+    """Whose multiples these are."""
+    return list(dict.fromkeys(name for found in gaps.values() for name in found))
 
 
 def _middle(ratios: np.ndarray | None) -> str | None:

@@ -94,7 +94,7 @@ def test_a_multiple_of_the_bound_is_the_median_of_multiples() -> None:
     """1 s over 0.25 s and 2 s over 1 s: 4 and 2; the medians of both, 1.5 s over 0.625 s, would give 2.4."""
     bounds = [replace(b, hull=0.1, lower=1.0 if b.start else 0.25, upper=9.0) for b in certified(0.1)]
     rows = tables_of(page(comparison(certified=bounds)))["Median multiple of the bound"]
-    assert rows[0][:2] == ["agent", "3 (2 of 2)"]
+    assert rows[0][:2] == ["time of arrival", "3 (2 of 2)"]
 
 
 def tables_of(shown: Any) -> dict[str, list[list[Any]]]:

@@ -161,7 +161,7 @@ def test_no_sequence_settles_before_its_bound() -> None:
 
 
 def test_thrust_is_bounded_for_25_seconds() -> None:
-    """Four pulses of 0.2 N s at least to turn and to stop; an effort of a tenth of a second finds that."""
+    """As many pulses to turn back as to turn: two of 0.2 N s at least, which little effort shows."""
     answer = bound(0, one_start(horizon=25.0, effort=Effort(0.1, 0.1, 1)))
     assert answer.lower is not None
     assert 0.0 < answer.hull <= answer.lower <= answer.upper

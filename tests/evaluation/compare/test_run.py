@@ -193,7 +193,7 @@ def test_bars_of_the_gaps_stand_at_their_own_values() -> None:
 def test_medians_of_gaps_count_who_is_not_there() -> None:
     both, one = np.array([1.5, np.inf, 1.2]), np.array([1.5, np.inf, np.inf])
     assert gap_rows({"time": {"a": both, "b": one}, "thrust": {"a": np.array([])}}) == [
-        ["a", "1.5 (2 of 3)", None], ["b", "never (1 of 3)", None]]
+        ["time", "1.5 (2 of 3)", "never (1 of 3)"], ["thrust", None, None]]
 
 
 def test_files_for_others(comparison: Comparison) -> None:
