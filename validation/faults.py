@@ -18,6 +18,7 @@ from torch import Tensor
 from tyro.conf import Positional
 
 from rans.episode import Episode, World
+from rans.evaluation.compare.bounds import Amounts, Event
 from rans.evaluation.fly.protocols import Setup
 from rans.evaluation.measure.statistics import share
 from rans.fast.engine import Engine
@@ -37,6 +38,7 @@ _HELD_OUT = 0.3, 1.0
 """Share of its force that a weak thruster has, which no training knows (issue: partial thrust)."""
 _BOUNDED = 1000
 """Episodes that bounds are computed for, the first ones."""
+_SETTLING = Event("settling")
 _EFFORT = Effort(seconds=2.0, nozzle_seconds=0.3, levels=1)
 """Nearly all certificates are then exact."""
 
@@ -190,12 +192,13 @@ class Faults:
                    for name in ("distance", "speed", "spin")}}
         if row.at_start and row.faults.among != "unrecoverable":
             first = min(self.episodes, _BOUNDED)
-            least = bounds(setup, row.faults, first, self.seed)
-            said |= {"least time": median(least), "over least": median(found.settled[:first] / least)}
+            settled = Amounts(_SETTLING, found.settled)
+            least = Amounts(_SETTLING, bounds(setup, row.faults, first, self.seed))
+            said |= {"least time": median(least.values), "over least": median(settled[:first].over(least))}
             if self.certified and row.faults.kinds != ("weak",):
-                least = certified(setup, row.faults, self.certified, self.seed)
-                said |= {"certified": median(least),
-                         "over certified": median(found.settled[:self.certified] / least)}
+                least = Amounts(_SETTLING, certified(setup, row.faults, self.certified, self.seed))
+                said |= {"certified": median(least.values),
+                         "over certified": median(settled[:self.certified].over(least))}
         return said
 
 

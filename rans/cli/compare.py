@@ -78,7 +78,7 @@ class Compare:
 
 def _write(comparison: Comparison, folder: Path) -> None:
     from rans.show.comparison_page import TEXT, page
-    from rans.show.comparison_tables import scoreboard, to_json
+    from rans.show.comparison_tables import gap_names, gap_rows, gaps, scoreboard, to_json
 
     console, board = Terminal(), scoreboard(comparison)
     write_json(folder / "compare.json", to_json(comparison, TEXT))
@@ -87,6 +87,10 @@ def _write(comparison: Comparison, folder: Path) -> None:
         keys = dict.fromkeys(key for row in board.values() for key in row)
         console.print(table(comparison.contest.title(), ("", *board),
                             [(key, *(row[key].text() for row in board.values())) for key in keys]))
+    if found := gaps(comparison):
+        starts = len(comparison.certified_starts())
+        console.print(table(f"Median multiple of the bound of the same event, {starts} starts",
+                            ("event", *gap_names(found)), gap_rows(found)))
     for sentence in (*comparison.notes, *comparison.failures):
         console.print(sentence, soft_wrap=True)
     console.print(f"Written to {folder / 'compare.html'} and compare.json.")

@@ -114,23 +114,29 @@ class Optimal:
 
     def _bounds(self, craft: Spacecraft, task: Task, objective: Objective, starts: Scenario,
                 answers: list[Optimum]) -> list[Bound]:
-        """Print them too."""
+        """Of the trajectories' event, and of settling where that is a time; print them too."""
         from rans.evaluation.compare import bounds
         from rans.optimal.certificate.certificate import Effort
         from rans.optimal.trajectory.arrival import aims
         from rans.scenario import each
 
-        wanted, period = tuple(sorted(aims(task))), self.control_period
+        period, effort = self.control_period, Effort(self.certify_seconds)
         horizon = None if self.objective == "time" else objective.intervals * period
-        common = (craft, wanted, bounds.goal_set(task), period, horizon, Effort(self.certify_seconds))
-        questions = [bounds.Question(*common, scenario) for scenario in each(starts)]
-        found = [answer for _, answer in sorted(self._with_progress("bounds", lambda tick: [
-            *bounds.bounds(questions, range(self.episodes), self.workers, tick)]))]
-        reason = bounds.no_certificate(craft, wanted, period)
-        sentence = f"No on/off certificate: {reason}" if reason else bounds.CERTIFIED
         costs = [answer.trajectory.cost if answer.good else math.nan for answer in answers]
-        Terminal().print(bounds.table(sentence, objective.measure, found, costs))
-        return found
+        asked = {bounds.Event(horizon=horizon): (objective.measure, costs)}
+        if horizon is None:  # the trajectories arrive, so their costs are of another event
+            asked[bounds.Event("settling")] = "time s to settle", [math.nan] * self.episodes
+        reason = bounds.no_certificate(craft, aims(task), period)
+        sentence = f"No on/off certificate: {reason}" if reason else bounds.CERTIFIED
+        every: list[Bound] = []
+        for event, (measure, beside) in asked.items():
+            questions = [bounds.question(craft, task, period, event, effort, one) for one in each(starts)]
+            found = [answer for _, answer in sorted(self._with_progress("bounds", lambda tick, q=questions: [
+                *bounds.bounds(q, range(self.episodes), self.workers, tick)]), key=lambda pair: pair[0])]
+            told = sentence if event.kind == "arrival" else f"{sentence} {bounds.SETTLING}"
+            Terminal().print(bounds.table(told, measure, found, beside))
+            every += found
+        return every
 
     def _with_progress(self, what: str, work: Callable[[Callable[[], object]], Any]) -> Any:
         with progress() as bars:

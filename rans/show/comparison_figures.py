@@ -12,6 +12,7 @@ from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator
 
+from rans.evaluation.compare.bounds import Event
 from rans.evaluation.compare.contest import Entry
 from rans.evaluation.compare.run import Comparison
 from rans.evaluation.measure.metrics import DISPLAY
@@ -62,12 +63,12 @@ def plane(comparison: Comparison) -> Figure:
 
 def _draw_certified(axes: Axes, comparison: Comparison) -> None:
     """Least time as a line, least thrust-time as bars with what was found on or above them."""
-    first, *others = ([np.median(bound.values) for bound in comparison.bounds(event)]
-                      for event in comparison.events())
-    least = float(first[0])
-    axes.axvspan(1e-3, least, color=GREY, alpha=0.15, linewidth=0)
-    axes.axvline(least, color=INK, linewidth=1.2, label="certified least time")
+    least = float(np.median(comparison.bounds(Event())[0].values))
     horizons = np.array(comparison.horizons())
+    others = [[np.median(bound.values) for bound in comparison.bounds(Event(horizon=horizon))]
+              for horizon in comparison.horizons()]
+    axes.axvspan(1e-3, least, color=GREY, alpha=0.15, linewidth=0)
+    axes.axvline(least, color=INK, linewidth=1.2, label="certified least time to arrive")
     lower, upper = np.transpose(others)
     shown = np.isfinite(lower)
     axes.plot(horizons[shown], lower[shown], linestyle=":", color=INK, linewidth=0.8)

@@ -14,7 +14,7 @@ from rans.evaluation.compare.contest import Entry
 from rans.evaluation.compare.relaxed import Relaxed
 from rans.evaluation.compare.run import Comparison
 from rans.evaluation.measure.metrics import DISPLAY
-from rans.evaluation.measure.statistics import Bootstrap, Estimate, share
+from rans.evaluation.measure.statistics import Bootstrap, Estimate, figure, share
 from rans.files import environment
 from rans.optimal.trajectory.objectives import MaximumReward
 
@@ -77,10 +77,11 @@ def differences(comparison: Comparison) -> dict[str, Scores]:
 
 
 def gaps(comparison: Comparison) -> dict[str, dict[str, np.ndarray]]:
-    """Scores over certified bounds, by question and contestant, of the certified starts; 1 cannot be beaten.
+    """Scores over certified bounds, by event and contestant, of the certified starts; 1 cannot be beaten.
 
-    A flight counts at a horizon if it is in the goal set at that time, and is infinite if not: the bound
-    is for exactly that. Starts whose bound is infinite (nobody can be there) or 0 are left out.
+    Every score is divided by the bound of its own event. A flight counts at a horizon if it is in the goal
+    set at that time, and is infinite if not: the bound is for exactly that. Starts whose bound is infinite
+    (nobody can be there) or 0 are left out.
     """
     events = comparison.events() if comparison.certified_starts() else []
     return {event.text: _ratios(comparison, event) for event in events}
@@ -93,6 +94,25 @@ def _ratios(comparison: Comparison, event: Event) -> dict[str, np.ndarray]:
     found = {entry.name: entry.amounts(event)[starts].over(lower) for entry in comparison.entries}
     best = upper[possible].over(lower)
     return found | ({"best found": best} if np.isfinite(best).any() else {})
+
+
+def gap_rows(gaps: dict[str, dict[str, np.ndarray]]) -> list[list[str | None]]:
+    """A row per event: median multiples of its bound, and from how many starts somebody was there.
+
+    The contestants are those of `gap_names`, in their order.
+    """
+    return [[event, *(_middle(found.get(name)) for name in gap_names(gaps))] for event, found in gaps.items()]
+
+
+def gap_names(gaps: dict[str, dict[str, np.ndarray]]) -> list[str]:
+    """Whose multiples these are."""
+    return list(dict.fromkeys(name for found in gaps.values() for name in found))
+
+
+def _middle(ratios: np.ndarray | None) -> str | None:
+    if ratios is None or not ratios.size:
+        return None
+    return f"{figure(float(np.median(ratios)))} ({np.isfinite(ratios).sum()} of {len(ratios)})"
 
 
 def relaxed_rows(comparison: Comparison) -> list[list[Any]]:
@@ -121,6 +141,7 @@ def to_json(comparison: Comparison, text: str) -> dict[str, Any]:
         "contestants": {e.name: {"knows": e.contestant.knows, "tuning": e.contestant.tuning}
                         for e in comparison.entries},
         "certified": {"starts": comparison.certified_starts(), "horizons": comparison.horizons(),
+                      "events": {event.text: event._asdict() for event in comparison.events()},
                       "gaps": {question: {name: ratios.tolist() for name, ratios in found.items()}
                                for question, found in gaps(comparison).items()}},
         "per_start": {"contestants": {e.name: [*_starts(e)] for e in comparison.entries},

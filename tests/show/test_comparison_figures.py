@@ -21,13 +21,14 @@ from rans.show.panels import BLUE, ORANGE, RED
 from tests.evaluation.flights import flight_of
 from tests.show.test_comparison_tables import NOBODY, comparison, entry
 
-HORIZONS = (1.0, 1.5, 2.0, 3.0, 4.0)
-"""0.24, 0.32, 0.4, 0.6 and 0.8 of 5 s, s: whole periods of 0.5 s."""
+HORIZONS = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0)
+"""0.24, 0.32, 0.4, 0.6, 0.8 and all of 5 s, s: whole periods of 0.5 s."""
 
 
 def bounded(**changes: Any) -> Comparison:
     """Starts 0 and 1: times of 0.4 and 0.6 s, thrust-times of 3 and 5 over the horizon, and 2 more found."""
     bounds = [Bound(k, None, time, time, 2.0) for k, time in ((0, 0.4), (1, 0.6))]
+    bounds += [Bound(k, None, 0.1, kind="settling") for k in (0, 1)]
     bounds += [Bound(k, h, share / h, share / h, share / h + 2.0)
                for k, share in ((0, 3.0), (1, 5.0)) for h in HORIZONS]
     return comparison(certified=bounds, **changes)
@@ -44,7 +45,7 @@ def test_the_plane_draws_bounds_below_what_was_found() -> None:
     assert found.horizons() == HORIZONS
     axes, = plane(found).axes
     drawn = points(axes)
-    assert [x for x, _ in drawn["certified least time"]] == [0.5, 0.5]  # the median of 0.4 and 0.6
+    assert [x for x, _ in drawn["certified least time to arrive"]] == [0.5, 0.5]  # the median of 0.4 and 0.6
     assert drawn["certified least thrust-time at these times"] == [
         pytest.approx([h, 4.0 / h]) for h in HORIZONS]
     assert drawn["best on/off controls found, replayed"] == [

@@ -44,7 +44,9 @@ def comparison(**changes: Any) -> Comparison:
 def certified(best: float) -> list[Bound]:
     """Every question about the first two starts: the bound, and twice as much found."""
     horizons = comparison().horizons()
-    return [Bound(k, horizon, best, best, 2 * best) for k in (0, 1) for horizon in (None, *horizons)]
+    settling = [Bound(k, None, best / 2, best / 2, kind="settling") for k in (0, 1)]
+    return settling + [Bound(k, horizon, best, best, 2 * best) for k in (0, 1)
+                       for horizon in (None, *horizons)]
 
 
 @pytest.mark.parametrize(("key", "value"), [
@@ -72,9 +74,11 @@ def test_gaps_leave_out_what_has_no_bound() -> None:
     """Arrived after 1 and 2 s where nobody can before 0.5 s; a bound of 0 says nothing about thrust."""
     bounds = [replace(b, hull=0.0, lower=0.0) if b.horizon and b.start else b for b in certified(0.5)]
     found = gaps(comparison(certified=bounds))
-    assert found["time"]["agent"].tolist() == [2.0, 4.0]
-    assert found["time"]["best found"].tolist() == [2.0, 2.0]
-    assert all(len(ratios["agent"]) == 1 for question, ratios in found.items() if question != "time")
+    assert found["time of arrival"]["agent"].tolist() == [2.0, 4.0]
+    assert found["time of arrival"]["best found"].tolist() == [2.0, 2.0]
+    assert found["time of settling"]["agent"].tolist() == [4.0, 8.0]  # of a bound of 0.25 s
+    assert "best found" not in found["time of settling"]
+    assert all(len(ratios["agent"]) == 1 for question, ratios in found.items() if "thrust" in question)
 
 
 def test_the_return_is_a_ratio_of_means(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -90,7 +94,7 @@ def test_a_multiple_of_the_bound_is_the_median_of_multiples() -> None:
     """1 s over 0.25 s and 2 s over 1 s: 4 and 2; the medians of both, 1.5 s over 0.625 s, would give 2.4."""
     bounds = [replace(b, hull=0.1, lower=1.0 if b.start else 0.25, upper=9.0) for b in certified(0.1)]
     rows = tables_of(page(comparison(certified=bounds)))["Median multiple of the bound"]
-    assert rows[0][:2] == ["agent", "3 (2 of 2)"]
+    assert rows[0][:2] == ["time of arrival", "3 (2 of 2)"]
 
 
 def tables_of(shown: Any) -> dict[str, list[list[Any]]]:
@@ -104,7 +108,8 @@ def test_the_page_says_whether_a_bound_is_beaten(best: float, passed: bool, prov
     assert told["No flight beats a certified bound."] is passed
     assert shown.passed is passed
     rows = tables_of(shown)["The bounds (s and N s)"]
-    assert rows[0] == ["time", best, 2 * best, proven]
+    assert rows[0] == ["time of arrival", best, 2 * best, proven]
+    assert rows[1] == ["time of settling", best / 2, None, None]
     assert "agent settles from 2 of 3 starts, 2.00 s (median), 1.00 N s of thrust (mean)." in told
 
 

@@ -29,14 +29,15 @@ def answer(lower: float, upper: float, seconds: float = 2.0) -> Certificate:
 
 
 @pytest.mark.parametrize(("quantity", "horizon", "target"), [
-    ("time", 10.0, 0.02), ("fuel", 10.0, 0.04), ("fuel", 20.0, 0.1)])
+    ("time", 10.0, 0.02), ("settling", 10.0, 0.02), ("fuel", 10.0, 0.04), ("fuel", 20.0, 0.1)])
 def test_gaps_against_what_is_promised(quantity: Any, horizon: float, target: float) -> None:
     """Gaps of 0, 3 % and 0: 1 % in the mean, one of three open."""
     found = report(quantity, horizon, [answer(2.0, 2.0), answer(1.0, 1.03), answer(3.0, 3.0, 5.0)])
     mean, unproven = found.checks
     assert (mean.value, mean.tolerance) == (pytest.approx(0.01), target)
     assert (unproven.value, unproven.tolerance, unproven.passed) == (pytest.approx(1 / 3), 0.5, True)
-    assert found.settings == {"seconds per start": 3.0}
+    assert found.settings == {"seconds per start": 3.0, "mean certified bound": pytest.approx(2.0),
+                              "mean of the best found": pytest.approx(2.01)}
     assert report(quantity, horizon, [answer(1.0, math.inf)]).passed is False
     # A tenth of a per mille is a gap, rounding is none.
     assert report(quantity, horizon, [answer(1.0, 1.0001), answer(1.0, 1.0 + 1e-12)]).checks[1].value == 0.5

@@ -24,6 +24,7 @@ from rans.model.spacecraft import Spacecraft
 from rans.optimal.certificate import hull
 from rans.optimal.certificate.certificate import Effort, Unreachable, least_fuel, least_time
 from rans.optimal.certificate.lattice import GoalSet, Lattice, check_period, pulse, rounded_up
+from rans.optimal.trajectory.arrival import aims
 from rans.processes import submitted
 from rans.scenario import Scenario
 from rans.tasks.base import Task
@@ -37,8 +38,28 @@ platform at 5 Hz it means no spin at all, as one pulse is worth 17 degrees/s."""
 CERTIFIED = ("The hull bound holds for any commands between 0 and 1; relaxed is a local optimum of those; "
              "certified holds for every on/off controller at the control rate.")
 
+SETTLING = ("Settling is bounded by the first moment within the tolerances at a speed that allows to stay; "
+            "no control found proves that it can be met.")
+
 _LONGEST = 25.0
 """Time up to which the certified least time is looked for, s: an episode's."""
+
+
+Kind = Literal["arrival", "settling"]
+
+
+class Event(NamedTuple):
+    """What numbers are about; those of different events are not compared."""
+
+    kind: Kind = "arrival"
+    """In the goal set, which asks for rest (see `goal_set`); or within the task's tolerances for good."""
+    horizon: float | None = None
+    """None: its time, s; else the thrust-time, N s, with which it holds at this time, s."""
+
+    @property
+    def text(self) -> str:
+        """As a heading, without units."""
+        return f"time of {self.kind}" if self.horizon is None else f"thrust-time by {self.horizon:g} s"
 
 
 class Question(NamedTuple):
@@ -46,7 +67,7 @@ class Question(NamedTuple):
 
     craft: Spacecraft
     aims: tuple[str, ...]
-    """Sorted, see `rans.optimal.trajectory.arrival.aims`."""
+    """Sorted: what the set asks for, of "position", "attitude", "velocity" and "spin"."""
     goals: GoalSet
     period: float
     """For which on/off commands are held, s."""
@@ -56,6 +77,8 @@ class Question(NamedTuple):
     effort: Effort
     scenario: Scenario
     """Of floats."""
+    kind: Kind = "arrival"
+    """Settling: the set is one that everyone is in who stays within the tolerances (see `staying_set`)."""
 
 
 @dataclass(frozen=True)
@@ -77,6 +100,13 @@ class Bound:
     """Wall time of the certificate."""
     unit: float = 0.0
     """What on/off commands need comes in whole multiples of it (periods, pulses); 0: in any amount."""
+    kind: Kind = "arrival"
+    """Of settling there are no commands: being in that set once is necessary, not sufficient."""
+
+    @property
+    def event(self) -> Event:
+        """What it bounds."""
+        return Event(self.kind, self.horizon)
 
     @property
     def best(self) -> float:
@@ -96,6 +126,32 @@ def goal_set(task: Task) -> GoalSet:
     tolerances = task.tolerances()
     return GoalSet(tolerances.get("position", 0.0), tolerances.get("velocity", REST_SPEED),
                    tolerances.get("attitude", 0.0), tolerances.get("spin", REST_SPIN))
+
+
+def staying_set(craft: Spacecraft, task: Task, period: float) -> GoalSet:
+    """Where everyone is who has settled: within the tolerances, and slow enough to stay there.
+
+    See `rans.optimal.certificate.hull.settling_set`; raises as `goal_set`.
+    """
+    near, goals = task.tolerances(), goal_set(task)
+    slow = hull.settling_set(craft, goals.position, goals.heading, period)
+    return replace(slow, velocity=near.get("velocity", slow.velocity), spin=near.get("spin", slow.spin))
+
+
+def question(craft: Spacecraft, task: Task, period: float, event: Event, effort: Effort,
+             scenario: Scenario) -> Question:
+    """What is asked about an event from one start.
+
+    Raises:
+        ConfigError: see `goal_set`; or the event is thrust-time to settle by a horizon.
+    """
+    if event.kind == "arrival":
+        wanted, goals = aims(task), goal_set(task)
+    elif event.horizon is None:  # of the spin the lattice makes use, not the hull
+        wanted, goals = aims(task) - {"spin"} | task.tolerances().keys(), staying_set(craft, task, period)
+    else:
+        raise ConfigError("thrust-time by a horizon is bounded for arrival only, not for settling.")
+    return Question(craft, tuple(sorted(wanted)), goals, period, event.horizon, effort, scenario, event.kind)
 
 
 def no_certificate(craft: Spacecraft, wanted: Collection[str], period: float) -> str:
@@ -140,20 +196,6 @@ def bounds(questions: Sequence[Question], starts: Sequence[int], workers: int | 
                             ) from error
 
 
-class Event(NamedTuple):
-    """What numbers are about; those of different events are not compared."""
-
-    kind: Literal["arrival", "settling"] = "arrival"
-    """In the goal set, which asks for rest (see `goal_set`); or within the task's tolerances for good."""
-    horizon: float | None = None
-    """None: its time, s; else the thrust-time, N s, with which it holds at this time, s."""
-
-    @property
-    def text(self) -> str:
-        """As a heading, without units."""
-        return "time" if self.horizon is None else f"thrust-time by {self.horizon:g} s"
-
-
 @dataclass(frozen=True)
 class Amounts:
     """Numbers of starts, with the event they are of."""
@@ -191,7 +233,7 @@ def whole_periods(horizon: float, period: float) -> int:
 
 def bound(start: int, question: Question) -> Bound:
     """One answer, infinite where nothing can arrive by the horizon; `ConfigError` for what is not finite."""
-    craft, wanted, goals, period, horizon, effort, scenario = question
+    craft, wanted, goals, period, horizon, effort, scenario, kind = question
     begin: Any = scenario.start
     end: Any = scenario.goal
     check_period(period)
@@ -201,7 +243,7 @@ def bound(start: int, question: Question) -> Bound:
     else:
         ask, steps, unit = least_fuel, whole_periods(horizon, period), pulse(craft, period) or 0.0
         least = hull.least_fuel(craft, wanted, begin, end, horizon, goals)
-    loose = Bound(start, horizon, least, unit=unit)
+    loose = Bound(start, horizon, least, unit=unit, kind=kind)
     if no_certificate(craft, wanted, period):
         return loose
     lattice = Lattice(craft, period)
@@ -213,6 +255,8 @@ def bound(start: int, question: Question) -> Bound:
         found = ask(lattice, begin, end, steps, goals, effort)
     except Unreachable:
         return replace(loose, lower=math.inf)
+    if kind == "settling":
+        return replace(loose, lower=found.lower, seconds=found.seconds)
     commands = None if found.commands is None else found.commands.astype(int).tolist()
     return replace(loose, lower=found.lower, upper=found.upper, commands=commands, seconds=found.seconds)
 
@@ -224,8 +268,10 @@ def table(sentence: str, measure: str, answers: Sequence[Bound], found: Sequence
     """
     def row(answer: Bound, cost: float) -> tuple[str, ...]:
         lower, upper = answer.lower, answer.upper
-        gap = f"{100 * (upper / lower - 1):.1f} %" if lower and lower < math.inf else "-"
-        certain = ["-"] * 2 if lower is None else [f"{lower:.3f}", f"{upper:.3f}"]
+        shown = lower is not None and lower < math.inf and answer.kind == "arrival"
+        gap = f"{100 * (upper / lower - 1):.1f} %" if lower and shown else "-"
+        best = "-" if answer.kind == "settling" else f"{upper:.3f}"
+        certain = ["-"] * 2 if lower is None else [f"{lower:.3f}", best]
         return str(answer.start), f"{answer.hull:.3f}", figure(cost, ".3f"), *certain, gap
 
     return terminal.table(f"What nothing can beat: {measure}",

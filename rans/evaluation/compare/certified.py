@@ -3,54 +3,52 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, replace
 from itertools import product
 from pathlib import Path
 from typing import Any
 
 from rans.errors import ConfigError
-from rans.evaluation.compare.bounds import Bound, Question, bounds, goal_set
+from rans.evaluation.compare.bounds import Bound, Event, Question, bounds, question
 from rans.evaluation.compare.contest import Contest
 from rans.files import number, read_json, write_json
 from rans.optimal.certificate.certificate import Effort
-from rans.optimal.trajectory.arrival import aims
 from rans.scenario import each
 
 _EFFORT = Effort(seconds=20.0, nozzle_seconds=2.0, levels=4)
 """Most questions take two processor seconds. Less of it, or a busy machine, leaves wider gaps but changes
 no bound's truth."""
-_VERSION = 2
+_VERSION = 3
 """Of the proofs: bounds kept from other versions are searched anew."""
 
 
-def certify(contest: Contest, count: int, horizons: tuple[float, ...], cache: Path | None = None,
+def certify(contest: Contest, count: int, events: Sequence[Event], cache: Path | None = None,
             workers: int | None = None, progress: Callable[[], object] = lambda: None) -> Iterator[Bound]:
-    """Bounds from the first starts, as they are found: the least time, and the least thrust-times.
+    """Bounds of events from the first starts, as they are found.
 
     `RansError` if a process died, or the cache is damaged or cannot be written.
 
     Args:
         contest: gives the starts.
         count: of starts.
-        horizons: for the least thrust-time, s.
+        events: what is bounded.
         cache: JSON file that keeps the bounds for the next time.
         workers: see `bounds`.
         progress: called once per bound.
     """
     known = _read(cache) if cache and cache.exists() else {}
-    common = (contest.craft, tuple(sorted(aims(contest.task))), goal_set(contest.task),
-              contest.timing.control_period)
-    wanted = product(zip(range(count), each(contest.starts), strict=False), (None, *horizons))
+    common = (contest.craft, contest.task, contest.timing.control_period)
+    wanted = product(zip(range(count), each(contest.starts), strict=False), events)
     asked: list[tuple[str, int, Question]] = []
-    for (start, scenario), horizon in wanted:
-        question = Question(*common, horizon, _EFFORT, scenario)
-        key = hashlib.sha256(f"{_VERSION} {question!r}".encode()).hexdigest()[:32]
+    for (start, scenario), event in wanted:
+        one = question(*common, event, _EFFORT, scenario)
+        key = hashlib.sha256(f"{_VERSION} {one!r}".encode()).hexdigest()[:32]
         if key in known:
             yield replace(known[key], start=start)
             progress()
         else:
-            asked.append((key, start, question))
+            asked.append((key, start, one))
     keys, starts, questions = zip(*asked, strict=True) if asked else ((), (), ())
     for k, answer in bounds(questions, starts, workers, progress):
         known[keys[k]] = answer

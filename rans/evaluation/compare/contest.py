@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -171,11 +172,22 @@ class Entry:
 
     def amounts(self, event: Event) -> Amounts:
         """What a bound of an event is compared with."""
+        if event == Event():
+            return Amounts(event, self.arrival)
         if event.horizon is None:
-            return Amounts(event, self.arrival if event.kind == "arrival" else self.settling)
+            return Amounts(event, np.where(self._turns_unseen, np.inf, self.settling))
         if event.kind == "settling":
             raise ConfigError("thrust-time by a horizon is scored for arrival only, not for settling.")
         return Amounts(event, self.thrust_by(event.horizon))
+
+    @cached_property
+    def _turns_unseen(self) -> np.ndarray:
+        """(N,) whether it ever turns by half a turn a period, in the plane: whoever does is not seen to stay.
+
+        Looks a period apart take whole turns for none, and bounds of settling do not hold for these.
+        """
+        spin = self.flight.states.spin()
+        return (np.abs(spin[0]).max(axis=0) * self._period >= math.pi) & (len(spin) == 1)
 
     @cached_property
     def thrust(self) -> np.ndarray:

@@ -11,16 +11,17 @@ import numpy as np
 
 from rans.errors import RansError
 from rans.evaluation.compare import relaxed, roster
-from rans.evaluation.compare.bounds import Amounts, Bound, Event, no_certificate
+from rans.evaluation.compare.bounds import Amounts, Bound, Event, no_certificate, staying_set
 from rans.evaluation.compare.certified import certify
 from rans.evaluation.compare.contest import Contest, Contestant, Entry
 from rans.evaluation.compare.relaxed import Relaxed
 from rans.evaluation.fly.controllers import BESIDE
 from rans.files import first_line
+from rans.optimal.certificate.hull import staying_time
 from rans.optimal.trajectory.arrival import aims
 
-_HORIZONS = (0.24, 0.32, 0.4, 0.6, 0.8)
-"""Shares of an episode at which the least thrust-time is certified: 6, 8, 10, 15 and 20 s of 25 s."""
+_HORIZONS = (0.24, 0.32, 0.4, 0.6, 0.8, 1.0)
+"""Shares of an episode at which the least thrust-time is certified: 6, 8, 10, 15, 20 and 25 s of 25 s."""
 
 _RELAXED = (0.4, 0.8)
 """Those of them for which the relaxed optimum is found too."""
@@ -60,18 +61,28 @@ class Comparison:
     def certified_starts(self) -> list[int]:
         """Numbers of the starts of which every bound is known."""
         counts = [c.start for c in self.certified]
-        return [k for k in sorted(set(counts)) if counts.count(k) == 1 + len(self.horizons())]
+        return [k for k in sorted(set(counts)) if counts.count(k) == len(self.events())]
 
     def events(self) -> list[Event]:
-        """What is bounded: arrival at rest as soon as possible, and by each horizon with the least thrust."""
-        return [Event(), *(Event(horizon=horizon) for horizon in self.horizons())]
+        """What is bounded: the times of arrival at rest and of settling, and thrust-time by each horizon."""
+        return [Event(), Event("settling"), *(Event(horizon=horizon) for horizon in self.horizons())]
 
     def bounds(self, event: Event) -> tuple[Amounts, Amounts]:
-        """Lower and upper bounds of the certified starts for one event of arrival."""
-        answers = {c.start: c for c in self.certified if Event(horizon=c.horizon) == event}
+        """Lower and upper bounds of the certified starts for one event."""
+        answers = {c.start: c for c in self.certified if c.event == event}
         rows = [answers[k] for k in self.certified_starts()]
         lower, upper = np.array([(c.best, c.upper) for c in rows]).reshape(-1, 2).T
+        if event.kind == "settling":
+            lower = np.minimum(lower, self._last_watched())
         return Amounts(event, lower), Amounts(event, upper)
+
+    def _last_watched(self) -> float:
+        """Until when a flight that settles is watched long enough for the bound to hold, s.
+
+        Whoever enters the tolerances in the last moment of an episode may be too fast to stay there.
+        """
+        craft, task, period = self.contest.craft, self.contest.task, self.contest.timing.control_period
+        return max(0.0, self.contest.duration - staying_time(craft, staying_set(craft, task, period), period))
 
     def impossible(self) -> list[str]:
         """Flights below a certified bound: each would prove an error of ours."""
@@ -162,13 +173,13 @@ def _find_relaxed(comparison: Comparison, track: Track, workers: int | None) -> 
 
 def _find_certified(comparison: Comparison, count: int, cache: Path | None, track: Track,
                     workers: int | None) -> None:
-    contest, horizons = comparison.contest, comparison.horizons()
+    contest, events = comparison.contest, comparison.events()
     count = min(count, contest.episodes)
     missing = no_certificate(contest.craft, aims(contest.task), contest.timing.control_period)
     if missing:
         comparison.notes.append(f"No tight certificate exists: {missing} The bounds shown let translation "
                                 "and rotation use all thrusters each, and hold for throttled thrust too.")
-    step = track("certified bounds", count * (1 + len(horizons)))
+    step = track("certified bounds", count * len(events))
     with _noted(comparison, "certified bounds"):
-        for answer in certify(contest, count, horizons, cache, workers, step):
+        for answer in certify(contest, count, events, cache, workers, step):
             comparison.certified.append(answer)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import NamedTuple
 
@@ -122,13 +122,28 @@ def settling_set(craft: Spacecraft, tolerance: float, angle: float, period: floa
     Who stays in a ball of radius r with accelerations up to a is no faster than 2 sqrt(a r + (a h / 4)^2): it
     goes on along its velocity by at least v^2 / (2 a), of which it is short by a (h / 2)^2 / 2 at most when
     looked at next to the farthest point, and has no more than the diameter. The spin's bound so found, with
-    angles for ways, is that of the plane.
+    angles for ways, is that of the plane, where nobody counts as staying who makes whole turns unseen.
+
+    Raises:
+        ConfigError: a tolerance is negative or not finite, the period negative or not finite.
     """
-    reach = Reach.of(craft, health)
+    if not (math.isfinite(period) and period >= 0):
+        raise ConfigError(f"a bound of settling needs a finite period >= 0 s between looks, got {period!r}.")
+    near, reach = GoalSet(tolerance, 0.0, angle, 0.0), Reach.of(craft, health)
     push, turn = float(reach.force.max()) / craft.mass, reach.torque / craft.inertia[2][2]
     speed, spin = (2.0 * math.sqrt(a * r + (a * period / 4.0) ** 2)
                    for a, r in ((push, tolerance), (turn, angle)))
-    return GoalSet(tolerance, speed, angle, spin)
+    return replace(near, velocity=speed, spin=spin)
+
+
+def staying_time(craft: Spacecraft, within: GoalSet, period: float, health: Health | None = None) -> float:
+    """How long all must be watched who are outside that set, until they are seen to leave, s.
+
+    The farthest point of the proof of `settling_set` is v / a ahead, and the next look half a period later.
+    """
+    reach = Reach.of(craft, health)
+    braking = within.velocity * craft.mass / float(reach.force.max())
+    return max(braking, within.spin * craft.inertia[2][2] / reach.torque) + 0.5 * period
 
 
 def least_settling(craft: Spacecraft, start: State, goal: State, tolerance: float, angle: float,

@@ -2,18 +2,32 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from rans.errors import ConfigError
-from rans.evaluation.compare.bounds import Bound, Question, bounds, goal_set, no_certificate, table
+from rans.evaluation.compare.bounds import (
+    Bound,
+    Event,
+    Question,
+    bound,
+    bounds,
+    goal_set,
+    no_certificate,
+    question,
+    staying_set,
+    table,
+)
 from rans.model.fields import Heading, Vec2
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.certificate.certificate import Effort, Unreachable
+from rans.optimal.certificate.hull import staying_time
 from rans.optimal.certificate.lattice import GoalSet
 from rans.optimal.trajectory.arrival import aims
 from rans.scenario import Scenario, each, scenarios
@@ -93,6 +107,65 @@ def test_while_a_gap_is_open_only_its_lower_end_is_proven() -> None:
     assert Bound(0, None, 1.01, unit=0.2).best == pytest.approx(1.2)
     assert Bound(0, None, 1.0 - 1e-15, unit=0.2).best == pytest.approx(1.0)
     assert Bound(0, None, math.inf, unit=0.2).best == math.inf
+
+
+def test_bounds_of_settling_are_below_those_of_arrival() -> None:
+    """Within 5 cm and 5 degrees at a speed that allows to stay, no rest asked; no control is claimed."""
+    [one] = each(scenarios(TASK, PLATFORM, 5, 1))
+    settles, arrives = (bound(0, question(PLATFORM, TASK, 0.2, Event(kind), Effort(5.0), one))
+                        for kind in ("settling", "arrival"))
+    assert settles.lower is not None
+    assert arrives.lower is not None
+    assert 0 < settles.hull <= settles.lower < arrives.lower
+    assert settles.best == pytest.approx(round(settles.best / 0.2) * 0.2)
+    assert (settles.event, settles.upper, settles.commands) == (Event("settling"), math.inf, None)
+    assert arrives.commands is not None
+
+
+@pytest.mark.parametrize(("craft", "task", "wanted"), [
+    (PLATFORM, TASK, ("attitude", "position", "velocity")),
+    (load_spacecraft("free-flyer"), TASK, ("attitude", "position", "velocity")),
+    (PLATFORM, GoToPosition(), ("position", "velocity")), (PLATFORM, TrackVelocity(), ("velocity",)),
+], ids=["pose", "space", "position", "velocity"])
+def test_what_settling_asks_for(craft: Spacecraft, task: Task, wanted: tuple[str, ...]) -> None:
+    """The task's tolerances, and the speed up to which one can stay near a place; no rest, and no spin."""
+    [one] = each(scenarios(task, craft, 5, 1))
+    asking = question(craft, task, 0.2, Event("settling"), Effort(1.0), one)
+    near = task.tolerances()
+    assert (asking.aims, asking.kind, asking.horizon) == (wanted, "settling", None)
+    assert (asking.goals.position, asking.goals.heading) == (near.get("position", 0), near.get("attitude", 0))
+    assert asking.goals.velocity == near["velocity"] if "velocity" in near else asking.goals.velocity > 0.2
+
+
+def test_settling_has_a_time_only() -> None:
+    with pytest.raises(ConfigError, match="bounded for arrival only, not for settling"):
+        question(PLATFORM, TASK, 0.2, Event("settling", 10.0), Effort(), one_start().scenario)
+
+
+def test_no_sequence_settles_before_its_bound() -> None:
+    """All 59,049 of ten periods of 1 N pairs ahead, back and none, 25 cm from the goal, by the exact sums."""
+    steps, period, push = 10, 0.2, 2.0 / PLATFORM.mass
+    told = np.array(list(itertools.product((-1.0, 0.0, 1.0), repeat=steps))) * push
+    speed = np.cumsum(np.c_[np.zeros(len(told)), told], axis=1) * period
+    way = (speed[:, :-1] + 0.5 * told * period) * period
+    place = np.cumsum(np.c_[np.full(len(told), -0.25), way], axis=1)
+    stays = np.logical_and.accumulate((np.abs(place) < 0.05)[:, ::-1], axis=1)[:, ::-1]
+    settling = (~stays).sum(axis=1) * period
+    watched = steps * period - staying_time(PLATFORM, staying_set(PLATFORM, TASK, period), period)
+    least = settling[settling <= watched].min()
+    [one] = each(scenarios(TASK, PLATFORM, 5, 1))
+    near = replace(one, start=replace(one.goal, p=Vec2(one.goal.p.x - 0.25, one.goal.p.y)))  # type: ignore[union-attr]
+    found = bound(0, question(PLATFORM, TASK, period, Event("settling"), Effort(1.0), near))
+    assert found.lower is not None
+    assert 0.5 * least < found.lower <= least + 1e-9  # diagonal pairs push 1.4 times as hard
+
+
+def test_thrust_is_bounded_for_25_seconds() -> None:
+    """As many pulses to turn back as to turn: two of 0.2 N s at least, which little effort shows."""
+    answer = bound(0, one_start(horizon=25.0, effort=Effort(0.1, 0.1, 1)))
+    assert answer.lower is not None
+    assert 0.0 < answer.hull <= answer.lower <= answer.upper
+    assert answer.event == Event(horizon=25.0)
 
 
 def test_unequal_thrusters_have_no_pulse_to_round_to() -> None:
@@ -181,6 +254,8 @@ def test_the_table_shows_every_number() -> None:
     assert cells == [["4", "5", "6"], ["1.000", "1.250", "1.000"], ["1.500", "-", "2.000"],
                      ["2.000", "-", "inf"], ["2.500", "-", "inf"], ["25.0 %", "-", "-"]]
     assert (shown.title, shown.caption) == ("What nothing can beat: N s", "why")
+    shown = table("why", "s", [Bound(4, None, 1.0, 2.0, kind="settling")], [math.nan])
+    assert [[*column.cells] for column in shown.columns] == [["4"], ["1.000"], ["-"], ["2.000"], ["-"], ["-"]]
 
 
 def test_least_time_is_looked_for_up_to_25_seconds(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from rans.evaluation.compare import certified
-from rans.evaluation.compare.bounds import Bound, Question, goal_set
+from rans.evaluation.compare.bounds import Bound, Event, Question, goal_set, staying_set
 from rans.evaluation.compare.certified import certify
 from rans.evaluation.compare.contest import Contest
 from rans.model.spacecraft_file import load_spacecraft
@@ -20,6 +20,7 @@ from rans.model.timing import Timing
 from rans.tasks import GoToPose
 
 CONTEST = Contest(load_spacecraft("floating-platform"), GoToPose().for_evaluation(), Timing(0.25), 4, 3)
+EVENTS = [Event("settling"), Event(horizon=5.0)]
 
 
 @pytest.fixture
@@ -30,47 +31,50 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[Question]:
     def search(given: list[Question], starts: list[int], *_: Any) -> Iterator[tuple[int, Bound]]:
         for k, (question, start) in enumerate(zip(given, starts, strict=True)):
             questions.append(question)
-            yield k, Bound(start, question.horizon, 1.0 + start, math.inf, math.inf, [[1, 0]], 2.0, 0.25)
+            yield k, Bound(start, question.horizon, 1.0 + start, math.inf, math.inf, [[1, 0]], 2.0, 0.25,
+                           question.kind)
 
     monkeypatch.setattr(certified, "bounds", search)
     return questions
 
 
 def test_every_start_has_a_time_and_its_horizons(asked: list[Question]) -> None:
-    answers = list(certify(CONTEST, 2, (5.0, 10.0)))
-    assert [(a.start, a.horizon) for a in answers] == [
-        (0, None), (0, 5.0), (0, 10.0), (1, None), (1, 5.0), (1, 10.0)]
+    events = [Event(), Event("settling"), Event(horizon=10.0)]
+    answers = list(certify(CONTEST, 2, events))
+    assert [(a.start, a.event) for a in answers] == [(k, event) for k in (0, 1) for event in events]
     assert [q.scenario.start.p.x for q in asked[::3]] == CONTEST.starts.start.p.x[:2].tolist()
-    for question in asked:
-        assert (question.craft, question.period) == (CONTEST.craft, 0.25)
-        assert question.aims == ("attitude", "position", "spin", "velocity")
-        assert question.goals == goal_set(CONTEST.task)
-    assert len(list(certify(CONTEST, 99, ()))) == 3  # no more starts than there are
+    for asking in asked:
+        rest = asking.kind == "arrival"
+        assert (asking.craft, asking.period) == (CONTEST.craft, 0.25)
+        assert asking.aims == ("attitude", "position", *["spin"] * rest, "velocity")
+        assert asking.goals == (goal_set(CONTEST.task) if rest
+                                else staying_set(CONTEST.craft, CONTEST.task, 0.25))
+    assert len(list(certify(CONTEST, 99, [Event()]))) == 3  # no more starts than there are
 
 
 def test_what_is_kept_comes_back_whole(asked: list[Question], tmp_path: Path) -> None:
     """Infinities too; under the number that the start has now; and each counts as progress."""
     cache, ticks = tmp_path / "bounds.json", []
-    first = list(certify(CONTEST, 2, (5.0,), cache))
-    again = list(certify(CONTEST, 2, (5.0,), cache, progress=lambda: ticks.append(1)))
+    first = list(certify(CONTEST, 2, EVENTS, cache))
+    again = list(certify(CONTEST, 2, EVENTS, cache, progress=lambda: ticks.append(1)))
     assert again == first
     assert len(asked) == len(ticks) == 4
     rows = json.loads(cache.read_text())
     cache.write_text(json.dumps({key: {**row, "start": 77} for key, row in rows.items()}))
-    assert [a.start for a in certify(CONTEST, 2, (5.0,), cache)] == [0, 0, 1, 1]
+    assert [a.start for a in certify(CONTEST, 2, EVENTS, cache)] == [0, 0, 1, 1]
     assert len(asked) == 4
 
 
 def test_other_questions_and_older_proofs_are_searched_anew(asked: list[Question], tmp_path: Path,
                                                             monkeypatch: pytest.MonkeyPatch) -> None:
     cache = tmp_path / "bounds.json"
-    list(certify(CONTEST, 1, (), cache))
+    list(certify(CONTEST, 1, [Event()], cache))
     for other in (replace(CONTEST, timing=Timing(0.2)), replace(CONTEST, seed=5),
                   replace(CONTEST, craft=replace(CONTEST.craft, mass=6.0))):
-        list(certify(other, 1, (), cache))
+        list(certify(other, 1, [Event()], cache))
     assert len(asked) == 4
-    list(certify(CONTEST, 1, (), cache))
+    list(certify(CONTEST, 1, [Event()], cache))
     assert len(asked) == 4
     monkeypatch.setattr(certified, "_VERSION", certified._VERSION + 1)
-    list(certify(CONTEST, 1, (), cache))
+    list(certify(CONTEST, 1, [Event()], cache))
     assert len(asked) == 5

@@ -118,7 +118,16 @@ def test_amounts_are_of_their_event() -> None:
         entry.amounts(Event(horizon=3.0)).over(Amounts(Event(horizon=3.5), np.array([1.0])))
     with pytest.raises(ConfigError, match="for arrival only"):
         entry.amounts(Event("settling", 3.0))
-    assert [Event().text, Event(horizon=2.4).text] == ["time", "thrust-time by 2.4 s"]
+    assert [event.text for event in (Event(), Event("settling"), Event(horizon=2.4))] == [
+        "time of arrival", "time of settling", "thrust-time by 2.4 s"]
+
+
+def test_who_turns_unseen_has_not_settled_at_an_attitude() -> None:
+    """Half a turn in a period of half a second are 2 pi rad/s: looks may miss whole turns from there on."""
+    for spin, value in ((6.2, 0.0), (6.3, math.inf), (-6.3, math.inf)):
+        turning = entry_of(flight_of(np.full((4, 1), 0.01), 0.0, spin=spin))
+        assert turning.settling.tolist() == [0.0]
+        assert turning.amounts(Event("settling")).values.tolist() == [value]
 
 
 @pytest.mark.parametrize("periods", [43, 81, 86, 91])

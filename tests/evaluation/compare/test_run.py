@@ -26,8 +26,8 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.optimal.trajectory.objectives import MaximumReward
 from rans.show.comparison_figures import gap_histograms
-from rans.show.comparison_page import TEXT, _middle, page
-from rans.show.comparison_tables import RETURN, best_returns, differences, gaps, scoreboard, to_json
+from rans.show.comparison_page import TEXT, page
+from rans.show.comparison_tables import RETURN, best_returns, differences, gap_rows, gaps, scoreboard, to_json
 from rans.show.report import comparison_section
 from rans.tasks import GoToPose
 from tests.evaluation.flights import flight_of
@@ -89,15 +89,17 @@ def test_nobody_beats_a_certified_bound(comparison: Comparison) -> None:
     assert comparison.certified_starts() == [0, 1]
     assert comparison.impossible() == []
     ratios = gaps(comparison)
-    assert list(ratios) == ["time", *(f"thrust-time by {t:g} s" for t in comparison.horizons())]
+    assert list(ratios) == ["time of arrival", "time of settling",
+                            *(f"thrust-time by {t:g} s" for t in comparison.horizons())]
     every = np.concatenate([r for question in ratios.values() for r in question.values()])
     assert (every >= 1.0 - 1e-9).all()
-    assert np.isfinite(ratios["time"]["LQR"]).all()
-    assert np.isinf(ratios["time"][IDLE]).all()
+    for what in ("time of arrival", "time of settling"):
+        assert np.isfinite(ratios[what]["LQR"]).all()
+        assert np.isinf(ratios[what][IDLE]).all()
 
 
 def test_who_beats_a_bound_is_found_out(comparison: Comparison) -> None:
-    wrong = [replace(c, lower=1e3) if (c.start, c.horizon) == (1, None) else c for c in comparison.certified]
+    wrong = [replace(c, lower=1e3) if (c.start, c.event) == (1, Event()) else c for c in comparison.certified]
     told = replace(comparison, certified=wrong).impossible()
     assert told[0] == "LQR beats the certified bound from start 1: the certificate or a flight is wrong."
     assert not any(IDLE in sentence for sentence in told)
@@ -133,16 +135,16 @@ def test_bounds_are_kept_for_the_next_time(comparison: Comparison, cache: Path,
     searched: list[object] = []
     monkeypatch.setattr("rans.evaluation.compare.certified.bounds",
                         lambda asked, *_: searched.extend(asked) or ())
-    again = list(certify(CONTEST, 2, comparison.horizons(), cache))
+    again = list(certify(CONTEST, 2, comparison.events(), cache))
     assert not searched
-    key = lambda c: (c.start, c.horizon or 0.0)  # noqa: E731
+    key = lambda c: (c.start, c.kind, c.horizon or 0.0)  # noqa: E731
     assert sorted(again, key=key) == sorted(comparison.certified, key=key)
     other = replace(CONTEST, seed=5)  # other starts have other bounds
-    assert not list(certify(other, 1, (), cache))
+    assert not list(certify(other, 1, [Event()], cache))
     assert len(searched) == 1
     cache.write_text('{"key": 3}')
     with pytest.raises(ConfigError, match=r"bounds\.json does not hold bounds; delete it"):
-        list(certify(CONTEST, 1, (), cache))
+        list(certify(CONTEST, 1, [Event()], cache))
 
 
 def test_horizon_that_nobody_can_meet(comparison: Comparison) -> None:
@@ -189,9 +191,9 @@ def test_bars_of_the_gaps_stand_at_their_own_values() -> None:
 
 
 def test_medians_of_gaps_count_who_is_not_there() -> None:
-    assert _middle(np.array([1.5, np.inf, 1.2])) == "1.5 (2 of 3)"
-    assert _middle(np.array([1.5, np.inf, np.inf])) == "never (1 of 3)"
-    assert _middle(None) is _middle(np.array([])) is None
+    both, one = np.array([1.5, np.inf, 1.2]), np.array([1.5, np.inf, np.inf])
+    assert gap_rows({"time": {"a": both, "b": one}, "thrust": {"a": np.array([])}}) == [
+        ["time", "1.5 (2 of 3)", "never (1 of 3)"], ["thrust", None, None]]
 
 
 def test_files_for_others(comparison: Comparison) -> None:
@@ -233,7 +235,7 @@ def test_interrupt_keeps_what_is_finished(monkeypatch: pytest.MonkeyPatch) -> No
 
 def test_half_certified_starts_are_left_out() -> None:
     found = Comparison(CONTEST)
-    found.certified += [Bound(0, None, 1.0), Bound(1, None, 1.0)]
+    found.certified += [Bound(0, None, 1.0), Bound(1, None, 1.0), Bound(1, None, 1.0, kind="settling")]
     found.certified += [Bound(1, horizon, 1.0) for horizon in found.horizons()]
     assert found.certified_starts() == [1]
 
@@ -253,7 +255,8 @@ def test_states_are_those_of_the_protocol() -> None:
     np.testing.assert_array_equal(map_leaves(lambda x: x[2:3], CONTEST.starts).start.p.x, start.start.p.x)
 
 
-def by_hand(arrival: float, thrust: float, bounds: dict[float | None, Bound]) -> Comparison:
+def by_hand(arrival: float, thrust: float, bounds: dict[float | None, Bound],
+            settling: float = 0.1) -> Comparison:
     """Two starts; a flight that is in the goal set from an instant on, having spent as much until then."""
     steps = CONTEST.timing.episode_steps
     distance = np.where(np.arange(steps + 1)[:, None] * 0.2 >= arrival - 1e-9, [[0.01, 0.01]], 1.0)
@@ -267,21 +270,24 @@ def by_hand(arrival: float, thrust: float, bounds: dict[float | None, Bound]) ->
         for horizon in (None, *found.horizons()):
             given = bounds.get(horizon, Bound(start, horizon, 0.1)) if start else Bound(start, horizon, 0.1)
             found.certified.append(replace(given, start=start, horizon=horizon))
+        found.certified.append(Bound(start, None, settling, kind="settling"))
     return found
 
 
 def test_each_flight_is_held_against_the_bound_of_its_event() -> None:
-    """Arrives at 2 s and spends 1 N s, then rests; horizons of 1.4, 2, 2.4, 3.6 and 4.8 s."""
+    """Arrives at 2 s and spends 1 N s, then rests; horizons of 1.4, 2, 2.4, 3.6, 4.8 and 6 s."""
     loose = by_hand(2.0, 1.0, {})
-    assert loose.horizons() == pytest.approx((1.4, 2.0, 2.4, 3.6, 4.8))
+    assert loose.horizons() == pytest.approx((1.4, 2.0, 2.4, 3.6, 4.8, 6.0))
     assert loose.impossible() == []
-    last = loose.horizons()[-1]
+    last = loose.horizons()[-2]
     said = ["x beats the certified bound from start 1: the certificate or a flight is wrong."]
     # 1.8 N s by 4.8 s is more than the 1 N s spent, though less than the 2 s of arrival
     assert by_hand(2.0, 1.0, {last: Bound(1, last, 1.8)}).impossible() == said
     assert by_hand(2.0, 1.0, {None: Bound(1, None, 1.8)}).impossible() == []
     assert by_hand(2.0, 1.0, {None: Bound(1, None, 2.2)}).impossible() == said
     assert by_hand(2.0, 3.0, {last: Bound(1, last, 2.5)}).impossible() == []
+    assert by_hand(2.0, 1.0, {}, settling=2.2).impossible() == [said[0].replace("start 1", f"start {k}")
+                                                                for k in (0, 1)]
     # an open gap: what the best controls found need is no bound
     assert by_hand(2.0, 1.0, {None: Bound(1, None, 1.0, 1.8, 2.6)}).impossible() == []
     # exactly at the bound, but for rounding
@@ -293,17 +299,18 @@ def test_bounds_are_lower_and_upper_ends() -> None:
     lower, upper = gap.bounds(Event())
     assert (lower.values.tolist(), upper.values.tolist()) == ([0.1, 1.8], [math.inf, 2.6])
     assert lower.event == upper.event == Event()
-    assert [event.horizon for event in gap.events()] == [None, *gap.horizons()]
+    assert gap.events() == [Event(), Event("settling"), *(Event(horizon=h) for h in gap.horizons())]
     ratios = gaps(gap)
-    assert ratios["time"]["x"] == pytest.approx([20.0, 2.0 / 1.8])
+    assert ratios["time of arrival"]["x"] == pytest.approx([20.0, 2.0 / 1.8])
+    assert ratios["time of settling"]["x"] == pytest.approx([20.0, 20.0])
     assert ratios["thrust-time by 4.8 s"]["x"] == pytest.approx([10.0, 10.0])
     assert np.isinf(ratios["thrust-time by 1.4 s"]["x"]).all()
 
 
 def test_horizons_are_shares_of_an_episode() -> None:
-    """6, 8, 10, 15 and 20 s of 25 s; of very short episodes at least one period."""
+    """6, 8, 10, 15, 20 and 25 s of 25 s; of very short episodes at least one period."""
     usual = Comparison(replace(CONTEST, timing=Timing()))
-    assert usual.horizons() == pytest.approx((6.0, 8.0, 10.0, 15.0, 20.0))
+    assert usual.horizons() == pytest.approx((6.0, 8.0, 10.0, 15.0, 20.0, 25.0))
     assert Comparison(replace(CONTEST, timing=Timing(episode_steps=1))).horizons() == (0.2,)
     assert usual.horizons((0.4,)) == pytest.approx((10.0,))
 
@@ -321,7 +328,7 @@ def test_steps_of_every_piece_of_work_are_told(monkeypatch: pytest.MonkeyPatch) 
     found = Comparison(CONTEST)
     monkeypatch.setattr(run, "certify", lambda *given: iter(()))
     fill(found, ["lqr:go-to-pose-2d"], ["optimal"], certified=99, track=track)
-    assert told == {"flying LQR": 3, "certified bounds": 3 * 6}  # no more starts than there are
+    assert told == {"flying LQR": 3, "certified bounds": 3 * 8}  # no more starts than there are
     assert found.curve == []
 
 

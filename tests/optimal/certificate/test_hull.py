@@ -99,6 +99,15 @@ def test_who_is_faster_leaves_for_a_moment() -> None:
     assert within.spin == pytest.approx(2 * math.sqrt(6.0637 * 0.1 + (6.0637 * 0.05) ** 2), rel=1e-4)
 
 
+@pytest.mark.parametrize(("tolerance", "period", "sentence"), [
+    (math.nan, 0.2, "position must be finite"), (-0.1, 0.2, "not negative, got -0.1"),
+    (0.05, math.nan, "period >= 0 s between looks, got nan"), (0.05, math.inf, "got inf"),
+    (0.05, -0.2, r"got -0\.2")])
+def test_settling_without_numbers_is_not_bounded(tolerance: float, period: float, sentence: str) -> None:
+    with pytest.raises(ConfigError, match=sentence):
+        hull.least_settling(PLATFORM, planar(x=-3.0), planar(), tolerance, 0.1, period)
+
+
 def test_least_time_from_rest_is_bang_bang() -> None:
     goal = planar()
     force = 2 * math.sqrt(2)
