@@ -106,7 +106,7 @@ def test_conditions_are_flown_effect_by_effect(tmp_path, capsys) -> None:
 
 @pytest.mark.parametrize(("arguments", "sentence"), [
     (["--layer", "conditions"], "needs some to fly under, as in --conditions lab"),
-    (["--conditions", "moon"], "no conditions named 'moon'"),
+    (["--conditions", "moon"], "no set of conditions named 'moon'"),
 ])
 def test_conditions_that_are_not_there(arguments: list[str], sentence: str, capsys) -> None:
     assert main(["validate", "--quick", *arguments]) == 2

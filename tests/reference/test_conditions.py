@@ -55,7 +55,7 @@ def test_every_effect_is_the_same_in_drake(effect: str) -> None:
     fly_alike(PLANE, EFFECTS[effect])
 
 
-@pytest.mark.parametrize(("effect", "steps"), [*((effect, 10) for effect in EFFECTS), ("all", 60)])
+@pytest.mark.parametrize(("effect", "steps"), [*((effect, 10) for effect in EFFECTS), ("all", 30)])
 def test_and_in_space(effect: str, steps: int) -> None:
     """Where every period, and every piece of it, takes substeps; alone each flies 25 s in `rans validate`."""
     fly_alike(SPACE, EFFECTS[effect], steps=steps)
@@ -69,7 +69,7 @@ def test_slow_valves_of_every_kind(kind: Any, effect: str) -> None:
 
 @pytest.mark.parametrize("effect", LAGS)
 def test_pulses_that_end_at_any_time(effect: str) -> None:
-    fly_alike(replace(PLANE, actuators=Pulsed(10_000, 40)), without_least_times(EFFECTS[effect]), steps=50)
+    fly_alike(replace(PLANE, actuators=Pulsed(10_000, 40)), without_least_times(EFFECTS[effect]), steps=25)
 
 
 def without_least_times(conditions: Conditions) -> Conditions:

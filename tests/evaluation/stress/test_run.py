@@ -111,7 +111,7 @@ def test_tasks_without_a_place_are_judged_by_their_own_tolerances() -> None:
 
 @pytest.mark.parametrize(("change", "sentence"), [
     ({"only": ("latancy",)}, r"no effect named 'latancy' \(did you mean latency\?\)"),
-    ({"conditions": ("moon",)}, "no conditions named 'moon'"),
+    ({"conditions": ("moon",)}, "no set of conditions named 'moon'"),
 ])
 def test_what_is_not_there(change: dict[str, Any], sentence: str) -> None:
     with pytest.raises(ConfigError, match=sentence):
