@@ -36,7 +36,7 @@ demo: .venv/installed
 	rans report $(RUN)
 
 test: lint
-	pytest -n 2
+	pytest -n 2 --dist worksteal
 
 lint: .venv/installed-dev
 	ruff check

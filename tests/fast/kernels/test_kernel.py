@@ -282,9 +282,9 @@ def test_members_with_seeds_of_their_own(on_host: Any) -> None:
     torch.testing.assert_close(engine.observe()[8:16], alone.observe(), rtol=0, atol=1e-12)
 
 
-@both_crafts
-@pytest.mark.parametrize(("effect", "remember"), [*((effect, False) for effect in EFFECTS), ("pairs", False),
-                                                  ("all", True)])
+@pytest.mark.parametrize(("effect", "remember", "craft"), [
+    *((effect, False, craft) for effect in (*EFFECTS, "pairs") for craft in (PLATFORM, FLYER)),
+    ("all", True, PLATFORM)], ids=lambda x: getattr(x, "name", str(x)))
 def test_every_condition_is_drawn_and_flown_as_on_numpy(on_host: Any, effect: str, remember: bool,
                                                         craft: Spacecraft) -> None:
     made: Any = (craft, GoToPose(), 8, Timing(episode_steps=12))
