@@ -135,7 +135,8 @@ def gap(a: Any, b: Any) -> float:
               if dimension == 2 or kind != "pulsed" or drift == "orbit"])
 def test_all_libraries_and_drake_fly_alike(world: Any) -> None:
     built = globals()["world"](world[0], world[1], ACTUATORS[world[2]])
-    states, commands = flown(built, STEPS // 5 if world[0] == 3 and world[2] in ("pulsed", "few counts") else STEPS)
+    slow = world[0] == 3 and world[2] in ("pulsed", "few counts")
+    states, commands = flown(built, STEPS // 5 if slow else STEPS)
     start = map_leaves(lambda x: x[0], states)
     # The same arithmetic: roundings of numbers up to some tens, over the first periods.
     few = 25 if world[0] == 2 else 5
