@@ -29,17 +29,17 @@ class Agent:
     """A policy that gives the commands it finds likeliest: a network of one member, on the CPU."""
 
     def __init__(self, network: Network, name: str) -> None:
-        self.name, self._network = name, network
+        self.name, self.network = name, network
         self._memory: torch.Tensor | None = None
 
     def reset(self, count: int) -> None:
         """See `rans.flight.Controller`; an agent with a memory forgets."""
-        self._memory = self._network.blank(count)
+        self._memory = self.network.blank(count)
 
     @torch.no_grad()
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
         """See `rans.flight.Controller`; looks at the observation only, and at what it remembers."""
-        command, self._memory = likeliest(self._network, torch.from_numpy(observation), self._memory)
+        command, self._memory = likeliest(self.network, torch.from_numpy(observation), self._memory)
         return command.numpy()
 
 
