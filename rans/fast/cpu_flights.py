@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Callable, Sequence
 
@@ -16,9 +17,14 @@ from rans.fast.kernels.flight_program import trace_flight
 from rans.fast.learn.architecture import ACTIVATIONS, EXTRACTOR
 from rans.fast.learn.network import Network
 from rans.fast.straight import Memory, Straight
-from rans.fast.verdicts import Verdicts
+from rans.fast.verdicts import Sums, Verdicts
 from rans.model.random import seed_words
 from rans.model.trace import Symbol
+
+_TRIED = 128
+"""Flights that tell how far bfloat16 is off."""
+_DEVIATIONS = 12.0
+"""Errors beyond so many standard deviations: of 10^8 there was none beyond 9."""
 
 
 class CpuFlights:
@@ -27,18 +33,16 @@ class CpuFlights:
     Args:
         world: in float32; its task's settings are numbers.
         network: of one member, in float32 on the CPU.
-        bf16: whether the network's products are of bfloat16, with sums of float32.
 
     Raises:
         DoesNotFit: the network remembers.
         TypeError: the task does more than arithmetic on fields.
     """
 
-    def __init__(self, world: World, network: Network, bf16: bool) -> None:
+    def __init__(self, world: World, network: Network) -> None:
         if network.architecture.memory:
             raise DoesNotFit("a policy with a memory")
         self._world, self._program, self._own = world, trace_flight(world, network.architecture), threading.local()
-        self.way = f"CPU, {'bf16' if bf16 else 'float32'}"
         program, words = self._program, [Symbol.input(name, "int") for name in ("low", "high", "number")]
         carried = [one.symbol for one in program.carried]
         self._moved = [one for one in program.carried if one.after is not one.symbol]
@@ -47,7 +51,9 @@ class CpuFlights:
         self._step = Straight([*words, *carried, *self._told], [*program.seen, program.view],
                               [one.after for one in self._moved])
         self._verdict = Straight(carried, [program.failure, program.settles, program.settled, *program.totals])
-        self._answers = _Answers(network, torch.bfloat16 if bf16 else torch.float32)
+        self._answers = _Answers(network)
+        self.fly(0, _TRIED, 0, 0)
+        self._answers.settle()
 
     @torch.no_grad()
     def fly(self, first: int, count: int, seed: int, listed: int) -> Verdicts:
@@ -67,7 +73,7 @@ class CpuFlights:
                     step.put(one.symbol, value)
             verdict.give(step.value(one.symbol) for one in self._program.carried)
             failure, settles, settled, *totals = (np.broadcast_to(x, count) for x in verdict.run(0))
-        return Verdicts.of(self._world, numbers, (failure, settles, settled), totals, listed, self.way)
+        return Verdicts.of(self._world, numbers, (failure, settles, settled), totals, listed, "CPU, float32")
 
     def _memory(self, count: int) -> tuple[Memory, ...]:
         """This thread's; most calls are for as many flights."""
@@ -79,34 +85,55 @@ class CpuFlights:
 
 
 class _Answers:
-    """The likeliest commands of a network."""
+    """The likeliest commands of a network, as float32 finds them.
 
-    def __init__(self, network: Network, dtype: torch.dtype) -> None:
+    On a processor that multiplies bfloat16, hidden layers do so after the first, which is dearer to round and
+    cheap to have. Where that leaves a command in doubt, float32 decides: in a few rows of a hundred.
+    """
+
+    def __init__(self, network: Network) -> None:
         given, tensors = network.architecture, network.tensors
         mean, variance = (tensors[EXTRACTOR + name].numpy() for name in ("mean", "variance"))
-        self._given, self._dtype, self._mean = given, dtype, mean
+        self._given, self._mean = given, mean
         self._scale = (1.0 / np.sqrt(variance + np.float32(1e-6))).astype(np.float32)
-        trunk = [f"{EXTRACTOR}trunk.{2 * i}" for i in range(len(given.layers))]
-        self._layers = [(tensors[f"{name}.weight"].to(dtype), tensors[f"{name}.bias"].to(dtype)) for name in trunk]
         weight, bias = tensors["action_net.weight"], tensors["action_net.bias"]
         if not given.continuous:
             weight, bias = weight[1::2] - weight[0::2], bias[1::2] - bias[0::2]
-        # A duty is not to be rounded, but the sign of a logit may be of a rounded one.
-        self._out = torch.float32 if given.continuous else dtype
-        self._head = weight.to(self._out), bias.to(self._out)
+        names = [f"{EXTRACTOR}trunk.{2 * i}" for i in range(len(given.layers))]
+        layers = [(tensors[f"{name}.weight"], tensors[f"{name}.bias"]) for name in names]
+        self._first, self._exact = layers[0], [*layers[1:], (weight, bias)]
+        # A duty is nowhere in doubt: all its digits count.
+        quick = _multiplies_bf16() and len(layers) > 1 and not given.continuous
+        self._quick = [(w.bfloat16(), b.bfloat16()) for w, b in self._exact] if quick else []
         self._places = None if given.symmetries is None else torch.as_tensor(given.symmetries.place)
         self._layer = _layer(given.activation)
+        self._doubtful = math.inf
+        self._errors = Sums()
+
+    def settle(self) -> None:
+        """Doubt logits below a bound from now on, by the errors of all answers so far."""
+        self._doubtful = _DEVIATIONS * math.sqrt(self._errors.mean)
 
     def __call__(self, seen: Sequence[np.ndarray], view: np.ndarray) -> Sequence[np.ndarray]:
         """Commands, each (N,), to columns (N,) as they are seen from one side of the craft."""
-        x = self._shown(seen)
-        for weight, bias in self._layers:
-            x = self._layer(x, weight, bias)
-        out = functional.linear(x.to(self._out), *self._head)
+        x = self._layer(self._shown(seen), *self._first)
+        out = self._through(x.bfloat16(), self._quick).float() if self._quick else self._through(x, self._exact)
+        if self._quick:
+            doubtful = (out.abs() < self._doubtful).any(dim=1).nonzero()[:, 0]
+            exact = self._through(x[doubtful], self._exact)
+            if self._doubtful == math.inf:
+                self._errors += Sums.of((out - exact).square().flatten().numpy())
+            out[doubtful] = exact
         command = out.clamp(0.0, 1.0) if self._given.continuous else (out > 0).to(torch.uint8)
         if self._places is not None:
             command = command.gather(1, self._places[torch.from_numpy(view)])
         return tuple(command.T.to(torch.float32).contiguous().numpy())
+
+    def _through(self, x: Tensor, layers: Sequence[tuple[Tensor, Tensor]]) -> Tensor:
+        *hidden, head = layers
+        for weight, bias in hidden:
+            x = self._layer(x, weight, bias)
+        return functional.linear(x, *head)
 
     def _shown(self, seen: Sequence[np.ndarray]) -> Tensor:
         """What the first layer is given, as `Network._looks`."""
@@ -118,7 +145,7 @@ class _Answers:
             if given.zoom:
                 row = np.multiply(column, self._scale[i] * np.float32(given.zoom), rows[width + i])
                 np.tanh(row, row)
-        return torch.from_numpy(rows).T.to(self._dtype, memory_format=torch.contiguous_format)
+        return torch.from_numpy(rows).T.contiguous()
 
 
 def _layer(activation: str) -> Callable[[Tensor, Tensor, Tensor], Tensor]:
@@ -133,6 +160,6 @@ def _layer(activation: str) -> Callable[[Tensor, Tensor, Tensor], Tensor]:
     return lambda x, weight, bias: one(x, weight, bias, activation, [], "")
 
 
-def quick_bf16() -> bool:
-    """Whether this processor multiplies bfloat16."""
+def _multiplies_bf16() -> bool:
+    """Whether this processor does."""
     return torch.cpu._is_avx512_bf16_supported() or torch.cpu._is_amx_tile_supported()

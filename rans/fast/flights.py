@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor, as_completed
+from contextlib import contextmanager
 
 import numpy as np
 import torch
 
 from rans.episode import World, step
 from rans.errors import ConfigError, brief
-from rans.fast.cpu_flights import CpuFlights, quick_bf16
+from rans.fast.cpu_flights import CpuFlights
 from rans.fast.engine import FLOAT32_NODES, check_device
-from rans.fast.kernels.flight import FlightKernel
+from rans.fast.kernels.flight import FlightKernel, Products
 from rans.fast.learn.network import Network
 from rans.fast.learn.selection import likeliest
 from rans.fast.step import Place, field_dtype
@@ -45,16 +46,16 @@ class Flights:
         setup: what flies, with the starts to fly from (`rans.evaluation.fly.agent.LoadedRun.judged`).
         device: torch device that everything is computed on.
         listed: failed flights whose numbers are kept.
-        bf16: whether on a GPU the network's products are of bfloat16, which changes few commands
-            (docs/decisions/016-flight-kernel.md).
-        generated: whether a GPU flies them by the kernel of that decision, where it can.
+        products: of the network on a GPU, by their names in XLA: of bfloat16, which changes one command in a
+            thousand, or of two or three of them for each number (docs/decisions/016-flight-kernel.md).
+        generated: whether flights are generated programs, where they can be; else torch or NumPy steps them.
 
     Raises:
         ConfigError: there is no such device here.
     """
 
     def __init__(self, network: Network, setup: Given, device: str | torch.device = "cpu",
-                 listed: int = LISTED, bf16: bool = True, generated: bool = True) -> None:
+                 listed: int = LISTED, products: Products = "bf16x3", generated: bool = True) -> None:
         check_device(device)
         craft, task, timing, conditions = setup
         self.device, self.listed = torch.device(device), listed
@@ -62,14 +63,15 @@ class Flights:
         self._network = Network(network.architecture, {
             name: x.to(self.device, torch.float32) for name, x in network.tensors.items()})
         self._place = Place(self.device, field_dtype(self.device))
-        self._whole = self._made(bf16) if generated else None
+        self._whole = self._made(products) if generated else None
 
-    def _made(self, bf16: bool) -> FlightKernel | CpuFlights | None:
+    def _made(self, products: Products) -> FlightKernel | CpuFlights | None:
         """What flies whole episodes, where that can be made; with a warning on a GPU where it cannot."""
         if self.device.type == "cuda":
-            return FlightKernel.made(self.world, self._network, self.device, bf16)
+            return FlightKernel.made(self.world, self._network, self.device, products)
         try:
-            return CpuFlights(self.world, self._network, bf16 and quick_bf16())
+            with _one_thread_each():
+                return CpuFlights(self.world, self._network)
         except UNTRACEABLE:  # a network with a memory, or a task that does more than arithmetic on fields
             return None
 
@@ -86,16 +88,12 @@ class Flights:
         size = _LAUNCH if isinstance(self._whole, FlightKernel) else BATCH[self.device.type]
         parts = [(begin, min(size, first + count - begin), seed) for begin in range(first, first + count, size)]
         workers = (os.cpu_count() or 1) if self._place.on_numpy else 1
-        threads, whole = torch.get_num_threads(), Verdicts.none(self.world.timing.episode_steps, self.listed)
-        torch.set_num_threads(1)  # each of the workers' threads
-        try:
-            with ThreadPoolExecutor(workers) as pool:
-                futures = [pool.submit(self._part, *part) for part in parts]
-                for future in as_completed(futures):
-                    progress(future.result().flights)
-                return together((future.result() for future in futures), whole)
-        finally:
-            torch.set_num_threads(threads)
+        none = Verdicts.none(self.world.timing.episode_steps, self.listed)
+        with _one_thread_each(), ThreadPoolExecutor(workers) as pool:
+            futures = [pool.submit(self._part, *part) for part in parts]
+            for future in as_completed(futures):
+                progress(future.result().flights)
+            return together((future.result() for future in futures), none)
 
     def _part(self, first: int, count: int, seed: int) -> Verdicts:
         if self._whole is not None:
@@ -131,6 +129,17 @@ class Flights:
         for row, column in enumerate(columns):
             into[row] = column
         return rows.T
+
+
+@contextmanager
+def _one_thread_each() -> Iterator[None]:
+    """Within it torch starts no threads beside those that call it."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
 
 
 def fly_many(network: Network, setup: Given, first: int, count: int, seed: int,

@@ -16,7 +16,7 @@ WIDEST = 512
 """Units of a layer: more would not stay in registers."""
 FEW_INPUTS = 64
 """So many are fetched into registers, more again and again."""
-_REGISTERS = 128
+_REGISTERS = 144
 """Of a thread, that activations may take."""
 
 
@@ -33,8 +33,8 @@ class Design:
     """
 
     given: Architecture
-    bf16: bool
-    """Whether products are of bfloat16, with sums of float32; else everything is float32."""
+    parts: int
+    """Numbers are sums of so many of bfloat16: 1, 2 (16 significant bits), or 3 (24, as in float32)."""
     shared: int
     """Bytes."""
     most_warps: int | None = None
@@ -67,7 +67,7 @@ class Design:
     @property
     def tiles(self) -> int:
         """Of 16 flights, that go through the network together."""
-        return 2 if 2 * self._kept_units // 4 <= _REGISTERS + 16 else 1
+        return 2 if self.parts * self._kept_units // 2 <= _REGISTERS else 1
 
     @property
     def _kept_units(self) -> int:
@@ -93,12 +93,12 @@ class Design:
         found, at = {}, 0
         for name, size in sizes.items():
             found[name], at = at, at + 4 * _up(size, 4)
-        found["small"], each = at, 2 if self.bf16 else 4
+        found["small"] = at
         blocks = {"head": self.outputs * self.widths[-1],
                   **{f"layer_{i}": a * b for i, (a, b) in enumerate(
                       zip(self.widths, self.widths[1:], strict=False))}}
         for name, size in sorted(blocks.items(), key=lambda block: block[1]):
-            found[name], at = at, at + each * size
+            found[name], at = at, at + 2 * self.parts * size
         return found | {"end": at}
 
     @cached_property
@@ -107,12 +107,12 @@ class Design:
         read through the caches."""
         room = self.shared - self.warps * self.per_warp
         ends = sorted(place for name, place in self.places.items() if place >= self.places["small"])
-        return max(end for end in ends if end <= room) if self.bf16 else self.places["small"]
+        return max(end for end in ends if end <= room)
 
     @cached_property
     def warps(self) -> int:
         """Of a block: as many as find registers and memory."""
-        taken = self.tiles * self._kept_units // 4 if self.bf16 else 0
+        taken = self.parts * self.tiles * self._kept_units // 4
         registers = 16 if taken <= 48 else 12 if taken <= 80 else 8
         room = (self.shared - self.places["small"]) // self.per_warp
         return min(self.most_warps or registers, room)
@@ -129,15 +129,13 @@ class Design:
 
     @property
     def inputs_bytes(self) -> int:
-        """Of a warp's inputs; in float32 of all its activations."""
-        if self.bf16:
-            return 32 * 2 * self.stride
-        return 32 * 4 * (self.widths[0] + max(self.widths[1:]) * min(2, len(self.given.layers)))
+        """Of a warp's inputs."""
+        return 32 * 2 * self.parts * self.stride
 
     @property
     def outputs_bytes(self) -> int:
         """Of a warp's outputs."""
-        return 32 * 4 * (self.stride_out if self.bf16 else self.outputs)
+        return 32 * 4 * self.stride_out
 
     def packed(self, tensors: Mapping[str, Tensor]) -> Tensor:
         """Weights and statistics of one member in one piece, uint8 on the CPU, in the order of `places`."""
@@ -162,18 +160,19 @@ class Design:
         return whole
 
     def _ordered(self, weight: Tensor, units: int, width: int, together: int) -> Tensor:
-        """Weights (units, width) as threads read them.
+        """Weights (units, width) as threads read them, part after part.
 
-        Float32: (width, units). Bfloat16: for so many units ``together`` and 16 columns at a time, every
-        thread of a warp finds its operands of `mma.m16n8k16` side by side (PTX ISA, "Matrix fragments for
-        mma.m16n8k16"); of the head's units, columns come first.
+        For so many units ``together`` and 16 columns at a time, every thread of a warp finds its operands of
+        `mma.m16n8k16` side by side (PTX ISA, "Matrix fragments for mma.m16n8k16"); of the head's units,
+        columns come first.
         """
-        whole = _padded(weight, (units, width))
-        if not self.bf16:
-            return whole.T
+        rest, parts = _padded(weight, (units, width)), []
+        for _ in range(self.parts):
+            parts.append(rest.to(torch.bfloat16))
+            rest = rest - parts[-1].float()
         # units: blocks, 8 (a lane's group); columns: blocks, upper half, a lane's place in its group, pair.
-        split = whole.to(torch.bfloat16).view(units // together, together // 8, 8, width // 16, 2, 4, 2)
-        return split.permute(0, 3, 2, 5, 1, 4, 6) if together == 16 else split.permute(3, 0, 2, 5, 1, 4, 6)
+        split = torch.stack(parts).view(-1, units // together, together // 8, 8, width // 16, 2, 4, 2)
+        return split.permute(0, *((1, 4, 3, 6, 2, 5, 7) if together == 16 else (4, 1, 3, 6, 2, 5, 7)))
 
 
 def _up(number: int, step: int) -> int:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 import torch
@@ -21,6 +22,9 @@ from rans.model.trace import UNTRACEABLE
 _OLDEST = (8, 0)
 """Capability of a GPU that multiplies bfloat16."""
 
+Products = Literal["bf16", "bf16x3", "bf16x6"]
+_PARTS: dict[Products, int] = {"bf16": 1, "bf16x3": 2, "bf16x6": 3}
+
 
 class FlightKernel:
     """A world's flights of one policy, on a CUDA device; compiled when it is first asked for.
@@ -30,7 +34,7 @@ class FlightKernel:
         network: of one member.
         device: a CUDA device.
         shared: bytes of shared memory that a block may have there.
-        bf16: see `Design`.
+        products: of so many bfloat16 numbers each, as XLA names them: see `Design.parts`.
         most_warps: see `Design`.
 
     Raises:
@@ -39,23 +43,23 @@ class FlightKernel:
     """
 
     def __init__(self, world: World, network: Network, device: torch.device, shared: int,
-                 bf16: bool = True, most_warps: int | None = None) -> None:
-        self._world, self._device = world, device
-        self.design = design = Design(network.architecture, bf16, shared, most_warps)
+                 products: Products, most_warps: int | None = None) -> None:
+        self._world, self._device, self._products = world, device, products
+        self.design = design = Design(network.architecture, _PARTS[products], shared, most_warps)
         self._policy = design.packed(network.tensors).to(device)
         program = trace_flight(world, network.architecture)
         self.source = flight_source(program, design, world.timing.episode_steps)
         """CUDA C++."""
 
     @classmethod
-    def made(cls, world: World, network: Network, device: torch.device, bf16: bool = True
+    def made(cls, world: World, network: Network, device: torch.device, products: Products
              ) -> FlightKernel | None:
         """A compiled kernel, or None with a warning where there can be none."""
         try:
             chip = torch.cuda.get_device_properties(device)
             if (chip.major, chip.minor) < _OLDEST:
                 raise DoesNotFit(f"a GPU of capability {chip.major}.{chip.minor}, where 8.0 is needed")
-            kernel = cls(world, network, device, chip.shared_memory_per_block_optin, bf16)
+            kernel = cls(world, network, device, chip.shared_memory_per_block_optin, products)
             _ = kernel.function
         except DoesNotFit as error:
             warnings.warn(f"these flights are stepped, which is slower: their kernel has no place for {error}.",
@@ -92,7 +96,7 @@ class FlightKernel:
             count, steps, ended[len(Failure):], dict(zip(Failure, ended[:len(Failure)].tolist(), strict=True)),
             numbers[:met][order].cpu().numpy().astype(np.int64), kinds[:met][order].cpu().numpy(),
             {name: Sums(*row.tolist(), count) for name, row in zip(QUANTITIES, total, strict=True)}, listed,
-            frozenset({f"flight kernel, {'bf16' if self.design.bf16 else 'float32'}"}))
+            frozenset({f"flight kernel, {self._products}"}))
 
     def _launch(self, pointers: list[int], numbers: tuple[int, ...]) -> None:
         with torch.cuda.device(self._device):

@@ -71,13 +71,12 @@ class _Writer(Lines):
         yield "const int warp = threadIdx.x / 32;"
         for name, place in design.places.items():
             if name not in ("small", "end"):
-                kind = "float" if place < design.places["small"] or not design.bf16 else (
-                    "uint2" if name == "head" else "uint4")
+                kind = "float" if place < design.places["small"] else "uint2" if name == "head" else "uint4"
                 base = inside if place < design.kept else "policy"
                 yield f"const {kind}* {name} = reinterpret_cast<const {kind}*>({base} + {place // 16});"
         own = f"shared + {design.kept // 16} + warp * {design.per_warp // 16}"
-        kind = "unsigned short" if design.bf16 else "float"
-        yield f"{kind}* const inputs = reinterpret_cast<{kind}*>({own});"
+        yield (f"const Inputs<{design.parts}> inputs = {{reinterpret_cast<unsigned short*>({own}), "
+               f"{design.stride}}};")
         yield f"float* const outputs = reinterpret_cast<float*>({own} + {design.inputs_bytes // 16});"
 
     def _flight(self) -> Iterator[str]:
@@ -102,7 +101,7 @@ class _Writer(Lines):
         yield from self.values((*program.columns, *program.seen, program.view))
         yield from self._shown()
         yield "__syncwarp();"
-        yield from self._exact() if not self._design.bf16 else self._products()
+        yield from self._network()
         yield "__syncwarp();"
         yield from self._commands()
         yield from self._remember()
@@ -121,9 +120,9 @@ class _Writer(Lines):
         yield f"real shown[{width * (2 if given.zoom else 1)}];"
         yield f"normalise(seen, mean, scale, {given.clip}f, shown);"
         if given.zoom:
-            tanh = "quick_tanh" if self._design.bf16 else "tanhf"
-            yield f"for (int i = 0; i < {width}; ++i) shown[{width} + i] = {tanh}(seen[i] * zoom[i]);"
-        yield self._show("0", "shown")
+            yield f"for (int i = 0; i < {width}; ++i)"
+            yield f"  shown[{width} + i] = activated<{self._design.parts}, Tanh>(seen[i] * zoom[i]);"
+        yield f"inputs.show(0, shown);"
         if given.recalled:
             yield from self._recalled()
 
@@ -142,16 +141,16 @@ class _Writer(Lines):
         yield from indented(self._row("before", program.then))
         yield f"  real recalled[{given.seen}], told[{given.thrusters}];"
         yield f"  normalise(before, mean, scale, {given.clip}f, recalled);"
-        yield "  " + self._show(f"{first} + at", "recalled")
+        yield "  " + f"inputs.show({first} + at, recalled);"
         yield "  #pragma unroll"
         yield f"  for (int i = 0; i < {given.thrusters}; ++i) told[i] = memory[at + {given.seen} + i];"
         if given.symmetries is None:
-            yield "  " + self._show(f"{first} + at + {given.seen}", "told")
+            yield "  " + f"inputs.show({first} + at + {given.seen}, told);"
         else:
             view, at = self.operand(program.view), f"{first} + at + {given.seen} + places[{{}}][i]"
             yield f"  for (int i = 0; i < {given.thrusters}; ++i) {{"
             yield "    const real one[1] = {told[i]};"
-            yield "    " + self._show(at.format(view), "one")
+            yield "    " + f"inputs.show({at.format(view)}, one);"
             yield "  }"
         yield "}"
         self.names = known
@@ -159,53 +158,40 @@ class _Writer(Lines):
     def _row(self, name: str, values: Iterable[Symbol]) -> Iterator[str]:
         yield f"const real {name}[] = {{{', '.join(map(self.operand, values))}}};"
 
-    def _show(self, column: str, numbers: str) -> str:
-        stride = f"{self._design.stride}, " if self._design.bf16 else ""
-        return f"show(inputs, {stride}{column}, {numbers});"
-
-    def _products(self) -> Iterator[str]:
-        """The network on tensor cores, for one or two tiles of 16 flights at a time."""
-        design, given = self._design, self._given
-        tiles, widths, activation = design.tiles, design.widths, given.activation.capitalize()
-        yield "#pragma unroll 1" if tiles == 1 else "#pragma unroll"
+    def _network(self) -> Iterator[str]:
+        """On tensor cores, for one or two tiles of 16 flights at a time."""
+        design, activation = self._design, self._given.activation.capitalize()
+        parts, tiles, widths = design.parts, design.tiles, design.widths
+        yield "#pragma unroll" if tiles == 2 else "#pragma unroll 1"
         yield f"for (int row = 0; row < 32; row += {16 * tiles}) {{"
-        yield f"  const Inputs given = {{inputs + row * {design.stride}, {design.stride}}};"
+        yield f"  const Inputs<{parts}> given = {{inputs.from + row * {design.stride}, {design.stride}}};"
         name = "given"
         if widths[0] <= FEW_INPUTS:  # else they are fetched again for every 16 units
-            yield f"  Rows<{tiles}, {widths[0]}> first_rows;"
-            yield f"  for (int i = 0; i < {tiles * widths[0] // 16}; ++i)"
-            yield f"    given.get(first_rows.of[i % {tiles}][i / {tiles}], i % {tiles}, i / {tiles});"
-            name = "first_rows"
+            name = "few"
+            yield f"  Rows<{parts}, {tiles}, {widths[0]}> few;"
+            yield "  #pragma unroll"
+            yield f"  for (int i = 0; i < {tiles * widths[0] // 16}; ++i) {{"
+            yield f"    unsigned rows[{parts}][4];"
+            yield f"    given.get(rows, i % {tiles}, i / {tiles});"
+            yield f"    few.set(rows, i % {tiles}, i / {tiles});"
+            yield "  }"
         for i, units in enumerate(widths[1:-1]):
-            yield f"  Rows<{tiles}, {units}> rows_{i};"
-            yield (f"  layer<{activation}, {tiles}, {widths[i]}, {units}>({name}, layer_{i}, bias_{i}, "
+            yield f"  Rows<{parts}, {tiles}, {units}> rows_{i};"
+            yield (f"  layer<{activation}, {parts}, {tiles}, {widths[i]}, {units}>({name}, layer_{i}, bias_{i}, "
                    f"rows_{i});")
             name = f"rows_{i}"
         last = len(widths) - 2
-        yield (f"  answer<{activation}, {tiles}, {widths[-2]}, {widths[-1]}, {design.outputs // 8}>({name}, "
-               f"layer_{last}, bias_{last}, head, constant, outputs + row * {design.stride_out}, "
+        yield (f"  answer<{activation}, {parts}, {tiles}, {widths[-2]}, {widths[-1]}, {design.outputs // 8}>("
+               f"{name}, layer_{last}, bias_{last}, head, constant, outputs + row * {design.stride_out}, "
                f"{design.stride_out});")
         yield "}"
-
-    def _exact(self) -> Iterator[str]:
-        """The network in float32, each thread for itself."""
-        widths, activation = self._design.widths, self._given.activation.capitalize()
-        step = 32 * max(widths[1:])
-        buffers = [f"inputs + {32 * widths[0]}", f"inputs + {32 * widths[0] + step}"]
-        source = "inputs"
-        for i, units in enumerate(widths[1:]):
-            yield (f"exact_layer<{activation}, {widths[i]}, {units}>({source}, layer_{i}, bias_{i}, "
-                   f"{buffers[i % 2]});")
-            source = buffers[i % 2]
-        yield f"exact_layer<Same, {widths[-1]}, {self._design.outputs}>({source}, head, constant, outputs);"
 
     def _commands(self) -> Iterator[str]:
         """The likeliest ones, of thrusters as the craft has them."""
         given, program = self._given, self._program
         for i in range(given.thrusters):
             unit = f"places[{self.operand(program.view)}][{i}]" if given.symmetries is not None else str(i)
-            at = f"lane() * {self._design.stride_out} + {unit}" if self._design.bf16 else f"{unit} * 32 + lane()"
-            value = f"outputs[{at}]"
+            value = f"outputs[lane() * {self._design.stride_out} + {unit}]"
             chosen = f"min(1.0f, max(0.0f, {value}))" if given.continuous else f"{value} > 0.0f ? 1.0f : 0.0f"
             yield f"const real command_{i} = {chosen};"
 

@@ -89,3 +89,5 @@ static void gather(unsigned (&rows)[4], const unsigned short* from, int stride) 
 static float quick_tanh(float x) { return std::tanh(x); }
 template <class T> static T atomicAdd(T* at, T more) { const T old = *at; *at += more; return old; }
 template <class T> static T min(T a, double b) { return min(a, T(b)); }
+static float __uint_as_float(unsigned bits) { return half(bits, 1); }  // of upper halves only
+#define __fdividef(a, b) ((a) / (b))
