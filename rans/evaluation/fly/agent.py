@@ -29,17 +29,17 @@ class Agent:
     """A policy that gives the commands it finds likeliest: a network of one member, on the CPU."""
 
     def __init__(self, network: Network, name: str) -> None:
-        self.name, self._network = name, network
+        self.name, self.network = name, network
         self._memory: torch.Tensor | None = None
 
     def reset(self, count: int) -> None:
         """See `rans.flight.Controller`; an agent with a memory forgets."""
-        self._memory = self._network.blank(count)
+        self._memory = self.network.blank(count)
 
     @torch.no_grad()
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
         """See `rans.flight.Controller`; looks at the observation only, and at what it remembers."""
-        command, self._memory = likeliest(self._network, torch.from_numpy(observation), self._memory)
+        command, self._memory = likeliest(self.network, torch.from_numpy(observation), self._memory)
         return command.numpy()
 
 
@@ -56,8 +56,11 @@ class LoadedRun(NamedTuple):
 
     @property
     def judged(self) -> Setup:
-        """What it is judged in: the task's evaluation starts, and motion as accurate as the craft needs."""
-        timing = replace(self.timing, substeps=None)
+        """What it is judged in: the task's evaluation starts, and motion as accurate as the craft needs.
+
+        A single substep is what trainings make do with; more were asked for and stay.
+        """
+        timing = replace(self.timing, substeps=None) if self.timing.substeps == 1 else self.timing
         return Setup(self.craft, self.task.for_evaluation(), timing, self.conditions)
 
     def under(self, conditions: str | None) -> LoadedRun:
