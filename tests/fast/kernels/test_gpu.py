@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import pytest
 import torch
 from torch import Tensor
@@ -90,6 +92,13 @@ def test_the_kernel_reads_bodies_that_differ(craft: str, count: int) -> None:
               for generated in (False, True)))
 
 
+def told(checked: Callable[[Tensor], Tensor], right: Tensor) -> None:
+    """Three calls, of which the second at the latest sends the check on and the third finds it done."""
+    for _ in range(3):
+        checked(right)
+        torch.cuda.synchronize()
+
+
 def test_a_wrong_action_is_told_though_many_right_ones_follow_it() -> None:
     """Queued behind a slow product, so that its check is still in flight when the next ones come."""
     checked = Actions(engine("floating-platform", "go-to-pose", 64, torch.float32, generated=True)).checked
@@ -100,9 +109,7 @@ def test_a_wrong_action_is_told_though_many_right_ones_follow_it() -> None:
     checked(right)
     checked(wrong)
     with pytest.raises(ConfigError, match="an action of before"):
-        for _ in range(3):
-            checked(right)
-            torch.cuda.synchronize()
+        told(checked, right)
     checked(right)  # and is not told twice
     torch.cuda.synchronize()
     checked(right)
