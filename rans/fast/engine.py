@@ -35,7 +35,8 @@ from rans.model.fields import leaves
 from rans.model.random import Draws, seed_words
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
-from rans.tasks.base import Task, layout
+from rans.tasks.base import Task
+from rans.tasks.derived import layout
 from rans.tasks.rewards import Transition
 
 _FLOAT32_NODES = 4

@@ -15,7 +15,7 @@ from torch.nn import functional
 from rans.fast.engine import Engine
 from rans.fast.learn.config import PPOSettings
 from rans.fast.symmetry import Symmetries, symmetries
-from rans.tasks.base import example
+from rans.tasks.derived import example
 from rans.tasks.sight import Block, Drawn, Layout, OwnAttitude, Scalar, Spin, Turn, VectorInW
 
 ACTIVATIONS: dict[str, type[nn.Module]] = {"tanh": nn.Tanh, "elu": nn.ELU, "relu": nn.ReLU}
