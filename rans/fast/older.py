@@ -19,7 +19,7 @@ from torch import Tensor
 
 from rans.fast.learn.architecture import EXTRACTOR, Architecture, paper_layout
 from rans.fast.learn.config import PPOSettings
-from rans.fast.step import relative
+from rans.fast.privileged import relative
 from rans.fast.symmetry import symmetries
 from rans.model.body import Body
 from rans.model.spacecraft import Spacecraft

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from operator import truediv
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,12 +12,11 @@ import torch
 from torch import Tensor
 
 from rans.episode import Command, Episode, Outcome, World, restart, step
-from rans.errors import ConfigError
+from rans.errors import ConfigError, brief
 from rans.fast.distributed import Processes
 from rans.model.body import Body
-from rans.model.fields import Field, leaves, map_leaves
+from rans.model.fields import Field, map_leaves
 from rans.model.random import Draws, seed_words
-from rans.model.spacecraft import Spacecraft
 
 _NUMPY_DTYPES = {torch.float32: np.float32, torch.float64: np.float64}
 
@@ -103,6 +102,23 @@ class Place:
     fields: Any
     """Their floating dtype, see `field_dtype`."""
 
+    @classmethod
+    def of(cls, device: str | torch.device, dtype: torch.dtype, compiled: bool | None) -> Place:
+        """Of fields of this dtype, see `field_dtype`.
+
+        Raises:
+            ConfigError: there is no such device here, or dtype is another one.
+        """
+        if dtype not in _NUMPY_DTYPES:
+            raise ConfigError(f"dtype must be torch.float32 or torch.float64, got {brief(dtype)}.")
+        try:
+            device = torch.device(device)
+        except RuntimeError as error:
+            raise ConfigError(f"device must be cpu or cuda, got {brief(device)}.") from error
+        if device.type == "cuda" and not torch.cuda.is_available():
+            raise ConfigError("device is cuda, but torch sees no CUDA device here; use the device cpu.")
+        return cls(device, field_dtype(device, dtype, compiled))
+
     @property
     def on_numpy(self) -> bool:
         """Whether they are NumPy's."""
@@ -157,32 +173,17 @@ def write(buffers: Sequence[Any], values: Sequence[Any]) -> None:
             buffer[...] = value
 
 
-class Known(NamedTuple):
-    """One of the numbers that episodes draw from their conditions, for a critic that may know it."""
-
-    place: int
-    """Among the leaves of `rans.model.case.Case`."""
-    mean: float
-    """Over many episodes."""
-    spread: float
-    """Standard deviation."""
-
-
-def known(world: World) -> list[Known]:
-    """Everything that differs from episode to episode, but for its number."""
-    draws = Draws(0, 0, np.arange(1024, dtype=np.int32), 0, np.float64)
-    drawn = leaves(world.recalled(Episode(None, None), draws).case)
-    return [Known(place, float(x.mean()), float(x.std()))
-            for place, x in enumerate(drawn) if isinstance(x, np.ndarray) and place and x.std() > 0.0]
-
-
-def relative(body: Body, craft: Spacecraft) -> Iterator[Any]:
-    """A body's numbers over the craft's own, or over the largest of their kind where those may be zero."""
-    nominal = Body.of(craft)
-    scales = replace(nominal, inertia=(max(nominal.inertia),) * len(nominal.inertia),
-                     centre=(craft.radius,) * len(nominal.centre), leak=(1.0,) * len(nominal.leak))
-    for x in map(truediv, leaves(body), leaves(scales)):
-        yield x if isinstance(x, int | float) else torch.as_tensor(x)
+@contextmanager
+def holding(memory: Sequence[Any], held: Tensor) -> Iterator[None]:
+    """Within it the spacecraft where ``held``, (N,) bool, stay as they are, whatever the others do."""
+    before = [x.copy() if isinstance(x, np.ndarray) else x.clone() if isinstance(x, Tensor) else x
+              for x in memory]
+    yield
+    for buffer, old in zip(memory, before, strict=True):
+        if isinstance(buffer, Tensor) and isinstance(old, Tensor):
+            buffer.copy_(torch.where(held, old, buffer))
+        elif isinstance(buffer, np.ndarray):
+            np.copyto(buffer, old, where=held.numpy())
 
 
 def restore(table: dict[str, Any], world: World, episode: Episode, seed: Sequence[Any],

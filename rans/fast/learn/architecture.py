@@ -83,8 +83,8 @@ class Architecture:
                    craft.actuators.is_continuous, settings.history if settings.memory == "history" else 0,
                    tuple(settings.averages) if settings.memory == "history" else (),
                    settings.recurrent_units if settings.memory == "recurrent" else 0,
-                   engine.privileged_width if settings.privileged_critic else 0,
-                   engine.nominal if settings.privileged_critic else (),
+                   engine.known.width if settings.privileged_critic else 0,
+                   engine.known.nominal if settings.privileged_critic else (),
                    bounds=example(engine.task, craft.dimension).bounds())
 
     @property
