@@ -16,13 +16,12 @@ from typing import Any
 from rans.errors import ConfigError
 from rans.model.accuracy import chosen
 from rans.model.body import Body
-from rans.model.case import Case, Influences
+from rans.model.case import Case, Influences, draw, examples
 from rans.model.conditions import Conditions
 from rans.model.dynamics import NODES, held
 from rans.model.fields import Field, finite, leaves, map_leaves, where
 from rans.model.memory import Memory
 from rans.model.random import Draws
-from rans.model.sampling import draw, examples
 from rans.model.sensors import reading
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing

@@ -17,11 +17,10 @@ from rans.errors import ConfigError, brief
 from rans.fast.distributed import ALONE, Processes
 from rans.fast.kernels.launch import Kernel
 from rans.fast.privileged import Known
-from rans.fast.step import Place, Step, holding, restore, step_arrays, step_tensors, write
+from rans.fast.step import Place, Step, holding, restore, snapshot, step_arrays, step_tensors, write
 from rans.model.accuracy import chosen
 from rans.model.body import Body, in_memory
 from rans.model.conditions import Conditions
-from rans.model.dynamics import NODES
 from rans.model.fields import leaves
 from rans.model.random import Draws, seed_words
 from rans.model.spacecraft import Spacecraft
@@ -29,9 +28,6 @@ from rans.model.timing import Timing
 from rans.tasks.base import Task
 from rans.tasks.derived import layout
 from rans.tasks.rewards import Transition
-
-_FLOAT32_NODES = 4
-"""Quadrature nodes at which float32 rounding hides the rule's error, up to 15 rad/s."""
 
 
 class Engine:
@@ -78,9 +74,8 @@ class Engine:
         """Columns of an observation."""
         self.body = in_memory(body or Body.of(craft), Body.of(craft), num_envs, lambda x: place.put(x, dtype))
         """What flies; fields (N,) of it may be written in place, which compiles nothing."""
-        nodes = _FLOAT32_NODES if dtype == torch.float32 else NODES
         how = chosen(craft, self.timing, body) if conditions is None else self.timing
-        self._world = World(craft, task, how, nodes, conditions)
+        self._world = World(craft, task, how, place.nodes, conditions)
         self.known = Known(self._world, self.body)
         """What `privileged` tells."""
         first = np.arange(num_envs) % each * processes.size + processes.rank
@@ -170,10 +165,7 @@ class Engine:
 
     def save_state(self) -> dict[str, Any]:
         """Everything a later `load_state` needs to go on bit-identically; all processes must ask."""
-        buffers = [self.processes.whole(torch.as_tensor(b)).clone() for b in self._episode.memory()]
-        seed = [torch.as_tensor(word).tolist() for word in (self._draws.low, self._draws.high)]
-        return {"buffers": buffers, "seed": seed,
-                "episode_steps": self.timing.episode_steps}
+        return snapshot(self._world, self._episode, (self._draws.low, self._draws.high), self.processes)
 
     def load_state(self, table: dict[str, Any]) -> None:
         """Continue from what `save_state` gave; ConfigError where it is of other environments or episodes."""

@@ -12,8 +12,8 @@ import torch
 
 from rans.episode import Episode, World
 from rans.model.body import Body
+from rans.model.case import examples
 from rans.model.fields import leaves
-from rans.model.sampling import examples
 from rans.model.spacecraft import Spacecraft
 
 

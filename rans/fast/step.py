@@ -15,9 +15,12 @@ from rans.episode import Command, Episode, Outcome, World, restart, step
 from rans.errors import ConfigError, brief
 from rans.fast.distributed import Processes
 from rans.model.body import Body
+from rans.model.dynamics import NODES
 from rans.model.fields import Field, map_leaves
 from rans.model.random import Draws, seed_words
 
+FLOAT32_NODES = 4
+"""Quadrature nodes at which float32 rounding hides the rule's error, up to 15 rad/s."""
 _NUMPY_DTYPES = {torch.float32: np.float32, torch.float64: np.float64}
 
 
@@ -111,18 +114,18 @@ class Place:
         """
         if dtype not in _NUMPY_DTYPES:
             raise ConfigError(f"dtype must be torch.float32 or torch.float64, got {brief(dtype)}.")
-        try:
-            device = torch.device(device)
-        except RuntimeError as error:
-            raise ConfigError(f"device must be cpu or cuda, got {brief(device)}.") from error
-        if device.type == "cuda" and not torch.cuda.is_available():
-            raise ConfigError("device is cuda, but torch sees no CUDA device here; use the device cpu.")
-        return cls(device, field_dtype(device, dtype, compiled))
+        check_device(device)
+        return cls(torch.device(device), field_dtype(torch.device(device), dtype, compiled))
 
     @property
     def on_numpy(self) -> bool:
         """Whether they are NumPy's."""
         return not isinstance(self.fields, torch.dtype)
+
+    @property
+    def nodes(self) -> int:
+        """Of the quadrature in the plane."""
+        return FLOAT32_NODES if self.fields in (np.float32, torch.float32) else NODES
 
     def put(self, values: Any, dtype: torch.dtype) -> Any:
         """A copy of numbers, an array or a tensor."""
@@ -164,6 +167,16 @@ class Place:
         return low, high
 
 
+def check_device(device: str | torch.device) -> None:
+    """Refuse, with a ConfigError, a device that is not here."""
+    try:
+        kind = torch.device(device).type
+    except RuntimeError as error:
+        raise ConfigError(f"device must be cpu or cuda, got {brief(device)}.") from error
+    if kind == "cuda" and not torch.cuda.is_available():
+        raise ConfigError("device is cuda, but torch sees no CUDA device here; use the device cpu.")
+
+
 def write(buffers: Sequence[Any], values: Sequence[Any]) -> None:
     """Change memory in place; what never varies is a number in both."""
     for buffer, value in zip(buffers, values, strict=True):
@@ -184,6 +197,13 @@ def holding(memory: Sequence[Any], held: Tensor) -> Iterator[None]:
             buffer.copy_(torch.where(held, old, buffer))
         elif isinstance(buffer, np.ndarray):
             np.copyto(buffer, old, where=held.numpy())
+
+
+def snapshot(world: World, episode: Episode, seed: Sequence[Any], processes: Processes) -> dict[str, Any]:
+    """What `Engine.save_state` gives."""
+    buffers = [processes.whole(torch.as_tensor(buffer)).clone() for buffer in episode.memory()]
+    return {"buffers": buffers, "seed": [torch.as_tensor(word).tolist() for word in seed],
+            "episode_steps": world.timing.episode_steps}
 
 
 def restore(table: dict[str, Any], world: World, episode: Episode, seed: Sequence[Any],

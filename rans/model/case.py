@@ -1,30 +1,29 @@
 """What one episode drew from its conditions, and what that does to it, written over fields.
 
-A part that the conditions leave out is None: it is in no memory and in no kernel.
+A part that the conditions leave out is None: it is in no memory and in no kernel. Every effect draws from a
+stream of its own, so that switching one on changes no other.
 """
 
 from __future__ import annotations
 
+import math
 import operator
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
 
+import numpy as np
+
+from rans.errors import ConfigError, brief
 from rans.model.body import Body
+from rans.model.conditions import Conditions, Range, largest
 from rans.model.dynamics import Wrench
-from rans.model.fields import Field, map_leaves, sin, where
-from rans.model.sensors import Sensors
+from rans.model.failures import Fault, drawn_fault
+from rans.model.fields import Field, floor, map_leaves, sin, where
+from rans.model.random import Draws, Random
+from rans.model.sensors import Sensors, drawn_sensors
+from rans.model.spacecraft import Spacecraft
 from rans.model.valves import Lag
-
-
-@dataclass(frozen=True)
-class Fault:
-    """The thrusters' health from a moment on."""
-
-    begins: Field
-    """s from the start of the episode."""
-    gain: tuple[Field, ...]
-    leak: tuple[Field, ...]
 
 
 @dataclass(frozen=True)
@@ -135,3 +134,98 @@ class Case:
             now = where(kick.step == step, kick.step * 0.0 + 1.0 / period, kick.step * 0.0)
             parts.append(map_leaves(lambda x, now=now: x * now, kick.impulse))
         return reduce(lambda a, b: map_leaves(operator.add, a, b), parts) if parts else None
+
+
+def examples(conditions: Conditions, craft: Spacecraft, steps: int) -> Case:
+    """What the first 1,024 episodes of so many steps draw under the seed 0: arrays (1024,).
+
+    Raises:
+        ConfigError: conditions are none, or not for the craft's valves.
+    """
+    if not isinstance(conditions, Conditions):
+        raise ConfigError(f"conditions must be rans.load_conditions(...), got {brief(conditions)}.")
+    conditions.check_valves(craft)
+    numbers = np.arange(1024, dtype=np.int32)
+    return draw(conditions, craft, Body.of(craft), steps, numbers, Draws(0, 0, numbers, 0, np.float64))
+
+
+def draw(conditions: Conditions, craft: Spacecraft, base: Body, steps: int, number: Field,
+         draws: Draws) -> Case:
+    """One episode's case.
+
+    Args:
+        conditions: distributions.
+        craft: whose thrusters fail.
+        base: the body that factors apply to.
+        steps: control periods of an episode.
+        number: of the episode.
+        draws: random numbers.
+    """
+    def random(stream: int) -> Random:
+        return draws.random(craft.dimension, number, stream * 256)
+
+    if conditions.others:
+        conditions = conditions.met(random(17).unit())
+    body = _body(conditions, base, random(1), random(2))
+    return Case(
+        number,
+        body,
+        drawn_fault(conditions.faults, craft, body, random(3)),
+        _lag(conditions, random(4)),
+        _hold(conditions, random(5)),
+        _push(conditions.disturbances.force, conditions.disturbances.torque, random(6)),
+        _swing(conditions, random(7)),
+        tuple(_kick(conditions, steps, random(8 + k)) for k in range(conditions.disturbances.kicks)),
+        drawn_sensors(conditions.sensors, random(16)),
+    )
+
+
+def _body(conditions: Conditions, base: Body, random: Random, thrusters: Random) -> Body:
+    body, given = conditions.body, conditions.thrusters
+    mass, inertia = random.within(body.mass), random.within(body.inertia)
+    pressure, droop = random.within(given.pressure), random.within(given.droop or 0.0)
+    # Equal moments stay one and the same field, so that spins are known to have no gyroscopic part.
+    scaled = {x: x * inertia if x != 0.0 else x for x in base.inertia}
+    centre, gain = base.centre, base.gain
+    if largest(body.centre) > 0.0:
+        offset = random.vector(body.centre).columns()
+        centre = tuple(c + o for c, o in zip(centre, offset, strict=True))
+    if (given.thrust, given.pressure) != (1.0, 1.0):
+        gain = tuple(g * (thrusters.within(given.thrust) * pressure) for g in gain)
+    return Body(base.mass * mass, tuple(scaled[x] for x in base.inertia), centre, gain, base.leak,
+                base.droop if given.droop is None else droop)
+
+
+def _lag(conditions: Conditions, random: Random) -> Lag | None:
+    given = conditions.thrusters
+    if conditions.lasting == 0.0:
+        return None
+    latency = random.within(given.latency) + random.within(given.command_delay)
+    ramps = largest(given.rise) > 0.0 or largest(given.fall or 0.0) > 0.0
+    rise = random.within(given.rise) if ramps else None
+    return Lag(latency, rise, None if given.fall is None else random.within(given.fall))
+
+
+def _hold(conditions: Conditions, random: Random) -> Hold | None:
+    on, off = conditions.thrusters.least_on, conditions.thrusters.least_off
+    return Hold(random.within(on), random.within(off)) if largest(on) > 0 or largest(off) > 0 else None
+
+
+def _push(force: Range, torque: Range, random: Random) -> Wrench | None:
+    if largest(force) == 0.0 and largest(torque) == 0.0:
+        return None
+    return Wrench(random.vector(force), random.turn(torque))
+
+
+def _swing(conditions: Conditions, random: Random) -> Swing | None:
+    given = conditions.disturbances
+    amplitude = _push(given.slow_force, given.slow_torque, random)
+    if amplitude is None:
+        return None
+    return Swing(amplitude, math.tau / random.within(given.slow_period), random.uniform(0.0, math.tau))
+
+
+def _kick(conditions: Conditions, steps: int, random: Random) -> Kick:
+    given = conditions.disturbances
+    return Kick(floor(random.unit() * float(steps)),
+                Wrench(random.vector(given.kick), random.turn(given.kick_spin)))
