@@ -7,24 +7,18 @@ on a GPU if there is one, prints the table and writes docs/validation/faults.jso
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import torch
-from torch import Tensor
 from tyro.conf import Positional
 
 from rans.episode import Episode, World
 from rans.evaluation.compare.bounds import Amounts, Event
 from rans.evaluation.fly.protocols import Setup
-from rans.evaluation.measure.statistics import share
-from rans.fast.engine import Engine
 from rans.fast.learn.network import Network
-from rans.fast.learn.selection import likeliest
-from rans.files import environment, write_json
 from rans.model.conditions import Conditions, FaultChoice, FaultConditions, FaultKind
 from rans.model.faults import fault_sets
 from rans.model.spacecraft import Spacecraft
@@ -32,7 +26,7 @@ from rans.optimal.certificate.certificate import Effort, least_time
 from rans.optimal.certificate.hull import Health, least_settling, settling_set
 from rans.optimal.certificate.lattice import Lattice
 from rans.scenario import EVALUATION_SEED, draws, each, scenarios
-from validation.robustness import _loaded
+from validation.batch import Rows, flown, study
 
 _HELD_OUT = 0.3, 1.0
 """Share of its force that a weak thruster has, which no training knows (issue: partial thrust)."""
@@ -73,51 +67,6 @@ def rows(craft: Spacecraft, duration: float) -> Iterator[Row]:
                              (", any moment", (0.0, duration))) if found else ():
             yield Row(f"{('one', 'two')[count - 1]} {kind}, {among} ({found}){moment}",
                       FaultConditions(float(count), (kind,), shares, time, among))
-
-
-class Found(NamedTuple):
-    """What became of N episodes, each (N,)."""
-
-    held: np.ndarray
-    """Within all tolerances at every step of the last fifth."""
-    settled: np.ndarray
-    """Time to enter them for good, s; infinite if never."""
-    lost: np.ndarray
-    """Failed by the task, as too far away or spinning too fast."""
-    distance: np.ndarray
-    """At the end, or last before it was lost, m."""
-    speed: np.ndarray
-    """The same, m/s."""
-    spin: np.ndarray
-    """The same, rad/s."""
-
-
-@torch.no_grad()
-def flown(network: Network, setup: Setup, faults: FaultConditions, episodes: int, seed: int,
-          device: str) -> Found:
-    """An agent's flights in the fast engine, which is told one step too many: at the last it begins anew."""
-    steps, period = setup.timing.episode_steps, setup.timing.control_period
-    engine = Engine(setup.craft, setup.task, episodes, replace(setup.timing, episode_steps=steps + 1),
-                    seed=seed, device=device, conditions=Conditions(faults=faults).or_none)
-    observation, memory = engine.observe(), network.blank(episodes)
-    ended = torch.zeros(episodes, dtype=torch.bool, device=device)
-    outside, now = torch.zeros(episodes, device=device), motion(engine)
-    for t in range(steps):
-        command, memory = likeliest(network, observation, memory)
-        step = engine.step(command)
-        observation, ended = step.observation, ended | step.terminated
-        outside = torch.where(step.reached & ~ended, outside, t + 1.0)
-        now = torch.where(ended, now, motion(engine))
-    settled = torch.where(outside < steps, (outside + 1.0) * period, torch.inf)
-    return Found(*(x.cpu().numpy() for x in (outside <= steps - steps // 5, settled, ended, *now)))
-
-
-def motion(engine: Engine) -> Tensor:
-    """Distance, speed and spin, (3, N)."""
-    state, goal = engine.state, engine.goal
-    parts = [[x - y for x, y in zip(state.p.columns(), goal.p.columns(), strict=True)], state.v.columns(),
-             state.spin()]
-    return torch.stack([torch.stack([torch.as_tensor(x) for x in part]).norm(dim=0) for part in parts])
 
 
 def met(setup: Setup, faults: FaultConditions, episodes: int, seed: int) -> Iterator[tuple[Any, Health]]:
@@ -166,28 +115,22 @@ class Faults:
     seed: int = EVALUATION_SEED
     output: Path = Path("docs/validation/faults.json")
 
-    def run(self) -> dict[str, dict[str, dict[str, Any]]]:
+    def run(self) -> dict[str, Rows]:
         """By agent and row.
 
         Raises:
             ConfigError: there is no such agent.
         """
-        device = "cuda" if torch.cuda.is_available() else "cpu"
-        result: dict[str, dict[str, dict[str, Any]]] = {}
-        for name in self.agents:
-            network, setup = _loaded(name, device)
+        def told(network: Network, setup: Setup, device: str) -> Rows:
             duration = setup.timing.episode_steps * setup.timing.control_period
-            result[name] = {row.name: self._said(network, setup, row, device)
-                            for row in rows(setup.craft, duration)}
-        write_json(self.output, {"episodes": self.episodes, "seed": self.seed, "agents": result,
-                                 "environment": environment()})
-        return result
+            return {row.name: self._said(network, setup, row, device) for row in rows(setup.craft, duration)}
+
+        return study(self.agents, told, self.episodes, self.seed, self.output)
 
     def _said(self, network: Network, setup: Setup, row: Row, device: str) -> dict[str, Any]:
-        found = flown(network, setup, row.faults, self.episodes, self.seed, device)
+        found = flown(network, setup, Conditions(faults=row.faults), self.episodes, self.seed, device)
         median = lambda x: float(np.median(x))  # noqa: E731
-        said = {"held": {key: 100.0 * x for key, x in asdict(share(found.held)).items()},
-                "settling time": median(found.settled), "lost": 100.0 * float(found.lost.mean()),
+        said = {**found.said(), "lost": 100.0 * float(found.lost.mean()),
                 **{name: [float(x) for x in np.quantile(getattr(found, name), (0.5, 0.95))]
                    for name in ("distance", "speed", "spin")}}
         if row.at_start and row.faults.among != "unrecoverable":

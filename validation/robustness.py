@@ -7,31 +7,23 @@ the LQR beside them.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, fields, is_dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-import torch
-from torch import Tensor
 from tyro.conf import Positional
 
 from rans.evaluation.fly.controllers import controller
 from rans.evaluation.fly.protocols import Setup
 from rans.evaluation.measure.metrics import last_fifth, settling_times, solved
-from rans.evaluation.measure.statistics import share
-from rans.fast.engine import Engine
 from rans.fast.learn.network import Network
-from rans.fast.learn.run_folder import RunFolder
-from rans.fast.learn.selection import likeliest
 from rans.fast.learn.troubles import TROUBLES
-from rans.fast.saved import read_policy
-from rans.files import environment, write_json
 from rans.flight import fly
 from rans.model.conditions import BodyConditions, Conditions
 from rans.model.conditions_file import load_conditions
-from rans.pretrained import pretrained_folder
 from rans.scenario import EVALUATION_SEED, draws, scenarios
+from validation.batch import Found, Rows, flown, loaded, study
 
 _LQR_EPISODES = 256
 
@@ -52,45 +44,13 @@ def _at_worst(given: Any) -> Any:
                              if is_dataclass(x) or (isinstance(x, tuple) and set(map(type, x)) == {float})})
 
 
-class Found(NamedTuple):
-    """Of N episodes, each (N,)."""
-
-    held: np.ndarray
-    """Within all tolerances at every step of the last fifth, in truth."""
-    settled: np.ndarray
-    """Time to enter them for good, s; infinite if never."""
-    duty: np.ndarray
-    """Share of open thrusters over the last fifth."""
-
-
-@torch.no_grad()
-def flown(network: Network, setup: Setup, conditions: Conditions, episodes: int, seed: int,
-          device: str) -> Found:
-    """An agent's flights in the fast engine."""
-    steps, period = setup.timing.episode_steps, setup.timing.control_period
-    engine = Engine(setup.craft, setup.task, episodes, setup.timing, seed=seed, device=device,
-                    conditions=conditions.or_none)
-    observation, memory = engine.observe(), network.blank(episodes)
-    ended = torch.zeros(episodes, dtype=torch.bool, device=device)
-    outside, duty = torch.zeros(episodes, device=device), torch.zeros(episodes, device=device)
-    for t in range(steps):
-        command, memory = likeliest(network, observation, memory)
-        step = engine.step(command)
-        observation, kept = step.observation, step.reached & ~ended
-        outside = torch.where(kept, outside, t + 1.0)
-        ended |= step.terminated
-        if t >= steps - steps // 5:
-            duty += command.mean(dim=1) / (steps // 5)
-    last: Tensor = torch.where(outside < steps, (outside + 1.0) * period, torch.inf)
-    return Found(*(x.cpu().numpy() for x in (outside <= steps - steps // 5, last, duty)))
-
-
-def flown_by_lqr(setup: Setup, conditions: Conditions, seed: int) -> Found:
-    """The same of the LQR with its default weights, which is slower to fly."""
+def flown_by_lqr(setup: Setup, conditions: Conditions, seed: int) -> dict[str, Any]:
+    """What is said of the LQR, as it is tuned; it is slower to fly."""
     starts = scenarios(setup.task, setup.craft, seed, _LQR_EPISODES)
     flight = fly(*setup[:2], controller("lqr", setup), starts, setup.timing, conditions=conditions.or_none,
                  draws=draws(seed, _LQR_EPISODES))
-    return Found(solved(flight), settling_times(flight), last_fifth(flight.commands).mean(axis=(0, 2)))
+    none, duty = np.zeros(_LQR_EPISODES), last_fifth(flight.commands).mean(axis=(0, 2))
+    return _said(Found(solved(flight), settling_times(flight), duty, none, none, none, none))
 
 
 @dataclass(frozen=True)
@@ -105,40 +65,25 @@ class Robustness:
     seed: int = EVALUATION_SEED
     output: Path = Path("docs/validation/robustness.json")
 
-    def run(self) -> dict[str, dict[str, dict[str, Any]]]:
+    def run(self) -> dict[str, Rows]:
         """By agent and row.
 
         Raises:
             ConfigError: there is no such agent.
         """
-        device = "cuda" if torch.cuda.is_available() else "cpu"
-        result: dict[str, dict[str, dict[str, Any]]] = {}
-        for name in self.agents:
-            network, setup = _loaded(name, device)
-            result[name] = {row: _said(flown(network, setup, found, self.episodes, self.seed, device))
-                            for row, found in rows().items()}
-            if self.lqr and "lqr" not in result:
-                result["lqr"] = {row: _said(flown_by_lqr(setup, found, self.seed))
-                                 for row, found in rows().items()}
-        write_json(self.output, {"episodes": self.episodes, "seed": self.seed, "agents": result,
-                                 "environment": environment()})
-        return result
+        def told(network: Network, setup: Setup, device: str) -> Rows:
+            return {row: _said(flown(network, setup, found, self.episodes, self.seed, device))
+                    for row, found in rows().items()}
 
-
-def _loaded(name: str, device: str) -> tuple[Network, Setup]:
-    kind, _, own = name.rpartition(":")
-    run = RunFolder(pretrained_folder(own) if kind else Path(own))
-    config, craft = run.config(), run.spacecraft()
-    saved = read_policy(run.policy_file, craft, config.settings).network
-    network = Network.stacked(saved.architecture, [saved.tensors], torch.device(device), torch.float32)
-    timing = replace(config.timing, substeps=None)
-    return network, Setup(craft, config.settings.for_evaluation(), timing)
+        extra: dict[str, Rows] = {}
+        if self.lqr:
+            _, setup = loaded(self.agents[0], "cpu")
+            extra["lqr"] = {row: flown_by_lqr(setup, found, self.seed) for row, found in rows().items()}
+        return study(self.agents, told, self.episodes, self.seed, self.output, extra)
 
 
 def _said(found: Found) -> dict[str, Any]:
-    return {"held": {key: 100.0 * x for key, x in asdict(share(found.held)).items()},
-            "settling time": float(np.median(found.settled)),
-            "duty at rest": 100.0 * float(found.duty.mean())}
+    return found.said() | {"duty at rest": 100.0 * float(found.duty.mean())}
 
 
 def main() -> None:

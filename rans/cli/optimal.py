@@ -66,11 +66,13 @@ class Optimal:
     def run(self) -> int:
         """Print a table of the starts."""
         from rans.evaluation.compare.optima import optima, table, write
+        from rans.optimal.trajectory.arrival import aims
 
         self._check()
         task, craft = TASKS[self.task]().for_evaluation(), load_spacecraft(self.spacecraft)
         objective, starts = self._objective(), scenarios(task, craft, self.seed, self.episodes)
         usual = Path("runs") / f"optimal-{self.task}-{craft.name}-{self.objective}"
+        aims(task)  # before anything is written: some tasks have no goal of their own
         folder = ready_folder(self.output or usual)
         answers = self._with_progress("optimal trajectories", lambda tick: optima(
             craft, task, objective, starts, self.guesses, self.workers, tick))

@@ -15,11 +15,10 @@ import torch
 from rans.episode import World, step
 from rans.errors import ConfigError, RansError, brief
 from rans.fast.cpu_flights import CpuFlights
-from rans.fast.engine import FLOAT32_NODES, check_device
 from rans.fast.kernels.flight import FlightKernel, Products
 from rans.fast.learn.network import Network
 from rans.fast.learn.selection import likeliest
-from rans.fast.step import Place, field_dtype
+from rans.fast.step import Place
 from rans.fast.verdicts import Tally, Verdicts, together
 from rans.model.conditions import Conditions
 from rans.model.fields import Field
@@ -63,13 +62,12 @@ class Flights:
 
     def __init__(self, network: Network, setup: Given, device: str | torch.device = "cpu",
                  listed: int = LISTED, products: Products = "bf16x3", generated: bool = True) -> None:
-        check_device(device)
         craft, task, timing, conditions = self._setup = setup
-        self.device, self.listed = torch.device(device), listed
-        self.world = World(craft, task, timing, FLOAT32_NODES, conditions)
+        self._place = place = Place.of(device, torch.float32, None)
+        self.device, self.listed = place.device, listed
+        self.world = World(craft, task, timing, place.nodes, conditions)
         self._network = Network(network.architecture, {
             name: x.to(self.device, torch.float32) for name, x in network.tensors.items()})
-        self._place = Place(self.device, field_dtype(self.device))
         self._whole = self._made(products) if generated else None
 
     def _made(self, products: Products) -> FlightKernel | CpuFlights | None:

@@ -57,8 +57,11 @@ def test_lost_starts_are_told_and_the_rest_is_made(capsys: pytest.CaptureFixture
     (("go-to-pose", "--objective", "reward", "--ending", "set"), "--ending set is for fuel, time and energy"),
 ])
 def test_mistakes_are_one_sentence(capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...],
-                                   message: str) -> None:
+                                   message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """And leave no empty folder."""
+    monkeypatch.chdir(tmp_path)
     assert run(*arguments) == 2
+    assert list(tmp_path.iterdir()) == []
     error = capsys.readouterr().err
     assert message in error
     assert error.count("\n") == 1

@@ -15,7 +15,8 @@ from rans.model.conditions import Conditions
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.tasks import GoToPose
-from rans.tasks.base import Task, layout
+from rans.tasks.base import Task
+from rans.tasks.derived import layout
 from tests.fast.training import scatter
 
 BRIEF = Timing(episode_steps=12)

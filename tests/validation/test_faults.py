@@ -20,16 +20,16 @@ from rans.pretrained import pretrained_folder
 from rans.scenario import draws, scenarios
 from rans.tasks import GoToPose
 from validation import faults
-from validation.faults import Faults, bounds, certified, flown, rows
-from validation.robustness import _loaded
+from validation.batch import flown, loaded
+from validation.faults import Faults, bounds, certified, rows
 
 AGENT = "pretrained:go-to-pose-2d-fast"
 PAIRS = FaultConditions(2.0, ("dead", "stuck-open"), time=0.0, among="recoverable")
 
 
 def test_flights_are_those_of_evaluations_in_what_is_held_and_where_they_end() -> None:
-    network, setup = _loaded(AGENT, "cpu")
-    found = flown(network, setup, PAIRS, 24, 7, "cpu")
+    network, setup = loaded(AGENT, "cpu")
+    found = flown(network, setup, Conditions(faults=PAIRS), 24, 7, "cpu")
     policy = read_policy(pretrained_folder("go-to-pose-2d-fast") / "policy.zip", *setup[:2]).network
     starts = scenarios(setup.task, setup.craft, 7, 24)
     flight = fly(*setup[:2], Agent(policy, "agent"), starts, setup.timing,
@@ -44,8 +44,9 @@ def test_flights_are_those_of_evaluations_in_what_is_held_and_where_they_end() -
 
 def test_what_is_lost_stays_where_it_was_lost() -> None:
     """Two thrusters stuck open that cannot be balanced push 1 to 2 N: 8 m are soon gone."""
-    network, setup = _loaded(AGENT, "cpu")
-    found = flown(network, setup, FaultConditions(2.0, ("stuck-open",), among="unrecoverable"), 48, 7, "cpu")
+    network, setup = loaded(AGENT, "cpu")
+    unheld = Conditions(faults=FaultConditions(2.0, ("stuck-open",), among="unrecoverable"))
+    found = flown(network, setup, unheld, 48, 7, "cpu")
     assert 0 < found.lost.sum() < 48
     # Seen last in the period before, in which it moves by less than 2.5 m/s * 0.2 s.
     assert (found.distance[found.lost] > 7.5).all()
@@ -64,8 +65,8 @@ def test_rows_are_every_class_that_the_craft_has() -> None:
 
 
 def test_bounds_are_below_what_settles_and_rise_with_what_is_lost() -> None:
-    network, setup = _loaded(AGENT, "cpu")
-    found = flown(network, setup, PAIRS, 32, 7, "cpu")
+    network, setup = loaded(AGENT, "cpu")
+    found = flown(network, setup, Conditions(faults=PAIRS), 32, 7, "cpu")
     least, sound = bounds(setup, PAIRS, 32, 7), bounds(setup, FaultConditions(), 32, 7)
     assert (least <= found.settled).all()
     assert (least >= sound - 1e-12).all()
@@ -76,10 +77,10 @@ def test_bounds_are_below_what_settles_and_rise_with_what_is_lost() -> None:
 
 def test_certified_times_are_between_the_bound_and_what_settles() -> None:
     """Of a start near the goal, whose proof takes a second."""
-    network, setup = _loaded(AGENT, "cpu")
+    network, setup = loaded(AGENT, "cpu")
     near = setup._replace(task=GoToPose(spawn_distance=(0.3, 0.3)))
     dead = replace(PAIRS, kinds=("dead",))
-    proof, found = certified(near, dead, 1, 7), flown(network, near, dead, 1, 7, "cpu")
+    proof, found = certified(near, dead, 1, 7), flown(network, near, Conditions(faults=dead), 1, 7, "cpu")
     assert (bounds(near, dead, 1, 7) <= proof).all()
     assert (proof <= found.settled).all()
     assert 0.5 < proof[0] < 2.0

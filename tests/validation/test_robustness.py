@@ -17,14 +17,15 @@ from rans.model.conditions import Conditions, ThrusterConditions, largest
 from rans.pretrained import pretrained_folder
 from rans.scenario import scenarios
 from validation import robustness
-from validation.robustness import Found, Robustness, _loaded, _said, flown, rows
+from validation.batch import Found, flown, loaded
+from validation.robustness import Robustness, _said, rows
 
 AGENT = "pretrained:go-to-pose-2d"
 
 
 def test_flights_are_those_of_evaluations() -> None:
     """In the engine in float32 and one by one in float64; a perfect world leaves no room for chaos."""
-    network, setup = _loaded(AGENT, "cpu")
+    network, setup = loaded(AGENT, "cpu")
     found = flown(network, setup, Conditions(), 16, 7, "cpu")
     policy = read_policy(pretrained_folder("go-to-pose-2d") / "policy.zip", *setup[:2]).network
     starts = scenarios(setup.task, setup.craft, 7, 16)
@@ -38,7 +39,7 @@ def test_flights_are_those_of_evaluations() -> None:
 
 def test_troubles_count() -> None:
     """A nominal agent does not hold its goal with valves 0.2 s late (audit: 0 %)."""
-    network, setup = _loaded(AGENT, "cpu")
+    network, setup = loaded(AGENT, "cpu")
     found = flown(network, setup, rows()["latency, worst"], 16, 7, "cpu")
     assert found.held.mean() < 0.2
     assert np.isinf(found.settled[~found.held]).mean() > 0.5
@@ -54,8 +55,9 @@ def test_rows_are_what_they_are_called() -> None:
 
 
 def test_what_is_said_by_hand() -> None:
+    none = np.zeros(4)
     said = _said(Found(np.array([True, True, False, True]), np.array([1.0, 2.0, np.inf, 4.0]),
-                       np.array([0.0, 0.1, 0.2, 0.1])))
+                       np.array([0.0, 0.1, 0.2, 0.1]), none, none, none, none))
     assert said["held"]["value"] == 75.0
     assert said["settling time"] == 3.0
     assert said["duty at rest"] == pytest.approx(10.0)

@@ -22,7 +22,7 @@ from rans.model.conditions_file import load_conditions
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.tasks import Task
-from rans.tasks.base import layout
+from rans.tasks.derived import layout
 
 
 class Agent:
@@ -56,8 +56,11 @@ class LoadedRun(NamedTuple):
 
     @property
     def judged(self) -> Setup:
-        """What it is judged in: the task's evaluation starts, and motion as accurate as the craft needs."""
-        timing = replace(self.timing, substeps=None)
+        """What it is judged in: the task's evaluation starts, and motion as accurate as the craft needs.
+
+        A single substep is what trainings make do with; more were asked for and stay.
+        """
+        timing = replace(self.timing, substeps=None) if self.timing.substeps == 1 else self.timing
         return Setup(self.craft, self.task.for_evaluation(), timing, self.conditions)
 
     def under(self, conditions: str | None) -> LoadedRun:

@@ -102,3 +102,10 @@ def test_an_on_off_agent_for_throttles_is_refused(run_folder: Path) -> None:
     (run_folder / "spacecraft.toml").write_text(to_toml(replace(craft, actuators=Throttle())))
     with pytest.raises(ConfigError, match=r"does not command the throttle actuators of .* different runs"):
         load_agent(run_folder)
+
+
+def test_one_substep_is_what_trainings_make_do_with_and_more_were_asked_for(run_folder: Path) -> None:
+    loaded = load_agent(run_folder)
+    for given, judged in ((1, None), (50, 50)):
+        timing = replace(loaded.timing, substeps=given)
+        assert loaded._replace(timing=timing).judged.timing.substeps == judged

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import pytest
 import torch
 from torch import Tensor
 
+from rans.errors import ConfigError
 from rans.fast.engine import Engine
+from rans.fast.envs.actions import Actions
 from rans.fast.kernels import launch
 from rans.fast.step import Step
 from rans.model.body import Body
@@ -86,3 +90,26 @@ def test_the_kernel_reads_bodies_that_differ(craft: str, count: int) -> None:
     body = Body(nominal.mass * scale, tuple(entry * scale for entry in nominal.inertia))
     compare(*(engine(craft, "go-to-pose", count, torch.float64, generated, body)
               for generated in (False, True)))
+
+
+def told(checked: Callable[[Tensor], Tensor], right: Tensor) -> None:
+    """Three calls, of which the second at the latest sends the check on and the third finds it done."""
+    for _ in range(3):
+        checked(right)
+        torch.cuda.synchronize()
+
+
+def test_a_wrong_action_is_told_though_many_right_ones_follow_it() -> None:
+    """Queued behind a slow product, so that its check is still in flight when the next ones come."""
+    checked = Actions(engine("floating-platform", "go-to-pose", 64, torch.float32, generated=True)).checked
+    right, wrong = torch.zeros(64, 8, device="cuda"), torch.full((64, 8), 0.5, device="cuda")
+    slow = torch.rand(8192, 8192, device="cuda")
+    checked(right)
+    slow = slow @ slow @ slow
+    checked(right)
+    checked(wrong)
+    with pytest.raises(ConfigError, match="an action of before"):
+        told(checked, right)
+    checked(right)  # and is not told twice
+    torch.cuda.synchronize()
+    checked(right)
