@@ -25,6 +25,7 @@ from rans.model.conditions_file import load_conditions
 from rans.model.timing import Timing
 from rans.scenario import scenarios
 from rans.tasks import GoToPose
+from tests.fast.engines import SHORT
 from tests.fast.training import CONFIG, TINY, after, ignore, newest, resumed, tiny_trainer, weights
 from tests.processes import python
 
@@ -295,6 +296,16 @@ def test_an_agent_without_a_checkpoint_is_not_lost(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"agent without a checkpoint .* anew with --config .*config\.json"):
         resumed(tmp_path / "run")
     assert len(RunFolder(tmp_path / "run").metrics()) == 1
+
+
+def test_episodes_to_learn_in_may_be_shorter_than_those_to_be_judged_in(tmp_path: Path) -> None:
+    """Nobody fails, so that each of 16 begins anew four times in 20 steps, whenever its first one ends."""
+    config = replace(CONFIG, settings=EASY, episode_steps=5, ppo=replace(TINY, n_steps=4))
+    trainer = tiny_trainer(tmp_path / "run", config)
+    ends = torch.stack([trainer.engine.step(torch.zeros(16, 8)).truncated for _ in range(20)]).sum(dim=0)
+    assert ends.tolist() == [4] * 16
+    trainer.train(ignore)
+    assert load_agent(tmp_path / "run").judged.timing == SHORT
 
 
 def test_it_learns(tmp_path: Path) -> None:
