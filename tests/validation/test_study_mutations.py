@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 import rans.model.dynamics
+import rans.model.fields
 import rans.model.rotation
 import validation.dynamics
 import validation.engines
@@ -82,8 +83,8 @@ def thrusters_about_the_frame_not_the_centre_of_mass(monkeypatch: pytest.MonkeyP
 
 def degrees_for_radians(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("cos", "sin"):
-        true = getattr(rans.model.dynamics, name)
-        monkeypatch.setattr(rans.model.dynamics, name, lambda x, f=true: f(x * math.pi / 180))
+        true = getattr(rans.model.fields, name)
+        monkeypatch.setattr(rans.model.fields, name, lambda x, f=true: f(x * math.pi / 180))
 
 
 def sharing_ignored(monkeypatch: pytest.MonkeyPatch) -> None:
