@@ -13,6 +13,7 @@ import pytest
 from rans.fast.verdicts import QUANTITIES, Failure, Sums, Tally, Verdicts, last_fifth
 from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading, Vec2
+from rans.model.timing import Timing
 from tests.fast.engines import PLATFORM
 
 STEPS, COUNT, LAST = 10, 4000, 2
@@ -33,8 +34,8 @@ class History:
 
     def tally(self) -> Tally:
         task = SimpleNamespace(reached=lambda *_: self.inside[0])
-        world: Any = SimpleNamespace(craft=PLATFORM, task=task, step_mask=15, timing=SimpleNamespace(
-            episode_steps=STEPS, control_period=0.2))
+        world: Any = SimpleNamespace(craft=PLATFORM, task=task, timing=Timing(
+            control_period=0.2, episode_steps=STEPS))
         zero = np.zeros(COUNT)
         clock = np.zeros(COUNT, np.int32)
         tally = Tally.of(world, SimpleNamespace(clock=clock, state=None, goal=None))  # type: ignore[arg-type]

@@ -3,56 +3,45 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 
-from torch.nn import functional
+import torch
 
-from rans.evaluation.fly.agent import Agent, LoadedRun
-from rans.evaluation.fly.contestants import contestant
+from rans.fast.engine import Engine
 from rans.fast.flights import Flights
 from rans.fast.kernels.flight import Products
+from rans.fast.learn.architecture import Architecture
+from rans.fast.learn.config import PPOSettings
 from rans.fast.learn.network import Network
+from rans.model.spacecraft import Spacecraft
+from rans.model.timing import Timing
+from rans.tasks import GoToPose
 from validation.speed.measurement import Clock, Measurement
 
-_AGENTS = (("go-to-pose-2d-fast", 64), ("go-to-pose-2d-fast", 128), ("go-to-pose-2d", 256),
-           ("go-to-position-3d", 128))
-"""Of shipped agents, and how many units each of their two layers is given."""
+_UNITS = {2: (64, 128, 256), 3: (128,)}
+"""Of both layers, by dimension."""
+_DUTY = 0.03
+"""Share of thrusters that an untrained policy opens, so that nothing spins up."""
+_TASK = GoToPose(fail_distance=1e6, fail_spin=1e6)
+"""Whoever fails would fly no further, and take less time."""
 
 
-def flight_rates(dimensions: set[int], count: int, clock: Clock) -> Iterator[Measurement]:
-    """Of shipped agents, so that flights are those of somebody who has learnt.
+def flight_rates(craft: Spacecraft, count: int, clock: Clock) -> Iterator[Measurement]:
+    """Of go-to-pose agents before training: whatever their weights, arithmetic takes as long.
 
     Args:
-        dimensions: of the agents to fly, 2 and 3.
+        craft: what flies.
         count: flights in one call.
         clock: times them on its device; on a CPU they are one process's.
     """
-    for name, units in _AGENTS:
-        run = contestant(f"pretrained:{name}")
-        if run.craft.dimension in dimensions:
-            ways: tuple[Products, ...] = ("bf16", "bf16x3", "bf16x6") if clock.on_gpu else ("bf16x3",)
-            for products in ways:
-                yield _rate(run, name, units, products, count, clock)
-
-
-def _rate(run: LoadedRun, name: str, units: int, products: Products, count: int, clock: Clock) -> Measurement:
-    assert isinstance(run.controller, Agent)
-    flights = Flights(widened(run.controller.network, units), run.judged, clock.device, products=products)
-    seconds, warm_up = clock.time(lambda: flights.fly(0, count, 0))
-    (way,) = flights.fly(0, 1, 0).ways
-    steps = count * run.timing.episode_steps
-    return Measurement("flights", f"{name}, {units}x{units}, {way}", steps / seconds / 1e6, "M steps/s",
-                       warm_up, f"{count:,} flights of {run.timing.episode_steps} steps")
-
-
-def widened(network: Network, units: int) -> Network:
-    """The same policy with idle units in its two hidden layers, so that both have so many."""
-    given, tensors = network.architecture, dict(network.tensors)
-    for name, x in tensors.items():
-        rows = units - x.shape[0] if ".trunk." in name else 0
-        if x.dim() == 2:
-            columns = 0 if name.endswith("trunk.0.weight") else units - x.shape[1]
-            tensors[name] = functional.pad(x, (0, columns, 0, rows))
-        elif rows:
-            tensors[name] = functional.pad(x, (0, rows))
-    return Network(replace(given, layers=(units,) * len(given.layers)), tensors)
+    products: tuple[Products, ...] = ("bf16", "bf16x3", "bf16x6") if clock.on_gpu else ("bf16x3",)
+    for units in _UNITS[craft.dimension]:
+        settings = PPOSettings(layers=(units, units), zoom=16.0)
+        given = Architecture.of(Engine(craft, _TASK, 1), settings)
+        network = Network.stacked(given, [given.initial(0, _DUTY)[0]], torch.device("cpu"), torch.float32)
+        for way in products:
+            flights = Flights(network, (craft, _TASK, Timing(), None), clock.device, products=way)
+            seconds, warm_up = clock.time(lambda flights=flights: flights.fly(0, count, 0))
+            (how,) = flights.fly(0, 1, 0).ways
+            steps = count * flights.world.timing.episode_steps
+            yield Measurement("flights", f"{craft.name}, {units}x{units}, {how}", steps / seconds / 1e6,
+                              "M steps/s", warm_up, f"{count:,} flights with a policy in the loop")

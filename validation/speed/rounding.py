@@ -20,7 +20,7 @@ from rans.fast.learn.architecture import ACTIVATIONS, EXTRACTOR
 from rans.fast.learn.network import Network
 from rans.terminal import Terminal, table
 
-AGENTS = ("go-to-pose-2d", "go-to-pose-2d-fast", "go-to-pose-3d", "go-to-position-3d", "multi-task-2d")
+AGENTS = ("go-to-pose-2d", "go-to-pose-3d", "go-to-position-3d", "multi-task-2d")
 PARTS = {"bf16": 1, "bf16x3": 2, "bf16x6": 3}
 FLIGHTS = 256
 

@@ -59,7 +59,8 @@ def measurements(crafts: Sequence[Spacecraft], task_name: str, task: Task, sizes
             if clock.on_gpu:
                 yield engine_rate(craft, task, num_envs, clock, bandwidth.value, generated=False)
         yield memory_per_environment(craft, task, max(sizes), clock)
-    yield from flight_rates({craft.dimension for craft in crafts}, spend.flights, clock)
+    for craft in crafts:
+        yield from flight_rates(craft, spend.flights, clock)
     for craft in crafts:
         yield trainer_rate(craft, task, preset(task_name, craft.dimension, clock.device), clock)
         if clock.on_gpu:

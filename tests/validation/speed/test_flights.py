@@ -2,39 +2,22 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 import torch
 
-from rans.evaluation.fly.contestants import contestant
-from rans.fast.flights import Flights
 from rans.fast.learn.selection import likeliest
-from rans.fast.verdicts import QUANTITIES
 from tests.fast.engines import PLATFORM
-from tests.fast.flying import policy, setup
-from validation.speed.flights import flight_rates, widened
+from tests.fast.flying import policy
+from validation.speed.flights import flight_rates
 from validation.speed.measurement import Clock
 from validation.speed.rounding import _parts, differing, logits
 
 
-def test_idle_units_change_nothing() -> None:
-    network, given = policy(PLATFORM, layers=(16, 16), zoom=4.0), setup(PLATFORM)
-    wide = widened(network, 48)
-    assert wide.architecture.layers == (48, 48)
-    a, b = (Flights(one, given, generated=False).fly(0, 100, 1) for one in (network, wide))
-    assert a.failures == b.failures
-    # Sums of float32 in another order.
-    for name in QUANTITIES:
-        np.testing.assert_allclose(a.sums[name].mean, b.sums[name].mean, rtol=1e-3)
-
-
-def test_rates_of_shipped_agents(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("validation.speed.flights._AGENTS", (("go-to-pose-2d-fast", 64), ("none-3d", 64)))
-    monkeypatch.setattr("validation.speed.flights.contestant", lambda name: contestant(
-        name.replace("none", "track-velocity")))
-    (measured,) = flight_rates({2}, 8, Clock("cpu", repeats=1, seconds=0.001))
-    assert measured.name == "go-to-pose-2d-fast, 64x64, CPU, float32"
-    assert (measured.kind, measured.unit, measured.note) == ("flights", "M steps/s", "8 flights of 125 steps")
+def test_rates(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("validation.speed.flights._UNITS", {2: (16,)})
+    (measured,) = flight_rates(PLATFORM, 8, Clock("cpu", repeats=1, seconds=0.001))
+    assert measured.name == "floating-platform, 16x16, CPU, float32"
+    assert (measured.kind, measured.unit) == ("flights", "M steps/s")
     assert measured.value
 
 
@@ -58,7 +41,7 @@ def test_logits_are_the_networks() -> None:
         assert torch.equal(said, likeliest(network, observation, None)[0])
 
 
-@pytest.mark.parametrize("name", ["go-to-pose-2d-fast"])
+@pytest.mark.parametrize("name", ["multi-task-2d"])
 def test_few_commands_differ(name: str) -> None:
     shares = {products: commands for products, commands, _ in differing(name, 8)}
     # One in a thousand over many flights; of 8,000 here at least one, and with more parts none.

@@ -46,7 +46,7 @@ def test_on_a_cpu(asked: list[tuple[Any, ...]]) -> None:
         *(row for name in names for row in (
             *(("engine_rate", name, size, clock, 12.0, True) for size in (16, 64)),
             ("memory_per_environment", name, 64, clock))),
-        ("flight_rates", {2, 3}, 2**14, clock),
+        *(("flight_rates", name, 2**14, clock) for name in names),
         *(("trainer_rate", name, agent, clock) for name, agent in zip(names, agents, strict=True)),
         *(("solver_rate", name, 8) for name in names),
         *(("latencies", name, agent, 5000) for name, agent in zip(names, agents, strict=True))]
@@ -61,7 +61,7 @@ def test_a_gpu_has_torchs_compiler_and_a_large_training_beside_it(asked: list[tu
     assert asked == [
         ("copy_bandwidth", clock), ("engine_rate", name, 16, clock, 12.0, None),
         ("engine_rate", name, 16, clock, 12.0, ("generated", False)),
-        ("memory_per_environment", name, 16, clock), ("flight_rates", {2}, 64, clock),
+        ("memory_per_environment", name, 16, clock), ("flight_rates", name, 64, clock),
         ("trainer_rate", name, preset("go-to-pose", 2, "cuda"), clock), ("trainer_rate", name, LARGE, clock),
         ("solver_rate", name, 1), ("latencies", name, preset("go-to-pose", 2, "cpu"), 50)]
 
