@@ -15,12 +15,12 @@ import pytest
 import torch
 
 from rans.cli import COMMANDS, _parse
-from rans.cli.list import _field_meanings
 from rans.fast.learn.config import PPOSettings
 from rans.model.conditions import Conditions, SensorsConditions
 from rans.model.conditions_file import CONDITIONS
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import parse_spacecraft
+from rans.shown import meanings
 from rans.structure import structure
 from rans.tasks import GoToPose, observation_columns
 
@@ -118,14 +118,14 @@ def test_the_conditions_page_has_all_keys_with_their_defaults_and_units() -> Non
 
 def described(given: Any, place: str = "") -> Iterator[tuple[str, tuple[Any, str]]]:
     """Every key of a dataclass of dataclasses, its default as TOML has it, and the text under its field."""
-    meanings = _field_meanings(type(given))
+    told = meanings(type(given))
     for one in dataclasses.fields(given):
         value = getattr(given, one.name)
         if dataclasses.is_dataclass(value):
             yield from described(value, f"{place}{one.name}.")
         else:
             plain = [] if value is None else list(value) if isinstance(value, tuple) else value
-            yield place + one.name, (plain, meanings[one.name])
+            yield place + one.name, (plain, told[one.name])
 
 
 def test_the_training_page_has_the_memory_settings_with_their_defaults() -> None:

@@ -18,11 +18,10 @@ from tyro.conf import Positional, UseAppendAction, arg
 
 from rans.cli import STARTED
 from rans.cli.progress import TrainingProgress
-from rans.errors import ConfigError, RansError, brief, meant
+from rans.errors import ConfigError, RansError, brief
 from rans.files import write_text
 from rans.model.spacecraft_file import load_spacecraft
 from rans.processes import beside
-from rans.tasks import TASKS
 
 if TYPE_CHECKING:
     from rans.fast.learn.config import TrainConfig
@@ -88,6 +87,7 @@ class Train:
     def resolved(self) -> TrainConfig:
         """A preset or another run's config, with whatever else was given."""
         from rans.fast.learn.config import from_table, to_table
+        from rans.fast.learn.recipes import training
         from rans.fast.learn.run_folder import read_config
         from rans.model.conditions_file import load_conditions
 
@@ -95,7 +95,9 @@ class Train:
             raise ConfigError(f"--config {self.config} says what to train; leave out {self.task!r}.")
         if self.task is None and self.config is None:
             raise ConfigError("say what to train: a task, such as go-to-pose, or --config FILE.")
-        table = json.loads(json.dumps(to_table(read_config(self.config) if self.config else self._preset())))
+        begun = (read_config(self.config) if self.config else
+                 training(str(self.task), self.spacecraft or "floating-platform", self.device))
+        table = json.loads(json.dumps(to_table(begun)))
         for name in ("spacecraft", "seed", "device", "total_timesteps"):
             if (given := getattr(self, name)) is not None:
                 table[name] = given
@@ -104,23 +106,6 @@ class Train:
         for change in self.set:
             _change(table, change)
         return from_table(table)
-
-    def _preset(self) -> TrainConfig:
-        import torch
-
-        from rans.fast.learn.config import TrainConfig
-        from rans.fast.learn.recipes import RECIPES, preset, recipe
-
-        task, spacecraft = str(self.task), self.spacecraft or "floating-platform"
-        device = self.device or ("cuda" if torch.cuda.is_available() else "cpu")
-        if task in RECIPES:
-            return recipe(task, device)
-        if task not in TASKS and ":" not in task:
-            raise ConfigError(f"there is no task and no recipe named {brief(task)}"
-                              f"{meant(task, [*TASKS, *RECIPES])}; tasks are {', '.join(TASKS)}; "
-                              f"recipes are {', '.join(RECIPES)}.")
-        settings, craft = TASKS[task](), load_spacecraft(spacecraft)
-        return TrainConfig(task, settings, spacecraft, preset(task, craft.dimension, device), device=device)
 
     def run(self) -> int:
         """Train with progress; 130 when it was stopped early."""

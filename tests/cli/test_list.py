@@ -154,7 +154,7 @@ def test_a_thruster_is_a_row_by_value(capsys: pytest.CaptureFixture[str], tmp_pa
         warnings.simplefilter("ignore")  # one thruster cannot steer
         text = listed(capsys, str(file))
     rows = [[cell.strip() for cell in line.replace("┃", "│").split("│")[1:-1]] for line in text.splitlines()]
-    assert ["", "position, m", "direction", "force, N", "torque, N m"] in rows
+    assert ["thruster", "position, m", "direction", "force, N", "torque, N m"] in rows
     assert ["0", "0.3  0.1", "0  1", "2", "0.4"] in rows
     for row in (["mass", "4.5 kg"], ["outer radius", "0.4 m"], ["centre of mass, m", "0.1  0"],
                 ["thrust sharing", "none"]):

@@ -14,13 +14,14 @@ import validation.study
 from rans.cli import main
 from rans.cli import train as training
 from rans.cli.list import _agent_details, layout_text
-from rans.cli.optimal import Optimal
 from rans.cli.progress import TrainingProgress, describe
 from rans.cli.sweep import _table
 from rans.cli.sweep import describe as describe_sweep
 from rans.evaluation.measure.agreement import EngineComparison
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.spacecraft_file import load_spacecraft
+from rans.optimal.trajectory.objectives import objective_of
+from rans.show.listing import Listing
 from validation.checks import Check, Skipped, Study
 
 
@@ -116,8 +117,10 @@ def test_an_agent_in_detail(monkeypatch: pytest.MonkeyPatch) -> None:
     assert str(title).startswith("go-to-pose-2d: go-to-pose with x, in ")
     assert made == ("Trained with seed 3 for 2,000,000 steps in 4.2 s on cuda; judged on 1,024 episodes of "
                     "seed 7.")
-    assert cells(table) == [["metric", "value", "95 % interval"], ["settling time", "never", "2.5 to never"],
-                            ["duty", "7.25 %", "7 to 7.5"]]
+    assert isinstance(table, Listing)
+    assert [list(row) for row in (table.columns, *table.rows)] == [
+        ["metric", "value", "95 % interval"], ["settling time", "never", "2.5 to never"],
+        ["duty", "7.25 %", "7 to 7.5"]]
 
 
 @pytest.mark.filterwarnings("ignore")
@@ -177,8 +180,7 @@ def test_a_solver_that_stopped_is_told(monkeypatch: pytest.MonkeyPatch, tmp_path
 
 def test_horizons_of_optimal_trajectories() -> None:
     """25 s for the reward, whose episodes are so long, and 20 s for everything else."""
-    assert Optimal("go-to-pose", objective="reward")._objective().intervals == 125
-    assert Optimal("go-to-pose", objective="fuel")._objective().intervals == 100
+    assert [objective_of(name).intervals for name in ("reward", "fuel", "tracking")] == [125, 100, 100]
 
 
 def test_notes_of_a_comparison_are_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str],

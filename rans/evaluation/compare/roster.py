@@ -12,6 +12,7 @@ from rans.evaluation.fly.judge import EngineName
 from rans.evaluation.fly.tuned import tuned
 from rans.fast.learn.run_folder import RunFolder
 from rans.files import read_json
+from rans.model.conditions import Conditions
 from rans.pretrained import pretrained_folder
 from rans.scenario import EVALUATION_SEED
 
@@ -21,10 +22,10 @@ _UNTUNED = "none: default settings"
 
 
 def contest_of(spec: str, episodes: int, seed: int = EVALUATION_SEED, engine: EngineName = "fast",
-               conditions: str | None = None) -> Contest:
+               conditions: str | Path | Conditions | None = None) -> Contest:
     """The setup of the first contestant, for all others too; `ConfigError` if it knows no task.
 
-    Conditions by name or file take the place of its own.
+    Conditions by name, file or as such take the place of its own.
     """
     if episodes < 1:
         raise ConfigError(f"--episodes must be at least 1, got {episodes}.")

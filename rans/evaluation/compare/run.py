@@ -19,6 +19,7 @@ from rans.evaluation.fly.controllers import BESIDE
 from rans.files import first_line
 from rans.optimal.certificate.hull import staying_time
 from rans.optimal.trajectory.arrival import aims
+from rans.shown import Shown
 
 _HORIZONS = (0.24, 0.32, 0.4, 0.6, 0.8, 1.0)
 """Shares of an episode at which the least thrust-time is certified: 6, 8, 10, 15, 20 and 25 s of 25 s."""
@@ -32,7 +33,7 @@ several with their number."""
 
 
 @dataclass
-class Comparison:
+class Comparison(Shown):
     """Everything found so far."""
 
     contest: Contest
@@ -47,6 +48,9 @@ class Comparison:
     """What does not exist here, and why."""
     failures: list[str] = field(default_factory=list)
     """What went wrong, a sentence each."""
+
+    def __repr__(self) -> str:
+        return f"<Comparison of {', '.join(entry.name for entry in self.entries) or 'nobody'}>"
 
     def names(self) -> set[str]:
         """Of the contestants."""

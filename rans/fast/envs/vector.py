@@ -54,7 +54,7 @@ class SpacecraftVectorEnv(VectorEnv[Tensor, Tensor, Tensor]):
         spacecraft: name, TOML file or object; None: the usual one of this dimension.
         task: settings; None: the defaults.
         timing: see `Engine`, as device, dtype and compiled.
-        conditions: what episodes do not promise; None: a perfect world.
+        conditions: what episodes do not promise, by name, TOML file or as such; None: a perfect world.
         autoreset_mode: or NEXT_STEP, where the step after an end begins the next episode and its action
             counts for nothing; or DISABLED, where ``reset(options={"reset_mask": (N,) bool})`` does. Both
             copy the state once more a step.
@@ -72,7 +72,7 @@ class SpacecraftVectorEnv(VectorEnv[Tensor, Tensor, Tensor]):
                  spacecraft: str | Path | Spacecraft | None = None, task: Task | None = None,
                  timing: Timing | None = None, device: str | torch.device = "cpu",
                  dtype: torch.dtype = torch.float32, compiled: bool | None = None,
-                 render_mode: str | None = None, conditions: Conditions | None = None,
+                 render_mode: str | None = None, conditions: str | Path | Conditions | None = None,
                  autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP) -> None:
         self.render_mode, self.autoreset_mode = checked_render_mode(render_mode), _mode(autoreset_mode)
         craft, task = choose(task_name, dimension, spacecraft, task)
