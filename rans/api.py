@@ -116,7 +116,7 @@ def compare(*contestants: str | Path, beside: Sequence[str] = ("lqr", "switching
     Raises:
         ConfigError: a contestant does not exist, or is not for the same task, spacecraft and rate.
     """
-    from rans.evaluation.compare.roster import contest_of
+    from rans.evaluation.compare.roster import contest_of, enlisted
     from rans.evaluation.compare.run import Comparison, fill
 
     if not contestants:
@@ -124,7 +124,7 @@ def compare(*contestants: str | Path, beside: Sequence[str] = ("lqr", "switching
     specs = [str(one) for one in contestants]
     contest = contest_of(specs[0], _count("episodes", episodes), seed, engine, conditions)
     found = Comparison(contest)
-    fill(found, specs, tuple(beside), certified, workers=workers, trust=trust)
+    fill(found, enlisted(specs, contest, trust), tuple(beside), certified, workers=workers)
     return found
 
 

@@ -67,8 +67,10 @@ class List:
         else:
             console = Terminal()
             for part in _PARTS[kind](self._named):
-                said = isinstance(part, str)
-                console.print(part if said else part.table(), soft_wrap=said and "\n" in part)
+                if isinstance(part, Listing):
+                    console.print(part.table())
+                else:
+                    console.say(part)
         if self.picture is not None and not self.json:
             print(f"Picture: {self.picture}")
         return 0

@@ -10,6 +10,7 @@ import signal
 import socket
 import sys
 import time
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -18,10 +19,11 @@ from tyro.conf import Positional, UseAppendAction, arg
 
 from rans.cli import STARTED
 from rans.cli.progress import TrainingProgress
-from rans.errors import ConfigError, RansError, brief
-from rans.files import write_text
+from rans.errors import ConfigError, RansError, brief, meant
+from rans.files import command_line, write_text
 from rans.model.spacecraft_file import load_spacecraft
 from rans.processes import beside
+from rans.terminal import Terminal
 
 if TYPE_CHECKING:
     from rans.fast.learn.config import TrainConfig
@@ -53,14 +55,16 @@ class Train:
     perfect world."""
     set: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="KEY=VALUE")] = ()
     """Change any entry of the config, e.g. --set ppo.n_steps=32 --set settings.thrust_weight=0.05."""
-    output: Annotated[Path | None, arg(name="run")] = None
-    """Folder for the run; by default a new one under runs/."""
+    output: Annotated[Path | None, arg(aliases=["--run"])] = None
+    """Folder for the run; by default a new one under runs/. torchrun takes --run for its own option."""
     config: Path | None = None
     """Start from the config.json of another run instead of a task's preset."""
     resume: Path | None = None
     """Continue the training in this run folder from its last checkpoint, or begin it if there is none."""
     view: bool = False
     """Show the newest agent in the browser while it learns."""
+    terms: bool = False
+    """Tell the return by the terms of the reward too."""
 
     def _trainer(self) -> Trainer:
         """Ready to train; a new run folder is begun only once its config has proved to work."""
@@ -69,7 +73,7 @@ class Train:
         from rans.fast.learn.trainer import Trainer, run_path
 
         if self.resume is not None:
-            if replace(self, resume=None, view=False) != Train():
+            if replace(self, resume=None, view=False, terms=False) != Train():
                 raise ConfigError("--resume takes everything from the run folder; give nothing else.")
             run = RunFolder(self.resume)
             config = run.config()
@@ -81,7 +85,7 @@ class Train:
         run = RunFolder(world.first_says(self.output or run_path(config)))
         trainer = Trainer([config], load_spacecraft(config.spacecraft), run, world)
         if world.is_first:
-            run.begin(config, shlex.join(["rans", *sys.argv[1:]]))
+            run.begin(config, command_line())
         return trainer
 
     def resolved(self) -> TrainConfig:
@@ -116,10 +120,11 @@ class Train:
                 trainer.train(lambda _: None, lambda: stop.asked)
             return 130 if stop.asked else 0
         watched = _watched(trainer.run.path) if self.view else contextlib.nullcontext()
-        with watched, TrainingProgress(trainer.config.total_timesteps) as progress, StopGently() as stop:
+        showing = TrainingProgress(trainer.config.total_timesteps, self.terms)
+        with watched, showing as progress, StopGently() as stop:
             trainer.train(lambda members: progress.show(members[0].rows[-1]), lambda: stop.asked)
         _draw(trainer.run)
-        print(_summary(trainer, stop.asked, time.monotonic() - STARTED))
+        Terminal().say(_summary(trainer, stop.asked, time.monotonic() - STARTED))
         return 130 if stop.asked else 0
 
 
@@ -187,11 +192,21 @@ def _change(table: dict[str, Any], change: str) -> None:
     for parent in parents:
         inner = inner.get(parent) if isinstance(inner, dict) else None
     if not isinstance(inner, dict) or last not in inner:
-        raise ConfigError(f"--set: the config has no {brief(key)}; its entries are in any run's config.json.")
+        near = meant(key, _keys(table))
+        raise ConfigError(f"--set: the config has no {brief(key)}{near}; `rans list TASK` and `rans list "
+                          "TRAINING` tell its entries, and any run's config.json.")
     try:
         inner[last] = json.loads(text)
     except ValueError:
         inner[last] = text
+
+
+def _keys(table: dict[str, Any], place: str = "") -> Iterator[str]:
+    """Every entry of a nested table, by its dotted name."""
+    for key, value in table.items():
+        yield place + key
+        if isinstance(value, dict):
+            yield from _keys(value, f"{place}{key}.")
 
 
 class StopGently:

@@ -14,7 +14,7 @@ import validation.study
 from rans.cli import main
 from rans.cli import train as training
 from rans.cli.list import _agent_details, layout_text
-from rans.cli.progress import TrainingProgress, describe
+from rans.cli.progress import TrainingProgress, describe, describe_terms
 from rans.cli.sweep import _table
 from rans.cli.sweep import describe as describe_sweep
 from rans.evaluation.measure.agreement import EngineComparison
@@ -40,9 +40,9 @@ def split(text: str) -> list[list[str]]:
 def test_progress_of_a_training() -> None:
     row = {"steps": 1_500_000, "success": 0.256, "steps_per_s": 250_000.0, "return/position": 12.4,
            "return/attitude": 3.6}
-    assert describe(row, 4_000_000) == (
-        "1.50 M steps, success 25.6%, return: position 12 attitude 4, 0.25 M steps/s, at most 10 s left")
-    assert describe(row, 1_000_000).endswith("at most 0 s left")
+    assert describe(row, 4_000_000) == "1.50 M steps, success 25.6%, return 16, 0.25 M/s, 0:00:10 left"
+    assert describe(row, 1_000_000).endswith("0:00:00 left")
+    assert describe_terms(row) == "return of 1.50 M steps: position 12 attitude 4"
 
 
 @pytest.mark.parametrize(("stopped", "solved", "share", "ending"), [
@@ -186,7 +186,7 @@ def test_horizons_of_optimal_trajectories() -> None:
 def test_notes_of_a_comparison_are_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str],
                                            monkeypatch: pytest.MonkeyPatch) -> None:
     """Also beside names that are no mark-up, and all files are written before."""
-    def fill(comparison: Any, *_: object, trust: bool) -> None:
+    def fill(comparison: Any, *_: object) -> None:
         comparison.notes.append("No certificate [/red].")
         comparison.failures.append("LQR [bold]failed.")
 
@@ -215,5 +215,5 @@ def test_the_last_line_of_a_training_is_always_told(capsys: pytest.CaptureFixtur
         for steps in (100, 200, 300):
             progress.show(row | {"steps": steps})
     told = capsys.readouterr().err.splitlines()
-    assert [line.partition(" at most ")[2] for line in told] == ["0 s left", "0 s left"]
-    assert told[0].startswith("training: 0.00 M steps, success 50.0%, return: position 1, ")
+    assert [line.rpartition(", ")[2] for line in told] == ["0:00:00 left", "0:00:00 left"]
+    assert told[0].startswith("training: 0.00 M steps, success 50.0%, return 1, ")

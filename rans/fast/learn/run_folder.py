@@ -47,7 +47,7 @@ class RunFolder:
         if self.config_file.exists():
             raise ConfigError(
                 f"{self.path} holds a training already; continue it with --resume {self.path}, or "
-                "choose another folder with --run.")
+                "choose another folder with --output.")
         files.write_text(self.spacecraft_file, craft or spacecraft_text(config.spacecraft))
         about = {"command": command, "environment": files.environment()}
         files.write_json(self.config_file, to_table(config) | {"about": about})
