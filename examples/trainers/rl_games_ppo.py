@@ -47,7 +47,8 @@ def config(steps: int) -> dict[str, Any]:
             "clip_value": True, "critic_coef": 1.0, "entropy_coef": 0.0, "grad_norm": 1.0, "ppo": True,
             "truncate_grads": True, "normalize_input": True, "normalize_value": True, "value_bootstrap": True,
             "normalize_advantage": True, "reward_shaper": {"scale_value": 0.1}, "score_to_win": 1e9,
-            "max_epochs": max(1, steps // (128 * 64)), "save_best_after": 10**9, "save_frequency": 0}}}
+            "max_epochs": max(1, steps // (128 * 64)), "save_best_after": 10**9, "save_frequency": 0,
+            "torch_compile": False}}}
 
 
 def train(steps: int) -> Runner:

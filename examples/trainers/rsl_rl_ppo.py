@@ -14,7 +14,8 @@ from tensordict import TensorDict
 import rans  # registers the environments
 
 CONFIG: dict[str, Any] = {
-    "num_steps_per_env": 64, "save_interval": 10_000, "obs_groups": {"actor": ["policy"], "critic": ["policy"]},
+    "num_steps_per_env": 64, "save_interval": 10_000,
+    "obs_groups": {"actor": ["policy"], "critic": ["policy"]},
     "actor": {"class_name": "MLPModel", "hidden_dims": [64, 64], "activation": "tanh",
               "distribution_cfg": {"class_name": "GaussianDistribution", "init_std": 1.0}},
     "critic": {"class_name": "MLPModel", "hidden_dims": [64, 64], "activation": "tanh"},
@@ -28,7 +29,8 @@ class Valves(VecEnv):
 
     def __init__(self, envs: Any) -> None:
         self.envs, self.num_envs, self.device, self.cfg = envs, envs.num_envs, envs.device, {}
-        self.num_actions, self.max_episode_length = envs.single_action_space.shape[0], envs.spec.max_episode_steps
+        self.num_actions = envs.single_action_space.shape[0]
+        self.max_episode_length = envs.spec.max_episode_steps
         self.episode_length_buf = torch.zeros(envs.num_envs, dtype=torch.long, device=envs.device)
         self.seen, _ = envs.reset(seed=0)
 

@@ -41,7 +41,8 @@ def train(steps: int) -> list[float]:
     adam, told = torch.optim.Adam(loss.parameters(), 1e-3), []
     for _ in range(max(1, steps // (N_ENVS * N_STEPS))):
         with torch.no_grad():
-            rollout = env.rollout(N_STEPS, policy, auto_reset=False, tensordict=state, break_when_any_done=False)
+            rollout = env.rollout(N_STEPS, policy, auto_reset=False, tensordict=state,
+                                  break_when_any_done=False)
             state = env.step_mdp(rollout[:, -1])
             advantage(rollout)
         told.append(float(rollout["next", "reward"].mean()))

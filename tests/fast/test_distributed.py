@@ -82,7 +82,8 @@ def test_two_processes_learn_what_one_does(tmp_path: Path, members: int) -> None
     if members > 1:
         torch.testing.assert_close(first["memory"], alone["memory"], rtol=0, atol=1e-9)
     for ours, theirs in zip(first["log"], alone["log"], strict=True):
-        for name in ("train/loss", "train/approx_kl", "train/grad_norm", "rollout/failure_rate", "rollout/ep_len_mean",
+        for name in ("train/loss", "train/approx_kl", "train/grad_norm", "rollout/failure_rate",
+                     "rollout/ep_len_mean",
                      "return/turn"):
             assert ours[name] == pytest.approx(theirs[name], rel=1e-9), name
     assert (first["any"], first["first"], second["first"]) == ((True, False), "from 0", "from 0")
