@@ -27,8 +27,7 @@ _DATA_COLUMNS = {2: 4, 3: 9}
 class Task(Settings, ABC):
     """A frozen dataclass of settings with pure functions over fields; no engine inside.
 
-    The same object serves the plane and space, and torch, NumPy and CasADi. A task never truncates: time
-    belongs to the engine.
+    The same object serves the plane and space, and every engine. It never truncates: time is the engine's.
     """
 
     symmetric: ClassVar[bool] = True
