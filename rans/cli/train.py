@@ -13,7 +13,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from tyro.conf import Positional, UseAppendAction, arg
 
@@ -65,6 +65,8 @@ class Train:
     """Show the newest agent in the browser while it learns."""
     terms: bool = False
     """Tell the return by the terms of the reward too."""
+    log: Annotated[tuple[Literal["hparams", "wandb", "mlflow"], ...], arg(metavar="NAME...")] = ()
+    """Tell others too: TensorBoard's table of hyper-parameters, Weights & Biases, MLflow."""
 
     def _trainer(self) -> Trainer:
         """Ready to train; a new run folder is begun only once its config has proved to work."""
@@ -73,7 +75,7 @@ class Train:
         from rans.fast.learn.trainer import Trainer, run_path
 
         if self.resume is not None:
-            if replace(self, resume=None, view=False, terms=False) != Train():
+            if replace(self, resume=None, view=False, terms=False, log=()) != Train():
                 raise ConfigError("--resume takes everything from the run folder; give nothing else.")
             run = RunFolder(self.resume)
             config = run.config()
@@ -113,7 +115,10 @@ class Train:
 
     def run(self) -> int:
         """Train with progress; 130 when it was stopped early."""
+        from rans.fast.learn.loggers import check, loggers
+
         compile_in_this_process()
+        check(self.log)
         trainer = self._trainer()
         if not trainer.processes.is_first:
             with StopGently() as stop:
@@ -121,8 +126,13 @@ class Train:
             return 130 if stop.asked else 0
         watched = _watched(trainer.run.path) if self.view else contextlib.nullcontext()
         showing = TrainingProgress(trainer.config.total_timesteps, self.terms)
+        others = loggers(self.log, trainer.config, trainer.run.path)
         with watched, showing as progress, StopGently() as stop:
-            trainer.train(lambda members: progress.show(members[0].rows[-1]), lambda: stop.asked)
+            trainer.train(lambda members: [one(members[0].rows[-1]) for one in
+                                           (progress.show, *(other.write for other in others))],
+                          lambda: stop.asked)
+        for other in others:
+            other.close()
         _draw(trainer.run)
         Terminal().say(_summary(trainer, stop.asked, time.monotonic() - STARTED))
         return 130 if stop.asked else 0
