@@ -56,5 +56,6 @@ def test_libraries_are_told_config_and_rows(name: str, tmp_path: Path,
 def test_what_is_not_installed_is_told(name: str) -> None:
     if importlib.util.find_spec(name) is not None:
         pytest.skip("it is installed")
-    with pytest.raises(ConfigError, match=f"--log {name} needs the package {name} .No module .* pip install {name}"):
+    said = f"--log {name} needs the package {name} .No module .* pip install {name}"
+    with pytest.raises(ConfigError, match=said):
         check([cast("LoggerName", name)])
