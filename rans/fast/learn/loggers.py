@@ -33,10 +33,15 @@ def check(names: Sequence[LoggerName]) -> None:
 
 
 def loggers(names: Sequence[LoggerName], config: TrainConfig, run: Path) -> list[Logger]:
-    """Those of these names, told the config of a run folder; raises as `check`."""
+    """Those of these names, told the config of a run folder; ConfigError where one cannot begin."""
     made = {"hparams": _Hparams, "wandb": _WandB, "mlflow": _MLflow}
-    settings = dict(_plain(to_table(config)))
-    return [made[name](settings, run) for name in dict.fromkeys(names)]
+    settings, found = dict(_plain(to_table(config))), list[Logger]()
+    for name in dict.fromkeys(names):
+        try:
+            found.append(made[name](settings, run))
+        except Exception as error:  # other people's services raise anything
+            raise ConfigError(f"--log {name} cannot begin: {first_line(error)}.") from error
+    return found
 
 
 class _Hparams:

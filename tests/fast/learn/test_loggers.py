@@ -52,6 +52,12 @@ def test_libraries_are_told_config_and_rows(name: str, tmp_path: Path,
     assert told[-1][0] in ("finish", "end_run")
 
 
+def test_a_service_that_refuses_is_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "wandb", cast("Any", SimpleNamespace(init=lambda **_: 1 / 0)))
+    with pytest.raises(ConfigError, match="--log wandb cannot begin: division by zero"):
+        loggers(["wandb"], CONFIG, tmp_path)
+
+
 @pytest.mark.parametrize("name", ["wandb", "mlflow"])
 def test_what_is_not_installed_is_told(name: str) -> None:
     if importlib.util.find_spec(name) is not None:
