@@ -12,8 +12,9 @@ from gymnasium import spaces
 from gymnasium.error import ResetNeeded
 
 from rans.episode import Episode, Mover, World, step
-from rans.errors import ConfigError
+from rans.errors import ConfigError, checked
 from rans.model.conditions import Conditions
+from rans.model.conditions_file import load_conditions
 from rans.model.dynamics import State
 from rans.model.fields import leaves, map_leaves
 from rans.model.spacecraft import Spacecraft
@@ -46,7 +47,7 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
         timing: control period, accuracy and length of an episode.
         render_mode: None; "rgb_array": `render` gives frames; "human": every `reset` and `step` shows one
             in the browser, at real time (see `rans.window.Window`).
-        conditions: what episodes do not promise; None: a perfect world.
+        conditions: what episodes do not promise, by name, TOML file or as such; None: a perfect world.
 
     Raises:
         ConfigError: one of these does not exist or does not fit the others.
@@ -57,16 +58,17 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
     def __init__(self, task_name: str, dimension: Dimension, *,
                  spacecraft: str | Path | Spacecraft | None = None, task: Task | None = None,
                  timing: Timing | None = None, render_mode: str | None = None,
-                 conditions: Conditions | None = None) -> None:
+                 conditions: str | Path | Conditions | None = None) -> None:
         self.render_mode = checked_render_mode(render_mode)
         self.craft, self.task = choose(task_name, dimension, spacecraft, task)
-        self.timing = timing or Timing()
+        self.timing = Timing() if timing is None else checked("timing", timing, Timing)
         self.observation_space = observation_space(self.task, dimension)
         self.action_space = action_space(self.craft)
         self.metadata = {**self.metadata, "render_fps": 1.0 / self.timing.control_period}
         self._seed: int | None = None
         self._episode = 0
-        self._world = World(self.craft, self.task, self.timing, conditions=conditions)
+        met = None if conditions is None else load_conditions(conditions)
+        self._world = World(self.craft, self.task, self.timing, conditions=met)
         self._move, self._now = self._mover(), None
         self._scene: Any = None
         self._window: Any = None
@@ -221,7 +223,7 @@ def choose(task_name: str, dimension: Dimension, spacecraft: str | Path | Spacec
         ConfigError: there is no such spacecraft or task, or it does not fit the environment.
     """
     craft = _DEFAULT_CRAFT[dimension] if spacecraft is None else spacecraft
-    craft = craft if isinstance(craft, Spacecraft) else load_spacecraft(craft)
+    craft = load_spacecraft(craft)
     if craft.dimension != dimension:
         raise ConfigError(f"this environment is for spacecraft of dimension {dimension}, got {craft.name!r} "
                           f"of dimension {craft.dimension}; environments named 2D fly in the plane, those "
@@ -229,11 +231,7 @@ def choose(task_name: str, dimension: Dimension, spacecraft: str | Path | Spacec
     wanted = TASKS[task_name]
     if task is None:
         return craft, wanted()
-    if isinstance(task, dict):
-        given = ", ".join(f"{key}={value!r}" for key, value in task.items())
-        raise ConfigError(f"task takes an object, no dict: {wanted.__name__}({given}) of "
-                          f"{wanted.__module__}.")
-    if not isinstance(task, wanted):
+    if isinstance(task, Task) and not isinstance(task, wanted):
         raise ConfigError(f"this environment is for {wanted.__name__} settings, got {task!r}; choose the "
                           "environment named after the task.")
-    return craft, task
+    return craft, checked("task", task, wanted)

@@ -2,6 +2,10 @@
 
 import difflib
 from collections.abc import Iterable
+from os import PathLike
+from typing import TypeVar
+
+T = TypeVar("T")
 
 
 def legible(text: str, longest: int = 2000) -> str:
@@ -20,6 +24,25 @@ def meant(name: str, known: Iterable[str]) -> str:
     """" (did you mean ...?)" where a known name is near, for the middle of a sentence."""
     near = difflib.get_close_matches(name, list(known), 1)
     return f" (did you mean {near[0]}?)" if near else ""
+
+
+def checked(what: str, value: object, kind: type[T]) -> T:
+    """The value, if it is of this class; else a `ConfigError`, which tells who gave a dict what to write."""
+    if isinstance(value, kind):
+        return value
+    name = f"{'rans' if kind.__module__.startswith('rans.') else kind.__module__}.{kind.__name__}"
+    if isinstance(value, dict):
+        given = ", ".join(f"{key}={brief(inner)}" for key, inner in value.items())
+        raise ConfigError(f"{what} takes an object, no dict: {name}({given}).")
+    raise ConfigError(f"{what} must be a {name}, got {brief(value)}.")
+
+
+def named(what: str, value: object, kind: type) -> str:
+    """The text of a name or a path; `ConfigError` else, see `checked`."""
+    if isinstance(value, str | PathLike):
+        return str(value)
+    checked(f"{what}, unless it is a name or a file,", value, kind)
+    raise ConfigError(f"{what} must be a name or a file here, got {brief(value)}.")
 
 
 class RansError(Exception):

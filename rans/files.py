@@ -9,6 +9,7 @@ import json
 import math
 import os
 import platform
+import shlex
 import stat
 import subprocess
 import sys
@@ -106,17 +107,22 @@ class Lock:
 
 
 def ready_folder(folder: Path) -> Path:
-    """The folder, made if it is missing: results of long work will find their place.
+    """The folder, where results of long work will find their place; a missing one is made by the first.
 
     Raises:
         ConfigError: it cannot be, or nothing can be written there.
     """
+    missing = [one for one in (folder, *folder.parents) if not one.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        ready = os.access(folder, os.W_OK | os.X_OK)
+        with contextlib.suppress(OSError):  # another process is at work there
+            for one in missing:  # so that work that fails leaves no empty folder
+                one.rmdir()
     except OSError as error:
         reason = error.strerror or error
         raise ConfigError(f"cannot write into {folder}: {reason}; choose another folder.") from error
-    if not os.access(folder, os.W_OK | os.X_OK):
+    if not ready:
         raise ConfigError(f"cannot write into {folder}: permission denied; choose another folder.")
     return folder
 
@@ -208,6 +214,11 @@ def environment() -> dict[str, str]:
     return {**{name: _version(name) for name in _PACKAGES}, "revision": git_revision(),
             "python": platform.python_version(), "system": system, "processor": _processor(),
             "cores": str(os.cpu_count()), "gpu": gpu}
+
+
+def command_line() -> str:
+    """The command that runs, as it can be typed again."""
+    return shlex.join(["rans", *sys.argv[1:]])
 
 
 def git_revision() -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from textwrap import fill
 from typing import Any
 
 from rich.console import Console, JustifyMethod
@@ -14,6 +15,12 @@ from rans.errors import legible
 
 _LONGEST = 20_000
 """Characters of one cell or sentence: more than any of ours has."""
+
+
+_FRAME = 3
+"""Characters between two columns of a table."""
+_HEADING = 12
+"""Characters of a heading that is broken between words."""
 
 
 class Terminal(Console):
@@ -28,9 +35,49 @@ class Terminal(Console):
         if not self.is_terminal:
             self.width = max(self.width, room)
 
+    def say(self, text: str) -> None:
+        """A sentence: lines break between words on a terminal, and nowhere in a file or a drawing."""
+        self.print(text, soft_wrap=not self.is_terminal or "\n" in text)
+
+    def show(self, title: str, columns: Sequence[str], rows: Iterable[Sequence[Any]],
+             shorter: Iterable[Sequence[Any]] | None = None, caption: str = "") -> None:
+        """A table; where it is too wide, with broken headings and shorter cells, which the caption tells of.
+
+        Where it is still too wide, it becomes several, with some of its columns each, and the first in all.
+        """
+        kept, note = _texts(rows), ""
+        if len(_fitting(columns, kept, self.width)) > 1:
+            columns = [columns[0], *(fill(name, _HEADING) for name in columns[1:])]
+            kept, note = (kept, "") if shorter is None else (_texts(shorter), caption)
+        groups = _fitting(columns, kept, self.width)
+        for number, some in enumerate(groups):
+            cells = [[row[0], *(row[k] for k in some)] for row in kept]
+            self.print(table("" if number else title, [columns[0], *(columns[k] for k in some)], cells))
+        if note:
+            self.say(note)
+
     def render_str(self, text: str, **options: Any) -> Text:
         """Every text of a table or a sentence passes here."""
         return super().render_str(legible(text, _LONGEST), **options)
+
+
+def _texts(rows: Iterable[Sequence[Any]]) -> list[list[str]]:
+    return [["-" if cell is None else str(cell) for cell in row] for row in rows]
+
+
+def _fitting(columns: Sequence[str], rows: Sequence[Sequence[str]], width: int) -> list[list[int]]:
+    """Numbers of the columns after the first, in groups that fit beside it; one at least in each."""
+    first, *widths = (_FRAME + max(len(line) for cell in column for line in (cell.splitlines() or [""]))
+                      for column in zip(columns, *rows, strict=True))
+    groups: list[list[int]] = [[]]
+    left = width - first - 1
+    for number, needed in enumerate(widths, 1):
+        if groups[-1] and needed > left:
+            groups.append([])
+            left = width - first - 1
+        groups[-1].append(number)
+        left -= needed
+    return groups
 
 
 def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[Any]], caption: str = "",

@@ -75,6 +75,8 @@ def test_places_that_cannot_be_written(tmp_path: Path) -> None:
 def test_a_folder_is_made_ready_before_the_work(tmp_path: Path) -> None:
     wanted = tmp_path / "runs" / "new"
     assert ready_folder(wanted) == wanted
+    assert not wanted.parent.exists()  # work that fails leaves no empty folder
+    wanted.mkdir(parents=True)
     assert ready_folder(wanted).is_dir()
     (tmp_path / "file").write_text("")
     for impossible in (tmp_path / "file", tmp_path / "file" / "runs"):

@@ -14,13 +14,14 @@ from typing import Any
 import pytest
 import torch
 
+import rans
 from rans.cli import COMMANDS, _parse
-from rans.cli.list import _field_meanings
 from rans.fast.learn.config import PPOSettings
 from rans.model.conditions import Conditions, SensorsConditions
 from rans.model.conditions_file import CONDITIONS
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import parse_spacecraft
+from rans.shown import meanings
 from rans.structure import structure
 from rans.tasks import GoToPose, observation_columns
 
@@ -31,7 +32,8 @@ every_page = pytest.mark.parametrize("page", PAGES, ids=[page.name for page in P
 
 def blocks(page: Path, language: str) -> list[str]:
     """Code blocks of a language."""
-    return re.findall(rf"^```{language}\n(.*?)^```$", page.read_text("utf-8"), re.DOTALL | re.MULTILINE)
+    found = re.findall(r"^```([^\n]*)\n(.*?)^```$", page.read_text("utf-8"), re.DOTALL | re.MULTILINE)
+    return [text for own, text in found if own == language]
 
 
 def rows(page: Path, heading: str) -> list[list[str]]:
@@ -42,9 +44,24 @@ def rows(page: Path, heading: str) -> list[list[str]]:
     return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines[first:end]]
 
 
+def test_examples_of_the_python_page_run() -> None:
+    names: dict[str, Any] = {}
+    for example in blocks(ROOT / "docs" / "python.md", "python"):
+        exec(example, names)
+    assert names["engine"].num_envs == 64
+    assert names["observation"].shape == (10,)
+
+
+def test_the_python_page_has_every_function() -> None:
+    told = [row[0].strip("`").removeprefix("rans.").partition("(")[0]
+            for row in rows(ROOT / "docs" / "python.md", "function")]
+    assert sorted(told) == sorted(name for name in rans.__all__
+                                  if getattr(getattr(rans, name), "__module__", "") == "rans.api")
+
+
 def test_python_examples_run() -> None:
     examples = blocks(ROOT / "README.md", "python")
-    assert len(examples) == 3
+    assert len(examples) == 4
     names: dict[str, Any] = {}
     for example in examples:
         exec(example, names)
@@ -118,14 +135,14 @@ def test_the_conditions_page_has_all_keys_with_their_defaults_and_units() -> Non
 
 def described(given: Any, place: str = "") -> Iterator[tuple[str, tuple[Any, str]]]:
     """Every key of a dataclass of dataclasses, its default as TOML has it, and the text under its field."""
-    meanings = _field_meanings(type(given))
+    told = meanings(type(given))
     for one in dataclasses.fields(given):
         value = getattr(given, one.name)
         if dataclasses.is_dataclass(value):
             yield from described(value, f"{place}{one.name}.")
         else:
             plain = [] if value is None else list(value) if isinstance(value, tuple) else value
-            yield place + one.name, (plain, meanings[one.name])
+            yield place + one.name, (plain, told[one.name])
 
 
 def test_the_training_page_has_the_memory_settings_with_their_defaults() -> None:

@@ -39,3 +39,47 @@ def test_a_file_has_room(capsys: pytest.CaptureFixture[str], monkeypatch: pytest
     monkeypatch.setenv("COLUMNS", "40")
     assert Terminal(room=110).width == 110
     assert Terminal().width == 40
+
+
+WIDE = ("score", "go-to-pose-2d-robust", "mpc", "python:my_policy:act")
+ROWS = [("settled, %", "100 (97 to 100)", "99", None), ("thrust-time of the episode, N s", "27.8", "2", "3")]
+SHORT = [("settled, %", "100", "99", None), ROWS[1]]
+
+
+def test_a_table_that_does_not_fit_is_several(capsys: pytest.CaptureFixture[str],
+                                              monkeypatch: pytest.MonkeyPatch) -> None:
+    """In 60 columns: first column in each, every cell once and whole, shorter ones where there are some."""
+    monkeypatch.setenv("COLUMNS", "60")
+    Terminal().show("Title", WIDE, ROWS)
+    text = capsys.readouterr().out
+    assert text.count("settled, %") == text.count("thrust-time of the episode, N s") == 2
+    for cell in ("100 (97 to 100)", "99", "27.8"):
+        assert text.count(cell) == 1
+    assert max(map(len, text.splitlines())) <= 60
+    Terminal().show("Title", WIDE, ROWS, SHORT, "Shorter.")
+    text = capsys.readouterr().out
+    assert "(97 to 100)" not in text
+    assert text.endswith("Shorter.\n")
+    assert "go-to-pose-" in text  # a heading breaks at hyphens
+
+
+def test_a_table_that_fits_is_one_and_whole(capsys: pytest.CaptureFixture[str],
+                                            monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "100")
+    Terminal().show("Title", WIDE, ROWS, SHORT, "Shorter.")
+    text = capsys.readouterr().out
+    assert text.startswith("Title")
+    for once in ("settled, %", "100 (97 to 100)", "go-to-pose-2d-robust"):
+        assert text.count(once) == 1
+    assert "Shorter." not in text
+
+
+def test_a_sentence_breaks_between_words_on_a_terminal_only(capsys: pytest.CaptureFixture[str],
+                                                            monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "20")
+    Terminal().say("words that are many in a line")
+    assert capsys.readouterr().out == "words that are many in a line\n"
+    monkeypatch.setenv("FORCE_COLOR", "1")  # what Rich takes for a terminal
+    Terminal().say("words that are many in a line")
+    lines = [line.strip() for line in capsys.readouterr().out.splitlines()]
+    assert lines == ["words that are many", "in a line"]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gc
 import os
-import shlex
 import shutil
 import sys
 from dataclasses import asdict, dataclass
@@ -13,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from rans.cli import laboratory
 from rans.errors import ConfigError
-from rans.files import environment, ready_folder, write_json, write_text
+from rans.files import command_line, environment, ready_folder, write_json, write_text
 from rans.model.spacecraft_file import load_spacecraft
 from rans.tasks import TASKS
 from rans.terminal import Terminal, table
@@ -117,7 +116,7 @@ class Benchmark:
         content: dict[str, Any] = {
             "ratios": [asdict(r) for r in (*ratios, *shares)], "measurements": [asdict(m) for m in measured],
             "peers": [asdict(p) for p in peers], "environment": about,
-            "command": shlex.join(["rans", *sys.argv[1:]])}
+            "command": command_line()}
         write_json(file, content)
         figure = file.with_suffix(".svg")
         write_text(figure, svg(speed_figure(_hardware(about), measured, ratios)))

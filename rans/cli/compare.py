@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -12,20 +13,22 @@ import tyro
 from rans.cli import check_count
 from rans.errors import ConfigError
 from rans.evaluation.fly.controllers import BESIDE, CONTROLLERS
-from rans.files import ready_folder, write_json
+from rans.files import command_line, ready_folder, write_json
 from rans.scenario import EVALUATION_SEED
-from rans.terminal import Terminal, progress, table
+from rans.terminal import Terminal, progress
 
 if TYPE_CHECKING:
     from rans.evaluation.compare.run import Comparison
+    from rans.evaluation.measure.statistics import Estimate
 
 
 @dataclass(frozen=True)
 class Compare:
     """Fly agents, your own policies and simple controllers from the same starts, beside what is possible.
 
-    Writes compare.html and compare.json. A contestant that fails is named, the rest is still compared,
-    and the exit code is 1. docs/comparison.md explains how it is judged.
+    Writes compare.html and compare.json. All contestants are checked before any flies; one that fails in
+    flight is named, the rest is still compared, and the exit code is 1. docs/comparison.md explains how they
+    are judged.
     """
 
     contestants: Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="RUN...")]
@@ -51,7 +54,7 @@ class Compare:
 
     def run(self) -> int:
         """Print the table of scores."""
-        from rans.evaluation.compare.roster import contest_of
+        from rans.evaluation.compare.roster import contest_of, enlisted
         from rans.evaluation.compare.run import Comparison, fill
         from rans.evaluation.fly.contestants import output_folder
 
@@ -62,35 +65,37 @@ class Compare:
         if self.certified < 0:
             raise ConfigError(f"--certified must be >= 0, got {self.certified}.")
         check_count("--episodes", self.episodes)
-        comparison = Comparison(contest_of(self.contestants[0], self.episodes, self.seed, self.engine,
-                                             self.conditions))
+        contest = contest_of(self.contestants[0], self.episodes, self.seed, self.engine, self.conditions)
+        comparison, flying = Comparison(contest), enlisted(self.contestants, contest, self.trust)
         folder = ready_folder(self.output or output_folder(self.contestants[0]))
         try:
             with progress() as bars:
-                fill(comparison, self.contestants, self.beside, self.certified,
-                     folder / "compare-bounds.json",
-                     lambda what, count: partial(bars.advance, bars.add_task(what, total=count)),
-                     trust=self.trust)
+                fill(comparison, flying, self.beside, self.certified, folder / "compare-bounds.json",
+                     lambda what, count: partial(bars.advance, bars.add_task(what, total=count)))
         finally:  # also after Ctrl-C: what is finished is kept
             _write(comparison, folder)
         return 1 if comparison.failures else 0
 
 
 def _write(comparison: Comparison, folder: Path) -> None:
+    from rans.evaluation.measure.statistics import figure
     from rans.show.comparison_page import TEXT, page
     from rans.show.comparison_tables import gap_names, gap_rows, gaps, scoreboard, to_json
 
     console, board = Terminal(), scoreboard(comparison)
     write_json(folder / "compare.json", to_json(comparison, TEXT))
-    page(comparison).write(folder / "compare.html")
+    page(comparison, command_line()).write(folder / "compare.html")
     if board:
         keys = dict.fromkeys(key for row in board.values() for key in row)
-        console.print(table(comparison.contest.title(), ("", *board),
-                            [(key, *(row[key].text() for row in board.values())) for key in keys]))
+        def cells(text: Callable[[Estimate], str]) -> list[tuple[str, ...]]:
+            return [(key, *(text(row[key]) for row in board.values())) for key in keys]
+
+        console.show(comparison.contest.title(), ("", *board), cells(lambda one: one.text()),
+                     cells(lambda one: figure(one.value)), "A wider terminal shows intervals too.")
     if found := gaps(comparison):
         starts = len(comparison.certified_starts())
-        console.print(table(f"Median multiple of the bound of the same event, {starts} starts",
-                            ("event", *gap_names(found)), gap_rows(found)))
+        console.show(f"Median multiple of the bound of the same event, {starts} starts",
+                     ("event", *gap_names(found)), gap_rows(found))
     for sentence in (*comparison.notes, *comparison.failures):
-        console.print(sentence, soft_wrap=True)
-    console.print(f"Written to {folder / 'compare.html'} and compare.json.")
+        console.say(sentence)
+    console.say(f"Written to {folder / 'compare.html'} and compare.json.")

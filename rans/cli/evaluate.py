@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
-import sys
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -12,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from tyro.conf import Positional, arg
 
 from rans.cli import check_count
-from rans.files import environment, read_json, ready_folder, write_json
+from rans.files import command_line, environment, read_json, ready_folder, write_json
 from rans.scenario import EVALUATION_SEED
 from rans.terminal import Terminal, progress
 
@@ -153,7 +151,12 @@ class Evaluate:
         before = read_json(file) if file.exists() else {}
         if not isinstance(before, dict) or before.get("conditions") != conditions:
             before = {}
+<<<<<<< HEAD
         write_json(file, before | results | {"conditions": conditions, "about": _about()})
+=======
+        about = {"command": command_line(), "environment": environment()}
+        write_json(file, before | results | {"conditions": conditions, "about": about})
+>>>>>>> main
         save_episodes(flight, folder / f"episodes{suffix}.npz", self.trajectories)
         save_flight_figures(flight, folder, suffix)
         return file

@@ -2,29 +2,37 @@
 
 from __future__ import annotations
 
-import ast
-import dataclasses
-import inspect
-import itertools
+import json
 import math
+import tomllib
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Annotated, Any
 
-from rich.table import Table
 from tyro import conf
 
-from rans.errors import ConfigError, meant
+from rans.errors import ConfigError, legible, meant
 from rans.evaluation.fly.controllers import CONTROLLERS
-from rans.files import number
-from rans.model.conditions_file import CONDITIONS
+from rans.files import number, plain, read_text
+from rans.model.conditions import Conditions
+from rans.model.conditions_file import CONDITIONS, load_conditions
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import SPACECRAFT, load_spacecraft, spacecraft_names
+from rans.model.timing import Timing
 from rans.pretrained import pretrained_card, pretrained_folder, pretrained_names
 from rans.registry import Registry
-from rans.tasks import TASKS, gymnasium_ids, observation_columns
-from rans.terminal import Terminal, table
+from rans.show.listing import (
+    Listing,
+    settings_listing,
+    space,
+    spacecraft_listing,
+    task_listings,
+    thruster_listing,
+)
+from rans.tasks import TASKS, gymnasium_ids, load_task, observation_columns
+from rans.tasks.formula import reward_formulas
+from rans.terminal import Terminal
 
 _ARROWS = "→↗↑↖←↙↓↘"
 _TOWARDS, _AWAY = "⊙", "⊗"
@@ -38,54 +46,70 @@ class List:
 
     name: Annotated[str | None, conf.Positional, conf.arg(metavar="[NAME]")] = None
     """A spacecraft, a task, an agent, a controller, conditions (the word CONDITIONS for all of them), or the
-    .toml file of your own spacecraft."""
+    .toml file of your own spacecraft or conditions; TRAINING: the settings of a training."""
     picture: Annotated[Path | None, conf.arg(metavar="FILE")] = None
     """Save a drawing of the spacecraft's thrusters here (.png, .svg or .pdf)."""
+    json: bool = False
+    """Print JSON, for other programs, with numbers as numbers."""
 
     def run(self) -> int:
         """Print; 0 unless the name or the picture's file is wrong, which raises `ConfigError`."""
-        console = Terminal()
-        for part in self._parts():
-            console.print(part, soft_wrap=isinstance(part, str))
-        return 0
-
-    def _parts(self) -> Iterable[str | Table]:
-        crafts, agents = spacecraft_names(), pretrained_names()
-        if self.picture is not None and (self.name is None or self.name in TASKS or self.name in agents):
+        kind = self._kind()
+        if self.picture is not None and kind != "spacecraft":
             raise ConfigError(f"--picture {self.picture} draws one spacecraft: name it, for example "
                               f"rans list floating-platform --picture {self.picture}.")
+        if self.picture is not None:
+            from rans.drawing import draw_layout, save_picture
+
+            save_picture(draw_layout(load_spacecraft(self._named)), self.picture)
+        if self.json:
+            print(json.dumps(plain(_FACTS[kind](self._named)), indent=2, ensure_ascii=False))
+        else:
+            console = Terminal()
+            for part in _PARTS[kind](self._named):
+                if isinstance(part, Listing):
+                    console.print(part.table())
+                else:
+                    console.say(part)
+        if self.picture is not None and not self.json:
+            print(f"Picture: {self.picture}")
+        return 0
+
+    @property
+    def _named(self) -> str:
+        return (self.name or "").removeprefix("pretrained:")
+
+    def _kind(self) -> str:
+        """What the name is of, as `_PARTS` knows it."""
+        name = self._named
         if self.name is None:
-            controllers = ", ".join(_named(CONTROLLERS, name) for name in CONTROLLERS)
-            return (_all_spacecraft(), _all_tasks(), _all_conditions(),
-                    f"Controllers (NAME:TASK-2d): {controllers}", *([_all_agents()] if agents else []))
-        if self.name.lower() == "conditions":
-            return (_all_conditions(),)
-        if self.name in CONDITIONS:
-            return (CONDITIONS[self.name].text.rstrip(),)
-        if self.name in TASKS:
-            return _task_details(self.name)
-        if (agent := self.name.removeprefix("pretrained:")) in agents:
-            return _agent_details(agent)
-        if self.name in CONTROLLERS:
-            return (f"{self.name}: {_summary(CONTROLLERS[self.name])}",
-                    f"As a contestant {self.name}:go-to-pose-2d, or {self.name} after a first one.")
-        if self.name not in crafts and ":" not in self.name and not self.name.endswith(".toml"):
-            near = meant(self.name, [*crafts, *TASKS, *CONDITIONS, *CONTROLLERS, *agents])
-            raise ConfigError(
-                f"there is no spacecraft, task, agent, controller or set of conditions named {self.name!r}"
-                f"{near}; known spacecraft are {', '.join(crafts)}; known tasks are {', '.join(TASKS)}; "
-                f"known conditions are {', '.join(CONDITIONS)}; known controllers are "
-                f"{', '.join(CONTROLLERS)}; known agents are {', '.join(agents) or 'none'}; your own "
-                "spacecraft's file must end in .toml.")
-        craft = load_spacecraft(self.name)
-        if self.picture is None:
-            return _spacecraft_details(craft)
-        from rans.drawing import draw_layout, save_picture
-
-        save_picture(draw_layout(craft), self.picture)
-        return (*_spacecraft_details(craft), f"Picture: {self.picture}")
+            return "everything"
+        if name.lower() in ("conditions", "training"):
+            return f"all {name.lower()}"
+        known: dict[str, Iterable[str]] = {
+            "conditions": CONDITIONS, "task": TASKS, "agent": pretrained_names(), "controller": CONTROLLERS,
+            "spacecraft": spacecraft_names()}
+        for kind, names in known.items():
+            if name in names:
+                return kind
+        if name.endswith(".toml"):
+            return _kind_of_file(Path(name))
+        if ":" in name:
+            return "spacecraft"
+        near = meant(name, [one for names in known.values() for one in names])
+        raise ConfigError(
+            f"there is no spacecraft, task, agent, controller or set of conditions named {name!r}{near}; "
+            + "; ".join(f"known are the {kind} {', '.join(names)}" for kind, names in known.items())
+            + "; your own file of a spacecraft or of conditions must end in .toml.")
 
 
+def _kind_of_file(file: Path) -> str:
+    """Whether its keys are those of conditions; what is neither is told by the spacecraft's reader."""
+    try:
+        keys = tomllib.loads(read_text(file)).keys()
+    except (ValueError, RecursionError):
+        return "spacecraft"
+    return "conditions" if keys and keys <= {one.name for one in fields(Conditions)} else "spacecraft"
 
 
 def layout_text(craft: Spacecraft) -> str:
@@ -127,29 +151,42 @@ def _put(cells: dict[tuple[int, int], str], place: Sequence[float], text: str) -
     cells.update({(row, c): letter for c, letter in zip(span, text, strict=True)})
 
 
-def _all_spacecraft() -> Table:
+def _everything(_: str) -> Iterable[str | Listing]:
+    yield _all_spacecraft()
+    yield _all_tasks()
+    yield _all_conditions("")
+    yield f"Controllers (NAME:TASK-2d): {', '.join(_named(CONTROLLERS, name) for name in CONTROLLERS)}"
+    if pretrained_names():
+        yield _all_agents()
+
+
+def _all_spacecraft() -> Listing:
     def row(name: str) -> tuple[str, ...]:
         c = SPACECRAFT[name].craft
-        return _space(c), f"{c.mass:g} kg", f"{len(c.thrusters)} x {_forces(c)}", c.thrust_sharing
+        return space(c), f"{c.mass:g} kg", c.thrust, c.thrust_sharing
 
-    return table("Spacecraft", ("name", "moves in", "mass", "thrusters", "thrust sharing"), [
-        (_named(SPACECRAFT, name), *_or_why_not(row, name)) for name in SPACECRAFT])
+    return Listing("Spacecraft", ("name", "moves in", "mass", "thrusters", "thrust sharing"), [
+        _filled((_named(SPACECRAFT, name), *_or_why_not(row, name)), 5) for name in SPACECRAFT])
 
 
-def _all_tasks() -> Table:
+def _all_tasks() -> Listing:
     def row(name: str) -> tuple[str, ...]:
         return _flag(TASKS[name]), _summary(TASKS[name])
 
-    return table("Tasks", ("name, Gymnasium ids", "flag", "what"), [
+    return Listing("Tasks", ("name, Gymnasium ids", "flag", "what"), [
         ("\n  ".join((_named(TASKS, n), *gymnasium_ids(n))), *_or_why_not(row, n)) for n in TASKS])
 
 
-def _all_conditions() -> Table:
+def _all_conditions(_: str) -> Listing:
     def row(name: str) -> tuple[str, ...]:
         return (CONDITIONS[name].conditions.description,)
 
-    return table("Conditions (rans list NAME tells every number and its source)", ("name", "what"),
-                 [(_named(CONDITIONS, name), *_or_why_not(row, name)[-1:]) for name in CONDITIONS])
+    return Listing("Conditions (rans list NAME tells every number and its source)", ("name", "what"),
+                   [(_named(CONDITIONS, name), *_or_why_not(row, name)[-1:]) for name in CONDITIONS])
+
+
+def _filled(row: tuple[str, ...], count: int) -> tuple[str, ...]:
+    return (*row, *("",) * (count - len(row)))
 
 
 def _named(registry: Registry[Any], name: str) -> str:
@@ -165,9 +202,9 @@ def _or_why_not(row: Callable[[str], tuple[str, ...]], name: str) -> tuple[str, 
         return "", str(error)
 
 
-def _all_agents() -> Table:
+def _all_agents() -> Listing:
     cards = map(pretrained_card, pretrained_names())
-    return table("Agents (pretrained:NAME)", ("name", "spacecraft", "solved"), [
+    return Listing("Agents (pretrained:NAME)", ("name", "spacecraft", "solved"), [
         (card["name"], card["spacecraft"], _solved(card)) for card in cards])
 
 
@@ -178,7 +215,7 @@ def _solved(card: dict[str, Any]) -> str:
     return f"{low:.4g} %" if low == high else f"{low:.4g} to {high:.4g} %"
 
 
-def _agent_details(name: str) -> Iterable[str | Table]:
+def _agent_details(name: str) -> Iterable[str | Listing]:
     from rans.evaluation.measure.statistics import figure
 
     card = pretrained_card(name)
@@ -189,79 +226,82 @@ def _agent_details(name: str) -> Iterable[str | Table]:
            f"seed {card['evaluation_seed']}.")
     for protocol, parts in card["evaluation"].items():
         for part, values in parts.items():
-            yield table(f"Protocol {protocol} {part}".rstrip(), ("metric", "value", "95 % interval"), [
+            yield Listing(f"Protocol {protocol} {part}".rstrip(), ("metric", "value", "95 % interval"), [
                 (metric, f"{figure(value)} {unit if math.isfinite(value) else ''}".rstrip(),
                  f"{figure(low)} to {figure(high)}")
                 for metric, (*three, unit) in values.items() for value, low, high in [map(number, three)]])
 
 
-def _spacecraft_details(craft: Spacecraft) -> Iterable[str | Table]:
-    axes, moments = craft.dimension, "\n".join(_vector(row, 4) for row in craft.inertia)
-    yield table(craft.name, ("property", "value"), [
-        ("moves in", _space(craft)),
-        ("mass", f"{craft.mass:g} kg"),
-        ("inertia about the centre of mass, kg m²", moments),
-        ("centre of mass, m", _vector(craft.centre_of_mass[:axes], 4)),
-        ("outer radius", f"{craft.radius:g} m"),
-        ("thrust sharing", craft.thrust_sharing)])
-    yield table("Thrusters", ("", "position, m", "direction", "force, N", "torque, N m"), [
-        (str(i), *(_vector(v) for v in (t.position[:axes], t.direction[:axes], (t.force,), w[axes:])))
-        for i, (t, w) in enumerate(zip(craft.thrusters, craft.wrench_map, strict=True))])
+def _spacecraft_details(name: str) -> Iterable[str | Listing]:
+    craft = load_spacecraft(name)
+    yield spacecraft_listing(craft)
+    yield thruster_listing(craft)
     yield f"\n{layout_text(craft)}\n"
     yield f"x to the right, y up; arrows are forces on the craft; {_TOWARDS} towards you, {_AWAY} away."
 
 
-def _task_details(name: str) -> Iterable[str | Table]:
-    task = TASKS[name]()
-    yield f"{name}: {_summary(TASKS[name])}"
+def _task_details(name: str) -> Iterable[str | Listing]:
+    task = load_task(name)
+    yield f"{name}: {_summary(type(task))}"
     yield f"Gymnasium: {', '.join(gymnasium_ids(name))}; task flag: {_flag(task)}"
-    meanings = _field_meanings(TASKS[name])
-    yield table("Settings", ("name", "default", "meaning"), [
-        (f.name, _setting(getattr(task, f.name)), meanings.get(f.name, ""))
-        for f in dataclasses.fields(task)])
-    shown = {"the plane": observation_columns(task, 2), "space": observation_columns(task, 3)}
-    for where, columns in shown.items():
-        yield table(f"Observation in {where}", ("column", "what", "unit", "frame"), [
-            (str(index), *column) for index, column in enumerate(columns)])
+    yield from task_listings(task, "settings.")
+    yield "Any of these: rans train --set settings.NAME=VALUE. Those of every training: rans list TRAINING."
+
+
+def _training_details(_: str) -> list[Listing]:
+    from rans.fast.learn.config import PPOSettings
+
+    return [settings_listing(PPOSettings(), "ppo.", "Settings of the learner, before a task's preset"),
+            settings_listing(Timing(), "timing.", "Time")]
+
+
+def _conditions_details(name: str) -> Iterable[str]:
+    load_conditions(name)  # says what is wrong with it
+    yield (CONDITIONS[name].text if name in CONDITIONS else legible(read_text(Path(name)), 20_000)).rstrip()
+
+
+def _controller_details(name: str) -> Iterable[str]:
+    yield f"{name}: {_summary(CONTROLLERS[name])}"
+    yield f"As a contestant {name}:go-to-pose-2d, or {name} after a first one."
+
+
+_PARTS: dict[str, Callable[[str], Iterable[str | Listing]]] = {
+    "everything": _everything, "spacecraft": _spacecraft_details, "task": _task_details,
+    "all conditions": lambda _: [_all_conditions("")], "conditions": _conditions_details,
+    "all training": _training_details, "controller": _controller_details, "agent": _agent_details}
+"""What is printed of a name, by what it is of."""
 
 
 def _flag(task: object) -> str:
     return str(getattr(task, "flag", "drawn"))
 
 
-def _field_meanings(described: type) -> dict[str, str]:
-    """The texts under a dataclass's fields, which Python itself does not keep."""
-    meanings = {}
-    parts: list[type] = [part for part in reversed(described.__mro__) if dataclasses.is_dataclass(part)]
-    for part in parts:
-        written: Any = ast.parse(inspect.getsource(part)).body[0]
-        for field, text in itertools.pairwise(written.body):
-            match field, text:
-                case ast.AnnAssign(ast.Name(name)), ast.Expr(ast.Constant(str(meaning))):
-                    meanings[name] = " ".join(meaning.split())
-    return meanings
+def _task_facts(name: str) -> dict[str, Any]:
+    task: Any = load_task(name)
+    parts = task.parts()
+    return {"summary": _summary(type(task)), "gymnasium": gymnasium_ids(name), "settings": asdict(task),
+            "flag": getattr(task, "flag", None),
+            "reward": {part or name: reward_formulas(one) for part, one in parts.items()},
+            "tolerances": {part or name: one.tolerances() for part, one in parts.items()},
+            "observation": {"2": observation_columns(task, 2), "3": observation_columns(task, 3)}}
 
 
-def _setting(value: object) -> str:
-    if dataclasses.is_dataclass(value):
-        return "its defaults"
-    if isinstance(value, tuple):
-        return ", ".join(_setting(x) for x in value)
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
+def _spacecraft_facts(name: str) -> dict[str, Any]:
+    craft = load_spacecraft(name)
+    return asdict(craft) | {"actuators": {"kind": craft.actuators.kind, **asdict(craft.actuators)},
+                            "wrench_map": craft.wrench_map}
 
 
-def _space(craft: Spacecraft) -> str:
-    return "plane, 3DoF" if craft.dimension == 2 else "space, 6DoF"
-
-
-def _forces(craft: Spacecraft) -> str:
-    forces = sorted({t.force for t in craft.thrusters})
-    return f"{forces[0]:g} N" if len(forces) == 1 else f"{forces[0]:g} to {forces[-1]:g} N"
-
-
-def _vector(numbers: Iterable[float], digits: int = 3) -> str:
-    # Rounding first and adding zero turns -0 and rounding errors into 0.
-    return "  ".join(f"{round(x, 9) + 0.0:.{digits}g}" for x in numbers)
+_FACTS: dict[str, Callable[[str], Any]] = {
+    "spacecraft": _spacecraft_facts, "task": _task_facts, "agent": pretrained_card,
+    "conditions": lambda name: asdict(load_conditions(name)),
+    "controller": lambda name: {"summary": _summary(CONTROLLERS[name])},
+    "all conditions": lambda _: {name: CONDITIONS[name].conditions.description for name in CONDITIONS},
+    "all training": lambda _: {part.title: part.to_json() for part in _training_details("")},
+    "everything": lambda _: {
+        "spacecraft": list(SPACECRAFT), "tasks": list(TASKS), "agents": pretrained_names(),
+        "conditions": list(CONDITIONS), "controllers": list(CONTROLLERS)}}
+"""The same as plain values."""
 
 
 def _summary(described: object) -> str:

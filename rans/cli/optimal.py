@@ -67,10 +67,13 @@ class Optimal:
         """Print a table of the starts."""
         from rans.evaluation.compare.optima import optima, table, write
         from rans.optimal.trajectory.arrival import aims
+        from rans.optimal.trajectory.objectives import objective_of
 
         self._check()
         task, craft = TASKS[self.task]().for_evaluation(), load_spacecraft(self.spacecraft)
-        objective, starts = self._objective(), scenarios(task, craft, self.seed, self.episodes)
+        objective = objective_of(self.objective, self.horizon, self.control_period, self.ending,
+                                 self.intervals)
+        starts = scenarios(task, craft, self.seed, self.episodes)
         usual = Path("runs") / f"optimal-{self.task}-{craft.name}-{self.objective}"
         aims(task)  # before anything is written: some tasks have no goal of their own
         folder = ready_folder(self.output or usual)
@@ -94,25 +97,8 @@ class Optimal:
             check_count(f"--{name}", getattr(self, name))
         if not self.certify_seconds > 0:
             raise ConfigError(f"--certify-seconds must be > 0, got {self.certify_seconds:g}.")
-        if self.horizon is not None and self.objective == "time":
-            raise ConfigError("--horizon is what --objective time looks for; leave it out.")
-        if self.ending == "set" and self.objective in ("tracking", "reward"):
-            raise ConfigError(f"--ending set is for fuel, time and energy; {self.objective} ends anywhere.")
         if self.certify and self.objective not in ("fuel", "time"):
             raise ConfigError(f"--certify bounds fuel and time only, not {self.objective}.")
-
-    def _objective(self) -> Objective:
-        from rans.optimal.trajectory import objectives
-
-        if self.objective == "time":
-            return objectives.MinimumTime(self.intervals, self.ending)
-        usual = 25.0 if self.objective == "reward" else 20.0
-        horizon = usual if self.horizon is None else self.horizon
-        free = {"tracking": objectives.QuadraticTracking, "reward": objectives.MaximumReward}
-        if self.objective in free:
-            return free[self.objective](horizon, self.control_period)
-        kind = objectives.MinimumFuel if self.objective == "fuel" else objectives.MinimumEnergy
-        return kind(horizon, self.control_period, self.ending)
 
     def _bounds(self, craft: Spacecraft, task: Task, objective: Objective, starts: Scenario,
                 answers: list[Optimum]) -> list[Bound]:

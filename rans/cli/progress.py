@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
+from datetime import timedelta
 from typing import Any
 
 from rich.progress import BarColumn, Progress, TextColumn
@@ -12,6 +13,8 @@ from rans.terminal import Terminal
 
 _SECONDS = 5.0
 """Between plain lines."""
+_BAR = 10
+"""Characters of the bar: with the longest text beside it a line has 80."""
 
 
 class NowAndThen:
@@ -27,14 +30,14 @@ class NowAndThen:
 
 
 class TrainingProgress(Progress):
-    """Shows rows of metrics on standard error; the total is the budget of steps."""
+    """Shows rows of metrics on standard error; the total is the budget of steps, terms are the reward's."""
 
-    def __init__(self, total: int) -> None:
+    def __init__(self, total: int, terms: bool = False) -> None:
         console = Terminal(stderr=True)
-        super().__init__(TextColumn("training"), BarColumn(bar_width=20), TextColumn("{task.description}"),
-                         console=console, disable=not console.is_terminal)
+        super().__init__(BarColumn(bar_width=_BAR), TextColumn("{task.description}"), console=console,
+                         disable=not console.is_terminal)
         self._bar, self._total = self.add_task("compiling and warming up ...", total=total), total
-        self._plain = NowAndThen()
+        self._plain, self._terms = NowAndThen(), terms
 
     def show(self, row: dict[str, Any]) -> None:
         """Show the newest row."""
@@ -42,12 +45,22 @@ class TrainingProgress(Progress):
         self.update(self._bar, completed=row["steps"], description=text)
         if self.disable:
             self._plain.say(f"training: {text}", surely=row["steps"] >= self._total)
+        if self._terms and not self.disable:
+            self.console.print(describe_terms(row))
+        elif self._terms:
+            self._plain.say(describe_terms(row), surely=True)
 
 
 def describe(row: dict[str, Any], total: int) -> str:
-    """Success, return by term, speed, and the longest that training can still take."""
+    """Steps, success, return, speed, and the longest that training can still take (h:mm:ss)."""
+    reward = sum(value for key, value in row.items() if key.startswith("return/"))
+    left = timedelta(seconds=round(max(total - row["steps"], 0) / max(row["steps_per_s"], 1)))
+    return (f"{row['steps'] / 1e6:.2f} M steps, success {row['success']:.1%}, return {reward:.0f}, "
+            f"{row['steps_per_s'] / 1e6:.2f} M/s, {left} left")
+
+
+def describe_terms(row: dict[str, Any]) -> str:
+    """The return by term."""
     terms = " ".join(f"{key.removeprefix('return/')} {value:.0f}" for key, value in row.items()
                      if key.startswith("return/"))
-    left = max(total - row["steps"], 0) / max(row["steps_per_s"], 1)
-    return (f"{row['steps'] / 1e6:.2f} M steps, success {row['success']:.1%}, return: {terms}, "
-            f"{row['steps_per_s'] / 1e6:.2f} M steps/s, at most {left:.0f} s left")
+    return f"return of {row['steps'] / 1e6:.2f} M steps: {terms}"

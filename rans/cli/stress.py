@@ -11,9 +11,9 @@ import tyro
 
 from rans.cli import check_count
 from rans.errors import ConfigError
-from rans.files import ready_folder
+from rans.files import command_line, ready_folder
 from rans.scenario import EVALUATION_SEED
-from rans.terminal import Terminal, progress, table
+from rans.terminal import Terminal, progress
 
 if TYPE_CHECKING:
     from rans.show.stress_page import StressReport
@@ -34,10 +34,11 @@ class Stress:
     contestants: Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="RUN...")]
     """As for `rans compare`; the first gives task, spacecraft and rate, others are compared with it. After
     it also controllers by name, such as lqr."""
-    conditions: tuple[str, ...] = _SHIPPED
-    """Names (see `rans list CONDITIONS`) or TOML files flown in beside single troubles."""
+    conditions: tuple[str, ...] | None = None
+    """Names (see `rans list CONDITIONS`) or TOML files flown in beside single troubles; by default lab,
+    roboran, orbit and harsh, with --only none."""
     only: Annotated[tuple[str, ...], tyro.conf.arg(metavar="TROUBLE...")] = ()
-    """Single troubles to fly, such as latency "noise of position"; by default all."""
+    """Single troubles to fly, such as latency "noise of position"; by default all, and failed thrusters."""
     episodes: int = 256
     """Flights in each world."""
     slow_episodes: int = 32
@@ -65,7 +66,8 @@ class Stress:
         if self.worst < 0:
             raise ConfigError(f"--worst must be >= 0, got {self.worst}.")
         contest = contest_of(self.contestants[0], self.episodes, self.seed)
-        stress = prepared(contest, self.contestants, self.conditions, self.only, self.slow_episodes)
+        sets = self.conditions if self.conditions is not None else () if self.only else _SHIPPED
+        stress = prepared(contest, self.contestants, sets, self.only, self.slow_episodes)
         folder = ready_folder(self.output or output_folder(self.contestants[0]))
         flights = len(stress.levels) * sum(map(stress.episodes, stress.contestants.values()))
         try:
@@ -73,22 +75,22 @@ class Stress:
                 bar = bars.add_task(f"{len(stress.levels)} worlds", total=flights)
                 fill(stress, partial(bars.advance, bar), self.workers)
         finally:  # also after Ctrl-C: what was flown is kept
-            _show(StressReport(stress, folder, self.worst))
+            _show(StressReport(stress, folder, self.worst, command_line()))
         return 1 if stress.failures else 0
 
 
 def _show(report: StressReport) -> None:
-    console, stress = Terminal(room=100), report.stress
+    console, stress = Terminal(), report.stress
     if stress.outcomes:
         report.write()
-        console.print(table(report.title(), ("held, %", *stress.names),
-                            [[cell or "-" for cell in row] for row in report.named_rows()]))
+        console.show(report.title(), ("held, %", *stress.names),
+                     [[cell or "-" for cell in row] for row in report.named_rows()])
         if stress.effects:
-            console.print(table("Size of a trouble up to which 99 % are held", report.effect_columns(),
-                                report.effect_rows()))
+            console.show("Size of a trouble up to which 99 % are held", report.effect_columns(),
+                         report.effect_rows())
         for world, who, episode, errors, command in [*report.worst_rows()][:_SHOWN]:
-            console.print(f"{who}, {world}, episode {episode} ({errors}): {command}", soft_wrap=True)
+            console.say(f"{who}, {world}, episode {episode} ({errors}): {command}")
     for sentence in (*report.notes(), *stress.failures):
-        console.print(sentence, soft_wrap=True)
+        console.say(sentence)
     if stress.outcomes:
-        console.print(f"Written to {report.folder / 'stress.html'}, stress.json and the folder stress.")
+        console.say(f"Written to {report.folder / 'stress.html'}, stress.json and the folder stress.")

@@ -6,7 +6,6 @@ import itertools
 import json
 import shlex
 import shutil
-import sys
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -20,7 +19,7 @@ from rans.cli import STARTED
 from rans.cli.progress import NowAndThen
 from rans.cli.train import StopGently, Train, compile_in_this_process
 from rans.errors import ConfigError
-from rans.files import environment, plain, write_json, write_text
+from rans.files import command_line, environment, plain, write_json, write_text
 from rans.terminal import Terminal
 
 if TYPE_CHECKING:
@@ -52,8 +51,8 @@ class Sweep:
     conditions: str | None = None
     """What episodes do not promise: a name (see `rans list CONDITIONS`) or your own TOML file; by default a
     perfect world."""
-    output: Annotated[Path | None, arg(name="run")] = None
-    """Folder for the results; by default a new one under runs/."""
+    output: Annotated[Path | None, arg(aliases=["--run"])] = None
+    """Folder for the results; by default a new one under runs/. torchrun takes --run for its own option."""
     config: Path | None = None
     """Start from the config.json of a run instead of the task's preset."""
     resume: Path | None = None
@@ -95,10 +94,10 @@ class Sweep:
             return Trainings(configs, self.resume, command, join(configs[0].device))
         config, *_ = configs = list(self._configs())
         if self.output is not None and self.output.exists():
-            raise ConfigError(f"{self.output} exists already; choose another folder with --run.")
+            raise ConfigError(f"{self.output} exists already; choose another folder with --output.")
         world = join(config.device)
         folder = self.output or unused_path(f"sweep-{config.task}-{Path(config.spacecraft).stem}")
-        return Trainings(configs, world.first_says(folder), shlex.join(["rans", *sys.argv[1:]]), world)
+        return Trainings(configs, world.first_says(folder), command_line(), world)
 
     def _configs(self) -> Iterator[TrainConfig]:
         """Every combination, the seeds of one beside each other."""

@@ -10,19 +10,20 @@ import signal
 import socket
 import sys
 import time
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from tyro.conf import Positional, UseAppendAction, arg
 
 from rans.cli import STARTED
 from rans.cli.progress import TrainingProgress
 from rans.errors import ConfigError, RansError, brief, meant
-from rans.files import write_text
+from rans.files import command_line, write_text
 from rans.model.spacecraft_file import load_spacecraft
 from rans.processes import beside
-from rans.tasks import TASKS
+from rans.terminal import Terminal
 
 if TYPE_CHECKING:
     from rans.fast.learn.config import TrainConfig
@@ -54,14 +55,18 @@ class Train:
     perfect world."""
     set: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="KEY=VALUE")] = ()
     """Change any entry of the config, e.g. --set ppo.n_steps=32 --set settings.thrust_weight=0.05."""
-    output: Annotated[Path | None, arg(name="run")] = None
-    """Folder for the run; by default a new one under runs/."""
+    output: Annotated[Path | None, arg(aliases=["--run"])] = None
+    """Folder for the run; by default a new one under runs/. torchrun takes --run for its own option."""
     config: Path | None = None
     """Start from the config.json of another run instead of a task's preset."""
     resume: Path | None = None
     """Continue the training in this run folder from its last checkpoint, or begin it if there is none."""
     view: bool = False
     """Show the newest agent in the browser while it learns."""
+    terms: bool = False
+    """Tell the return by the terms of the reward too."""
+    log: Annotated[tuple[Literal["hparams", "wandb", "mlflow"], ...], arg(metavar="NAME...")] = ()
+    """Tell others too: TensorBoard's table of hyper-parameters, Weights & Biases, MLflow."""
 
     def _trainer(self) -> Trainer:
         """Ready to train; a new run folder is begun only once its config has proved to work."""
@@ -70,7 +75,7 @@ class Train:
         from rans.fast.learn.trainer import Trainer, run_path
 
         if self.resume is not None:
-            if replace(self, resume=None, view=False) != Train():
+            if replace(self, resume=None, view=False, terms=False, log=()) != Train():
                 raise ConfigError("--resume takes everything from the run folder; give nothing else.")
             run = RunFolder(self.resume)
             config = run.config()
@@ -82,12 +87,13 @@ class Train:
         run = RunFolder(world.first_says(self.output or run_path(config)))
         trainer = Trainer([config], load_spacecraft(config.spacecraft), run, world)
         if world.is_first:
-            run.begin(config, shlex.join(["rans", *sys.argv[1:]]))
+            run.begin(config, command_line())
         return trainer
 
     def resolved(self) -> TrainConfig:
         """A preset or another run's config, with whatever else was given."""
         from rans.fast.learn.config import from_table, to_table
+        from rans.fast.learn.recipes import training
         from rans.fast.learn.run_folder import read_config
         from rans.model.conditions_file import load_conditions
 
@@ -95,7 +101,9 @@ class Train:
             raise ConfigError(f"--config {self.config} says what to train; leave out {self.task!r}.")
         if self.task is None and self.config is None:
             raise ConfigError("say what to train: a task, such as go-to-pose, or --config FILE.")
-        table = json.loads(json.dumps(to_table(read_config(self.config) if self.config else self._preset())))
+        begun = (read_config(self.config) if self.config else
+                 training(str(self.task), self.spacecraft or "floating-platform", self.device))
+        table = json.loads(json.dumps(to_table(begun)))
         for name in ("spacecraft", "seed", "device", "total_timesteps"):
             if (given := getattr(self, name)) is not None:
                 table[name] = given
@@ -105,36 +113,28 @@ class Train:
             _change(table, change)
         return from_table(table)
 
-    def _preset(self) -> TrainConfig:
-        import torch
-
-        from rans.fast.learn.config import TrainConfig
-        from rans.fast.learn.recipes import RECIPES, preset, recipe
-
-        task, spacecraft = str(self.task), self.spacecraft or "floating-platform"
-        device = self.device or ("cuda" if torch.cuda.is_available() else "cpu")
-        if task in RECIPES:
-            return recipe(task, device)
-        if task not in TASKS and ":" not in task:
-            raise ConfigError(f"there is no task and no recipe named {brief(task)}"
-                              f"{meant(task, [*TASKS, *RECIPES])}; tasks are {', '.join(TASKS)}; "
-                              f"recipes are {', '.join(RECIPES)}.")
-        settings, craft = TASKS[task](), load_spacecraft(spacecraft)
-        return TrainConfig(task, settings, spacecraft, preset(task, craft.dimension, device), device=device)
-
     def run(self) -> int:
         """Train with progress; 130 when it was stopped early."""
+        from rans.fast.learn.loggers import check, loggers
+
         compile_in_this_process()
+        check(self.log)
         trainer = self._trainer()
         if not trainer.processes.is_first:
             with StopGently() as stop:
                 trainer.train(lambda _: None, lambda: stop.asked)
             return 130 if stop.asked else 0
         watched = _watched(trainer.run.path) if self.view else contextlib.nullcontext()
-        with watched, TrainingProgress(trainer.config.total_timesteps) as progress, StopGently() as stop:
-            trainer.train(lambda members: progress.show(members[0].rows[-1]), lambda: stop.asked)
+        showing = TrainingProgress(trainer.config.total_timesteps, self.terms)
+        others = loggers(self.log, trainer.config, trainer.run.path)
+        with watched, showing as progress, StopGently() as stop:
+            trainer.train(lambda members: [one(members[0].rows[-1]) for one in
+                                           (progress.show, *(other.write for other in others))],
+                          lambda: stop.asked)
+        for other in others:
+            other.close()
         _draw(trainer.run)
-        print(_summary(trainer, stop.asked, time.monotonic() - STARTED))
+        Terminal().say(_summary(trainer, stop.asked, time.monotonic() - STARTED))
         return 130 if stop.asked else 0
 
 
@@ -202,11 +202,21 @@ def _change(table: dict[str, Any], change: str) -> None:
     for parent in parents:
         inner = inner.get(parent) if isinstance(inner, dict) else None
     if not isinstance(inner, dict) or last not in inner:
-        raise ConfigError(f"--set: the config has no {brief(key)}; its entries are in any run's config.json.")
+        near = meant(key, _keys(table))
+        raise ConfigError(f"--set: the config has no {brief(key)}{near}; `rans list TASK` and `rans list "
+                          "TRAINING` tell its entries, and any run's config.json.")
     try:
         inner[last] = json.loads(text)
     except ValueError:
         inner[last] = text
+
+
+def _keys(table: dict[str, Any], place: str = "") -> Iterator[str]:
+    """Every entry of a nested table, by its dotted name."""
+    for key, value in table.items():
+        yield place + key
+        if isinstance(value, dict):
+            yield from _keys(value, f"{place}{key}.")
 
 
 class StopGently:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
-import sys
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -12,7 +10,7 @@ from typing import Annotated
 from tyro.conf import Positional, arg
 
 from rans.cli import check_count
-from rans.files import ready_folder
+from rans.files import command_line, ready_folder
 from rans.terminal import Terminal, progress, table
 
 
@@ -59,7 +57,7 @@ class Tune:
         with progress() as bars:
             step = partial(bars.advance, bars.add_task(f"tuning {self.controller}", total=self.candidates))
             found = tune(self.controller, setup, self.candidates, self.starts, self.price,
-                         shlex.join(["rans", *sys.argv[1:]]), step)
+                         command_line(), step)
         found.write(file)
         before = defaults(CONTROLLERS[self.controller], within)
         Terminal().print(table(

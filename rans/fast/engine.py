@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ import torch
 from torch import Tensor
 
 from rans.episode import World
-from rans.errors import ConfigError, brief
+from rans.errors import ConfigError, brief, checked
 from rans.fast.distributed import ALONE, Processes
 from rans.fast.kernels.launch import Kernel
 from rans.fast.privileged import Known
@@ -21,11 +22,13 @@ from rans.fast.step import Place, Step, holding, restore, snapshot, step_arrays,
 from rans.model.accuracy import chosen
 from rans.model.body import Body, in_memory
 from rans.model.conditions import Conditions
+from rans.model.conditions_file import load_conditions
 from rans.model.fields import leaves
 from rans.model.random import Draws, seed_words
 from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
-from rans.tasks.base import Task
+from rans.tasks import Task, load_task
 from rans.tasks.derived import layout
 from rans.tasks.rewards import Transition
 
@@ -34,8 +37,8 @@ class Engine:
     """N copies of one spacecraft flying one task.
 
     Args:
-        craft: what flies.
-        task: what it flies to.
+        craft: what flies: a spacecraft, or its name or TOML file.
+        task: what it flies to: a task, or a name of `rans.tasks.TASKS`.
         num_envs: N.
         timing: control period, accuracy and length of an episode.
         seed: decides all starts and goals, with the episode's number. Several are those of as many members,
@@ -48,24 +51,27 @@ class Engine:
             to 2.7 times as fast as torch.compile's, which stands in where it cannot be made.
         processes: those among which the batch is divided; ``num_envs`` are this one's.
         body: other than the craft's, each number or (N,), one for each spacecraft.
-        conditions: what episodes do not promise; None: a perfect world.
+        conditions: what episodes do not promise, by name, TOML file or as such; None: a perfect world.
         remember: whether what episodes draw from their conditions lies in memory, for `privileged`; the
             generated kernel else draws it again in every step. A step without one always remembers.
 
     Raises:
-        ConfigError: there is no such device here, craft is no spacecraft, num_envs not a positive whole
-            number, dtype another one, or mass properties are not those of rigid bodies or not so many.
+        ConfigError: there is no such device here, spacecraft, task or conditions, num_envs is not a positive
+            whole number, dtype another one, or mass properties are not those of rigid bodies or not so many.
     """
 
-    def __init__(self, craft: Spacecraft, task: Task, num_envs: int, timing: Timing | None = None, *,
+    def __init__(self, craft: str | Path | Spacecraft, task: str | Task, num_envs: int,
+                 timing: Timing | None = None, *,
                  seed: int | Sequence[int] = 0, device: str | torch.device = "cpu",
                  dtype: torch.dtype = torch.float32, compiled: bool | None = None,
                  generated: bool = True, processes: Processes = ALONE, body: Body | None = None,
-                 conditions: Conditions | None = None, remember: bool = False) -> None:
+                 conditions: str | Path | Conditions | None = None, remember: bool = False) -> None:
         seeds = [seed] if isinstance(seed, int) else seed
-        _check(craft, num_envs, seeds)
+        _check(num_envs, seeds)
         self._place = place = Place.of(device, dtype, compiled)
-        self.craft, self.task, self.timing = craft, task, timing or Timing()
+        self.craft, self.task = craft, task = load_spacecraft(craft), load_task(task)
+        self.timing = Timing() if timing is None else checked("timing", timing, Timing)
+        conditions = None if conditions is None else load_conditions(conditions)
         self.num_envs, self.dtype, self.device = num_envs, dtype, place.device
         self.compiled = self.device.type == "cuda" if compiled is None else compiled
         self.processes, self.members, each = processes, len(seeds), num_envs // len(seeds)
@@ -172,9 +178,7 @@ class Engine:
         restore(table, self._world, self._episode, (self._draws.low, self._draws.high), self.processes)
 
 
-def _check(craft: object, num_envs: object, seeds: Sequence[int]) -> None:
-    if not isinstance(craft, Spacecraft):
-        raise ConfigError(f"craft must be a Spacecraft, got {brief(craft)}; rans.load_spacecraft reads one.")
+def _check(num_envs: object, seeds: Sequence[int]) -> None:
     if isinstance(num_envs, bool) or not isinstance(num_envs, int) or not 1 <= num_envs < 2**31:
         raise ConfigError("the number of environments must be a whole number >= 1 and < 2^31, got "
                           f"{brief(num_envs)}.")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 import zipfile
 from collections.abc import Mapping, Sequence
@@ -151,6 +152,16 @@ class AgentPolicy(ActorCriticPolicy):
         return predict(network_of(self), observation, state, episode_start, deterministic)
 
 
+class _Written(torch.optim.Adam):
+    """SB3's optimiser, for the form of its state alone.
+
+    Nothing compiles it, so that torch need not load its compiler, which takes 0.6 s.
+    """
+
+    add_param_group = inspect.unwrap(torch.optim.Optimizer.add_param_group)
+    state_dict = inspect.unwrap(torch.optim.Optimizer.state_dict)
+
+
 OnOffPolicy = AgentPolicy
 """Its name in the files of RANS 1, whose thrusters were on or off."""
 
@@ -173,7 +184,7 @@ def write_policy(file: Path, architecture: Architecture, tensors: Mapping[str, T
     """
     seen, commanded = policy_spaces(architecture)
     kwargs, rate = policy_kwargs(architecture), rate or settings.learning_rate
-    policy = AgentPolicy(seen, commanded, lambda _: rate, **kwargs)
+    policy = AgentPolicy(seen, commanded, lambda _: rate, **kwargs, optimizer_class=_Written)
     policy.to(next(iter(tensors.values())).dtype)
     names = dict((*policy.named_parameters(), *policy.named_buffers()))
     with torch.no_grad():

@@ -15,6 +15,7 @@ from typing import Any, Literal, NamedTuple, get_args
 from rans.errors import ConfigError
 from rans.model.fields import Field, where
 from rans.model.spacecraft import Spacecraft
+from rans.shown import Settings
 from rans.structure import Range
 
 FaultKind = Literal["dead", "stuck-open", "stuck", "weak"]
@@ -46,7 +47,7 @@ def largest(values: Range | Varying) -> float:
 
 
 @dataclass(frozen=True)
-class BodyConditions:
+class BodyConditions(Settings):
     """What flies, beside what was designed."""
 
     mass: Range = 1.0
@@ -58,7 +59,7 @@ class BodyConditions:
 
 
 @dataclass(frozen=True)
-class ThrusterConditions:
+class ThrusterConditions(Settings):
     """What nozzles and valves do with a command."""
 
     thrust: Range = 1.0
@@ -83,7 +84,7 @@ class ThrusterConditions:
 
 
 @dataclass(frozen=True)
-class FaultConditions:
+class FaultConditions(Settings):
     """Thrusters that fail, each at most once."""
 
     count: Range = 0.0
@@ -99,7 +100,7 @@ class FaultConditions:
 
 
 @dataclass(frozen=True)
-class DisturbanceConditions:
+class DisturbanceConditions(Settings):
     """What else pushes and turns, in the world frame."""
 
     force: Range = 0.0
@@ -121,7 +122,7 @@ class DisturbanceConditions:
 
 
 @dataclass(frozen=True)
-class SensorConditions:
+class SensorConditions(Settings):
     """Of one measured quantity, in its unit: m, rad, m/s or rad/s."""
 
     noise: Range = 0.0
@@ -133,7 +134,7 @@ class SensorConditions:
 
 
 @dataclass(frozen=True)
-class SensorsConditions:
+class SensorsConditions(Settings):
     """What the policy is told of the true state."""
 
     position: SensorConditions = field(default_factory=SensorConditions)
@@ -149,7 +150,7 @@ class SensorsConditions:
 
 
 @dataclass(frozen=True)
-class Conditions:
+class Conditions(Settings):
     """Distributions of everything that an episode does not promise.
 
     Raises:

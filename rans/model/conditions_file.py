@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import json
-from dataclasses import MISSING, Field, fields, is_dataclass
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from rans.errors import ConfigError
+from rans.errors import ConfigError, named
 from rans.files import read_text
 from rans.model.conditions import Conditions
 from rans.registry import Registry
+from rans.shown import default
 from rans.structure import read_toml, structure
 
 
@@ -28,7 +29,7 @@ def _described(found: Any) -> Described:
     if not isinstance(found, Conditions):
         raise ConfigError("they must be rans.Conditions or a TOML file of the package, got "
                           f"{type(found).__name__}.")
-    return Described(repr(found), found)
+    return Described(conditions_text(found), found)
 
 
 CONDITIONS = Registry("set of conditions", "rans.conditions", {
@@ -38,8 +39,15 @@ CONDITIONS = Registry("set of conditions", "rans.conditions", {
 """All conditions that have a name."""
 
 
-def load_conditions(name_or_file: str | Path) -> Conditions:
+def conditions_names() -> list[str]:
+    """Names of the conditions that come with the package, and of those that others installed."""
+    return list(CONDITIONS)
+
+
+def load_conditions(name_or_file: str | Path | Conditions) -> Conditions:
     """The conditions of this name, MODULE:NAME, or of a path that ends in ``.toml``.
+
+    Given as such they are themselves.
 
     Keys of the file are those of `Conditions`: tables ``[body]``, ``[thrusters]``, ``[faults]``,
     ``[disturbances]``, ``[sensors]`` and ``[sensors.position]`` ... with numbers or [least, largest].
@@ -47,7 +55,9 @@ def load_conditions(name_or_file: str | Path) -> Conditions:
     Raises:
         ConfigError: no such name or file, or it does not describe conditions.
     """
-    given = str(name_or_file)
+    if isinstance(name_or_file, Conditions):
+        return name_or_file
+    given = named("conditions", name_or_file, Conditions)
     if not given.endswith(".toml"):
         return CONDITIONS[given].conditions
     text = read_text(Path(given))
@@ -66,12 +76,8 @@ def conditions_text(conditions: Conditions) -> str:
 def _changed(given: Any) -> dict[str, Any]:
     """Fields that differ from their defaults; of a dataclass inside, those that differ in it."""
     values = {one.name: getattr(given, one.name) for one in fields(given)
-              if getattr(given, one.name) != _default(one)}
+              if getattr(given, one.name) != default(one)}
     return {key: _changed(x) if is_dataclass(x) else x for key, x in values.items()}
-
-
-def _default(one: Field[Any]) -> Any:
-    return one.default if one.default_factory is MISSING else one.default_factory()
 
 
 def _inline(value: Any) -> str:

@@ -11,7 +11,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from rans.errors import ConfigError, brief
+from rans.errors import ConfigError, brief, named
 from rans.files import first_line, regular
 from rans.model.actuators import KINDS, Actuators
 from rans.model.spacecraft import Spacecraft, Thruster
@@ -55,13 +55,20 @@ def spacecraft_names() -> list[str]:
     return list(SPACECRAFT)
 
 
-def load_spacecraft(name_or_file: str | Path) -> Spacecraft:
+def load_spacecraft(name_or_file: str | Path | Spacecraft) -> Spacecraft:
     """The spacecraft of this name (`spacecraft_names`), MODULE:NAME, or of a path that ends in ``.toml``.
+
+    One that is given as such is itself.
+
+    >>> load_spacecraft("free-flyer")
+    <Spacecraft free-flyer: 5.32 kg in space, thrusters 16 x 1 N>
 
     Raises:
         ConfigError: no such name or file, or it does not describe a spacecraft.
     """
-    given = str(name_or_file)
+    if isinstance(name_or_file, Spacecraft):
+        return name_or_file
+    given = named("spacecraft", name_or_file, Spacecraft)
     return parse_spacecraft(_file_text(given), given) if given.endswith(".toml") else SPACECRAFT[given].craft
 
 

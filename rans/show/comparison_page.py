@@ -29,8 +29,8 @@ TEXT = (
 """The protocol in short; docs/comparison.md has all of it."""
 
 
-def page(comparison: Comparison) -> Page:
-    """Whatever the comparison holds, failures on top."""
+def page(comparison: Comparison, command: str = "") -> Page:
+    """Whatever the comparison holds, failures on top, and the command that made it."""
     sections, contest = [_summary(comparison)], comparison.contest
     if comparison.entries:
         errors = Picture.of(figures.final_error_curves(comparison.entries),
@@ -44,8 +44,8 @@ def page(comparison: Comparison) -> Page:
         sections.append(Section("Relaxed optima", "Flown in Drake before they are reported; medians.",
                                 [Table(columns, tables.relaxed_rows(comparison))]))
     return Page(f"Comparison: {contest.title()}", sections, header({
-        "task": type(contest.task).__name__, "spacecraft": contest.craft.name, "motion by": contest.engine,
-        "environment": environment()}))
+        "command": command, "task": type(contest.task).__name__, "spacecraft": contest.craft.name,
+        "motion by": contest.engine, "environment": environment()}))
 
 
 def _summary(comparison: Comparison) -> Section:

@@ -126,9 +126,9 @@ def show(value: Any) -> str:
 
 
 def header(about: Mapping[str, Any]) -> dict[str, str]:
-    """How something was made, by name; a group of values in one line."""
+    """How something was made, by name; a group of values in one line, without what is not known ("")."""
     return {name: ", ".join(f"{key} {show(value)}".strip() for key, value in named(group))
-            for name, group in about.items()}
+            for name, group in about.items() if group != ""}
 
 
 def named(value: Any, name: str = "") -> list[tuple[str, Any]]:

@@ -35,6 +35,8 @@ class StressReport:
     folder: Path
     worst: int
     """Episodes that are listed of each contestant in each world."""
+    made_by: str = ""
+    """The command."""
 
     def write(self) -> None:
         """Write stress.html, stress.json and a file of conditions for every world."""
@@ -123,7 +125,7 @@ class StressReport:
             sections.append(Section("Worst episodes", text, [Table(
                 ("world", "who", "episode", "largest errors", "see it"), [*self.worst_rows()])]))
         return Page(f"Stress: {self.title()}", sections, header({
-            "task": type(contest.task).__name__, "spacecraft": contest.craft.name,
+            "command": self.made_by, "task": type(contest.task).__name__, "spacecraft": contest.craft.name,
             "environment": environment()}))
 
     def _group(self, group: str, some: list[Effect]) -> Section:

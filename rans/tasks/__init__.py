@@ -6,7 +6,7 @@ import dataclasses
 import re
 from typing import Any
 
-from rans.errors import ConfigError
+from rans.errors import ConfigError, named
 from rans.registry import Registry
 from rans.tasks.base import SingleTask, Task, observation
 from rans.tasks.derived import observation_columns, observation_width
@@ -51,6 +51,15 @@ _PUBLISHED = {
 """Names in the plane and in space that papers use, where they say more than 2D and 3D."""
 
 
+def load_task(name: str | Task) -> Task:
+    """The task of this name (`TASKS`), or MODULE:NAME, with its default settings; one given as such.
+
+    >>> load_task("go-to-pose")
+    GoToPose()
+    """
+    return name if isinstance(name, Task) else TASKS[named("task", name, Task)]()
+
+
 def gymnasium_ids(name: str) -> tuple[str, str]:
     """Gymnasium ids of the task of this name in the plane and in space, without loading it.
 
@@ -63,6 +72,6 @@ def gymnasium_ids(name: str) -> tuple[str, str]:
 
 __all__ = [
     "TASKS", "GoToPose", "GoToPosition", "MultiTask", "SingleTask", "Task", "TrackTwist", "TrackVelocity",
-    "TrackVelocityHeading", "Transition", "gymnasium_ids", "observation", "observation_columns",
+    "TrackVelocityHeading", "Transition", "gymnasium_ids", "load_task", "observation", "observation_columns",
     "observation_width",
 ]

@@ -13,6 +13,7 @@ from rans.model.drift import FREE, Drift
 from rans.model.dynamics import State
 from rans.model.fields import Field
 from rans.model.random import Random
+from rans.shown import Settings
 from rans.tasks.rewards import Prices, Transition
 from rans.tasks.settings import check_settings
 from rans.tasks.sight import Entry, OwnAttitude, Scalar, Sight, Spin, VectorInW
@@ -23,11 +24,10 @@ _DATA_COLUMNS = {2: 4, 3: 9}
 """At least so many hold task data, so that the paper's tasks share a width (Table 1)."""
 
 
-class Task(ABC):
+class Task(Settings, ABC):
     """A frozen dataclass of settings with pure functions over fields; no engine inside.
 
-    The same object serves the plane and space, and torch, NumPy and CasADi. A task never truncates: time
-    belongs to the engine.
+    The same object serves the plane and space, and every engine. It never truncates: time is the engine's.
     """
 
     symmetric: ClassVar[bool] = True

@@ -20,7 +20,12 @@ def example(task: Task, dimension: Dimension) -> Sight:
     try:
         return sight(*symbolic(task, dimension))
     except UNTRACEABLE:  # only torch or NumPy can follow this task
-        return sight(task, *task.sample(Random(dimension, 0, 0, np.zeros(1, dtype=np.int32), np.float64)))
+        return sight(task, *example_state(task, dimension))
+
+
+def example_state(task: Task, dimension: Dimension) -> tuple[State, State]:
+    """Start and goal of one episode, of numbers."""
+    return task.sample(Random(dimension, 0, 0, np.zeros(1, dtype=np.int32), np.float64))
 
 
 def symbolic(task: Task, dimension: Dimension) -> tuple[Task, State, State]:

@@ -22,14 +22,27 @@ def test_writes_page_and_numbers(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert [row["settled"] for row in read["summary"]] == [3, 0]
     page = (tmp_path / "compare.html").read_text()
     assert "<h1>Comparison: 3 starts of seed 2023, floating-platform" in page
+    assert "<dt>command</dt><dd>rans " in page
     assert "settling time, s" in capsys.readouterr().out
 
 
+def test_who_is_not_there_is_told_before_anybody_flies(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+                                                       capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr("rans.evaluation.compare.run.fill", None)
+    assert main(["compare", "lqr:go-to-pose-2d", "sb3:nofile.zip", "runs/nobody",
+                 "--output", str(tmp_path / "x")]) == 2
+    said = capsys.readouterr().err
+    assert "nofile.zip" in said
+    assert "runs/nobody is not a run folder" in said
+    assert not (tmp_path / "x").exists()
+
+
 def test_a_failure_is_told_and_the_rest_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    command = ["compare", "lqr:go-to-pose-2d", "onnx:/no/such.onnx", "--with", "lqr", "--episodes", "2",
+    command = ["compare", "lqr:go-to-pose-2d", "python:tests.evaluation.policies:broken", "--with", "lqr",
+               "--episodes", "2",
                "--output", str(tmp_path)]
     assert main(command) == 1
-    assert "/no/such.onnx" in capsys.readouterr().out
+    assert "KeyError: 'no such layer'" in capsys.readouterr().out
     assert len(json.loads((tmp_path / "compare.json").read_text())["failures"]) == 1
 
 
@@ -60,10 +73,9 @@ def test_mistakes_end_in_a_sentence(arguments: list[str], sentence: str,
 
 
 def test_every_option_reaches_the_comparison(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def fill(comparison: Comparison, *given: Any, trust: bool) -> None:
+    def fill(comparison: Comparison, flying: Any, *given: Any) -> None:
         contest = comparison.contest
-        assert not trust
-        told.append(((contest.episodes, contest.seed, contest.engine), *given[:-1]))
+        told.append(((contest.episodes, contest.seed, contest.engine), tuple(flying), *given[:-1]))
 
     told: list[Any] = []
     monkeypatch.setattr("rans.evaluation.compare.run.fill", fill)

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 import warnings
 from importlib import resources
 from pathlib import Path
@@ -154,8 +155,38 @@ def test_a_thruster_is_a_row_by_value(capsys: pytest.CaptureFixture[str], tmp_pa
         warnings.simplefilter("ignore")  # one thruster cannot steer
         text = listed(capsys, str(file))
     rows = [[cell.strip() for cell in line.replace("┃", "│").split("│")[1:-1]] for line in text.splitlines()]
-    assert ["", "position, m", "direction", "force, N", "torque, N m"] in rows
+    assert ["thruster", "position, m", "direction", "force, N", "torque, N m"] in rows
     assert ["0", "0.3  0.1", "0  1", "2", "0.4"] in rows
     for row in (["mass", "4.5 kg"], ["outer radius", "0.4 m"], ["centre of mass, m", "0.1  0"],
                 ["thrust sharing", "none"]):
         assert row in rows
+
+
+def test_a_file_of_conditions_is_known_from_a_spacecraft(capsys: pytest.CaptureFixture[str],
+                                                         tmp_path: Path) -> None:
+    file = tmp_path / "mine.toml"
+    file.write_text("[thrusters]\nlatency = [0.0, 0.1]\n")
+    assert listed(capsys, str(file)) == file.read_text()
+    assert json.loads(listed(capsys, str(file), "--json"))["thrusters"]["latency"] == [0.0, 0.1]
+    file.write_text("[thrusters]\nlatncy = 0.1\n")
+    assert "'latncy' (did you mean latency?)" in refused(capsys, str(file))
+    file.write_text("wings = 2\n")
+    assert "unknown key 'wings'" in refused(capsys, str(file))
+
+
+def test_json_has_numbers_as_numbers(capsys: pytest.CaptureFixture[str]) -> None:
+    craft = json.loads(listed(capsys, "floating-platform", "--json"))
+    assert (craft["mass"], craft["wrench_map"][0][2]) == (5.32, pytest.approx(-0.31, abs=1e-3))
+    task = json.loads(listed(capsys, "go-to-pose", "--json"))
+    assert task["settings"]["spawn_distance"] == [0.5, 4.5]
+    assert task["reward"]["go-to-pose"]["thrust"] == "-0.02 open"
+    assert set(json.loads(listed(capsys, "--json"))["tasks"]) == set(TASKS)
+    assert json.loads(listed(capsys, "multi-task", "--json"))["reward"].keys() >= {"go-to-pose"}
+
+
+def test_a_task_tells_its_reward_ends_and_keys(capsys: pytest.CaptureFixture[str]) -> None:
+    text = listed(capsys, "go-to-pose")
+    for told in ("0.5 exp(-position / 1.5)", "settings.thrust_weight", "Too far away",
+                 "125 control periods of 0.2 s"):
+        assert told in text
+    assert "ppo.n_envs" in listed(capsys, "TRAINING")

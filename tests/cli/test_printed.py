@@ -14,13 +14,14 @@ import validation.study
 from rans.cli import main
 from rans.cli import train as training
 from rans.cli.list import _agent_details, layout_text
-from rans.cli.optimal import Optimal
-from rans.cli.progress import TrainingProgress, describe
+from rans.cli.progress import TrainingProgress, describe, describe_terms
 from rans.cli.sweep import _table
 from rans.cli.sweep import describe as describe_sweep
 from rans.evaluation.measure.agreement import EngineComparison
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.spacecraft_file import load_spacecraft
+from rans.optimal.trajectory.objectives import objective_of
+from rans.show.listing import Listing
 from validation.checks import Check, Skipped, Study
 
 
@@ -39,9 +40,9 @@ def split(text: str) -> list[list[str]]:
 def test_progress_of_a_training() -> None:
     row = {"steps": 1_500_000, "success": 0.256, "steps_per_s": 250_000.0, "return/position": 12.4,
            "return/attitude": 3.6}
-    assert describe(row, 4_000_000) == (
-        "1.50 M steps, success 25.6%, return: position 12 attitude 4, 0.25 M steps/s, at most 10 s left")
-    assert describe(row, 1_000_000).endswith("at most 0 s left")
+    assert describe(row, 4_000_000) == "1.50 M steps, success 25.6%, return 16, 0.25 M/s, 0:00:10 left"
+    assert describe(row, 1_000_000).endswith("0:00:00 left")
+    assert describe_terms(row) == "return of 1.50 M steps: position 12 attitude 4"
 
 
 @pytest.mark.parametrize(("stopped", "solved", "share", "ending"), [
@@ -116,8 +117,10 @@ def test_an_agent_in_detail(monkeypatch: pytest.MonkeyPatch) -> None:
     assert str(title).startswith("go-to-pose-2d: go-to-pose with x, in ")
     assert made == ("Trained with seed 3 for 2,000,000 steps in 4.2 s on cuda; judged on 1,024 episodes of "
                     "seed 7.")
-    assert cells(table) == [["metric", "value", "95 % interval"], ["settling time", "never", "2.5 to never"],
-                            ["duty", "7.25 %", "7 to 7.5"]]
+    assert isinstance(table, Listing)
+    assert [list(row) for row in (table.columns, *table.rows)] == [
+        ["metric", "value", "95 % interval"], ["settling time", "never", "2.5 to never"],
+        ["duty", "7.25 %", "7 to 7.5"]]
 
 
 @pytest.mark.filterwarnings("ignore")
@@ -177,14 +180,13 @@ def test_a_solver_that_stopped_is_told(monkeypatch: pytest.MonkeyPatch, tmp_path
 
 def test_horizons_of_optimal_trajectories() -> None:
     """25 s for the reward, whose episodes are so long, and 20 s for everything else."""
-    assert Optimal("go-to-pose", objective="reward")._objective().intervals == 125
-    assert Optimal("go-to-pose", objective="fuel")._objective().intervals == 100
+    assert [objective_of(name).intervals for name in ("reward", "fuel", "tracking")] == [125, 100, 100]
 
 
 def test_notes_of_a_comparison_are_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str],
                                            monkeypatch: pytest.MonkeyPatch) -> None:
     """Also beside names that are no mark-up, and all files are written before."""
-    def fill(comparison: Any, *_: object, trust: bool) -> None:
+    def fill(comparison: Any, *_: object) -> None:
         comparison.notes.append("No certificate [/red].")
         comparison.failures.append("LQR [bold]failed.")
 
@@ -213,5 +215,5 @@ def test_the_last_line_of_a_training_is_always_told(capsys: pytest.CaptureFixtur
         for steps in (100, 200, 300):
             progress.show(row | {"steps": steps})
     told = capsys.readouterr().err.splitlines()
-    assert [line.partition(" at most ")[2] for line in told] == ["0 s left", "0 s left"]
-    assert told[0].startswith("training: 0.00 M steps, success 50.0%, return: position 1, ")
+    assert [line.rpartition(", ")[2] for line in told] == ["0:00:00 left", "0:00:00 left"]
+    assert told[0].startswith("training: 0.00 M steps, success 50.0%, return 1, ")

@@ -48,7 +48,7 @@ def learned(model: Learner) -> dict[str, Any]:
     return {"weights": weights(model.network), "rate": model.adam.rate.tolist(),
             "random": state["generators"], "memory": state["memory"],
             "engine": model.engine.save_state()["buffers"],
-            "log": [statistics(numbers, model.engine, 384) for numbers in said]}
+            "log": [statistics(numbers, model.engine, 384, 128) for numbers in said]}
 
 
 def one_of_two(rank: int, folder: Path, members: int) -> None:
@@ -83,6 +83,7 @@ def test_two_processes_learn_what_one_does(tmp_path: Path, members: int) -> None
         torch.testing.assert_close(first["memory"], alone["memory"], rtol=0, atol=1e-9)
     for ours, theirs in zip(first["log"], alone["log"], strict=True):
         for name in ("train/loss", "train/approx_kl", "train/grad_norm", "rollout/failure_rate",
+                     "rollout/ep_len_mean",
                      "return/turn"):
             assert ours[name] == pytest.approx(theirs[name], rel=1e-9), name
     assert (first["any"], first["first"], second["first"]) == ((True, False), "from 0", "from 0")

@@ -266,9 +266,11 @@ def test_wrong_number_of_environments(count: Any) -> None:
         Engine(PLATFORM, NEAR, count)
 
 
-def test_a_name_is_no_spacecraft() -> None:
-    with pytest.raises(ConfigError, match=r"craft must be a Spacecraft, got 'floating-platform'; "):
-        Engine("floating-platform", NEAR, 4)  # type: ignore[arg-type]
+def test_what_is_no_spacecraft_and_no_name_of_one() -> None:
+    with pytest.raises(ConfigError, match="there is no spacecraft named 'platform'"):
+        Engine("platform", NEAR, 4)
+    with pytest.raises(ConfigError, match=r"spacecraft, .* must be a rans\.Spacecraft, got GoToPose"):
+        Engine(NEAR, NEAR, 4)  # type: ignore[arg-type]
 
 
 def test_wrong_dtype_and_seed() -> None:

@@ -13,6 +13,7 @@ from rans.errors import ConfigError
 from rans.evaluation.compare.bounds import Bound, Event, Question, bounds, question
 from rans.evaluation.compare.contest import Contest
 from rans.files import number, read_json, write_json
+from rans.model.spacecraft_file import to_toml
 from rans.optimal.certificate.certificate import Effort
 from rans.scenario import each
 
@@ -43,7 +44,7 @@ def certify(contest: Contest, count: int, events: Sequence[Event], cache: Path |
     asked: list[tuple[str, int, Question]] = []
     for (start, scenario), event in wanted:
         one = question(*common, event, _EFFORT, scenario)
-        key = hashlib.sha256(f"{_VERSION} {one!r}".encode()).hexdigest()[:32]
+        key = hashlib.sha256(f"{_VERSION} {to_toml(one.craft)} {one[1:]!r}".encode()).hexdigest()[:32]
         if key in known:
             yield replace(known[key], start=start)
             progress()

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
-from rans.errors import ConfigError
+from rans.errors import ConfigError, RansError
 from rans.evaluation.compare.contest import Contest, Contestant
 from rans.evaluation.fly.contestants import contestant, controller_name
 from rans.evaluation.fly.controllers import CONTROLLERS, controller, is_user_policy
@@ -12,6 +14,7 @@ from rans.evaluation.fly.judge import EngineName
 from rans.evaluation.fly.tuned import tuned
 from rans.fast.learn.run_folder import RunFolder
 from rans.files import read_json
+from rans.model.conditions import Conditions
 from rans.pretrained import pretrained_folder
 from rans.scenario import EVALUATION_SEED
 
@@ -21,10 +24,10 @@ _UNTUNED = "none: default settings"
 
 
 def contest_of(spec: str, episodes: int, seed: int = EVALUATION_SEED, engine: EngineName = "fast",
-               conditions: str | None = None) -> Contest:
+               conditions: str | Path | Conditions | None = None) -> Contest:
     """The setup of the first contestant, for all others too; `ConfigError` if it knows no task.
 
-    Conditions by name or file take the place of its own.
+    Conditions by name, file or as such take the place of its own.
     """
     if episodes < 1:
         raise ConfigError(f"--episodes must be at least 1, got {episodes}.")
@@ -33,6 +36,26 @@ def contest_of(spec: str, episodes: int, seed: int = EVALUATION_SEED, engine: En
         raise ConfigError(f"{spec} knows several tasks: pick one, as in {spec}#{first}.")
     craft, task, timing, world = run.judged
     return Contest(craft, task, timing, seed, episodes, engine, world)
+
+
+def enlisted(specs: Sequence[str], contest: Contest, trust: bool = False) -> dict[str, Contestant]:
+    """Contestants by the texts that name them, before anybody flies; one `ConfigError` tells all wrong ones.
+
+    See `enlist`; who is named as somebody before is called by its text.
+    """
+    found: dict[str, Contestant] = {}
+    wrong: list[str] = []
+    for spec in dict.fromkeys(specs):
+        try:
+            one = enlist(spec, contest, trust)
+        except RansError as error:
+            wrong.append(str(error))
+            continue
+        taken = [other.name for other in found.values()]
+        found[spec] = replace(one, name=spec) if one.name in taken else one
+    if wrong:
+        raise ConfigError(" ".join(wrong))
+    return found
 
 
 def enlist(spec: str, contest: Contest, trust: bool = False) -> Contestant:

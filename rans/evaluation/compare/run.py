@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +19,7 @@ from rans.evaluation.fly.controllers import BESIDE
 from rans.files import first_line
 from rans.optimal.certificate.hull import staying_time
 from rans.optimal.trajectory.arrival import aims
+from rans.shown import Shown
 
 _HORIZONS = (0.24, 0.32, 0.4, 0.6, 0.8, 1.0)
 """Shares of an episode at which the least thrust-time is certified: 6, 8, 10, 15, 20 and 25 s of 25 s."""
@@ -32,7 +33,7 @@ several with their number."""
 
 
 @dataclass
-class Comparison:
+class Comparison(Shown):
     """Everything found so far."""
 
     contest: Contest
@@ -47,6 +48,9 @@ class Comparison:
     """What does not exist here, and why."""
     failures: list[str] = field(default_factory=list)
     """What went wrong, a sentence each."""
+
+    def __repr__(self) -> str:
+        return f"<Comparison of {', '.join(entry.name for entry in self.entries) or 'nobody'}>"
 
     def names(self) -> set[str]:
         """Of the contestants."""
@@ -95,29 +99,28 @@ class Comparison:
         return [int(k) for k in starts[np.any(low, axis=0)]]
 
 
-def fill(comparison: Comparison, specs: Sequence[str], beside: Sequence[str] = BESIDE,
+def fill(comparison: Comparison, contestants: Mapping[str, Contestant], beside: Sequence[str] = BESIDE,
          certified: int = 4, cache: Path | None = None, track: Track = lambda *_: lambda *_: None,
-         workers: int | None = None, trust: bool = False) -> None:
+         workers: int | None = None) -> None:
     """Fly everyone and find what is possible; failures are noted and the rest goes on.
 
     Args:
         comparison: is filled step by step, so that an interrupt leaves what was finished.
-        specs: contestants, see `rans.evaluation.fly.contestants.contestant`; the first gave the contest.
+        contestants: see `rans.evaluation.compare.roster.enlisted`; the first gave the contest.
         beside: names of controllers, and "optimal".
         certified: starts whose bounds are certified.
         cache: see `certify`.
         track: shows progress.
         workers: processes, by default one per processor.
-        trust: see `rans.evaluation.fly.contestants.contestant`.
     """
-    for spec in dict.fromkeys(specs):
+    for spec, one in contestants.items():
         with _noted(comparison, spec):
-            _fly(comparison, roster.enlist(spec, comparison.contest, trust), spec, track, workers)
+            comparison.entries.append(_entry(comparison, one, track, workers))
     for name in dict.fromkeys(name for name in beside if name != "optimal"):
         with _noted(comparison, name):
             simple = roster.simple_controller(name, comparison.contest)
             if simple.name not in comparison.names():  # nobody flies twice
-                _fly(comparison, simple, name, track, workers)
+                comparison.entries.append(_entry(comparison, simple, track, workers))
             comparison.curve += [_entry(comparison, one, track, workers)
                                  for one in roster.swept(name, comparison.contest)]
     if "optimal" in beside and comparison.contest.conditions is not None:
@@ -127,14 +130,6 @@ def fill(comparison: Comparison, specs: Sequence[str], beside: Sequence[str] = B
         _find_relaxed(comparison, track, workers)
         _find_certified(comparison, certified, cache, track, workers)
         comparison.failures += comparison.impossible()
-
-
-def _fly(comparison: Comparison, contestant: Contestant, spec: str, track: Track,
-         workers: int | None) -> None:
-    """Its name is told apart from those of others by how it was asked for."""
-    if contestant.name in comparison.names():
-        contestant = replace(contestant, name=spec)
-    comparison.entries.append(_entry(comparison, contestant, track, workers))
 
 
 def _entry(comparison: Comparison, contestant: Contestant, track: Track, workers: int | None) -> Entry:

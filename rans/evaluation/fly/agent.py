@@ -54,6 +54,9 @@ class LoadedRun(NamedTuple):
     conditions: Conditions | None = None
     """What its episodes do not promise; None: a perfect world."""
 
+    def __repr__(self) -> str:
+        return f"<{self.controller.name}: {type(self.task).__name__} for {self.craft.name}>"
+
     @property
     def judged(self) -> Setup:
         """What it is judged in: the task's evaluation starts, and motion as accurate as the craft needs.
@@ -63,8 +66,8 @@ class LoadedRun(NamedTuple):
         timing = replace(self.timing, substeps=None) if self.timing.substeps == 1 else self.timing
         return Setup(self.craft, self.task.for_evaluation(), timing, self.conditions)
 
-    def under(self, conditions: str | None) -> LoadedRun:
-        """The same under other conditions, by name or file; None: its own."""
+    def under(self, conditions: str | Path | Conditions | None) -> LoadedRun:
+        """The same under other conditions, by name, file or as such; None: its own."""
         return self if conditions is None else self._replace(conditions=load_conditions(conditions).or_none)
 
 

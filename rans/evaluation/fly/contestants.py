@@ -29,7 +29,8 @@ def contestant(spec: str, protocol: ProtocolName = "own", lent: Setup | None = N
     """A controller ready to fly, and in which setup.
 
     Args:
-        spec: a run folder; ``pretrained:NAME`` (see `rans.pretrained`); ``CONTROLLER:TASK-2d`` or ``-3d``
+        spec: a run folder; ``pretrained:NAME`` (see `rans.pretrained`), or NAME where no folder is called
+            so; ``CONTROLLER:TASK-2d`` or ``-3d``
             with a name of `CONTROLLERS` or MODULE:NAME, which fly the floating platform or the free flyer,
             or another spacecraft as in ``CONTROLLER:go-to-pose-2d@floating-platform-shared``. ``#TASK`` at
             the end picks one of the tasks of a multi-task agent. Policies made elsewhere (see
@@ -91,8 +92,7 @@ def _parse(spec: str) -> tuple[str, str, str]:
             return f"{module}:{own}", name, part
         raise ConfigError(f"there is no contestant {brief(spec)}{meant(kind, kinds)}; known are {FORMS}.")
     if spec in pretrained_names() and not Path(spec).exists():
-        raise ConfigError(f"there is no run folder {spec!r}; the agent of this name that comes with RANS is "
-                          f"pretrained:{spec}.")
+        return "pretrained", spec, part
     if not Path(spec).exists() and (near := meant(spec, CONTROLLERS)):
         raise ConfigError(f"{spec} knows no task; add one, as in {spec}:go-to-pose-2d."
                           if spec in CONTROLLERS else f"{spec} is not a run folder, and no controller{near}.")

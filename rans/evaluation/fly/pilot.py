@@ -9,28 +9,37 @@ import numpy as np
 
 from rans.environment import Environment
 from rans.errors import ConfigError
+from rans.evaluation.fly.agent import LoadedRun
 from rans.evaluation.fly.controllers import controller
 from rans.evaluation.fly.protocols import Setup
+from rans.flight import Controller
 from rans.model.fields import map_leaves
 
 
 class Pilot:
-    """A controller that decides for one environment, from its public ``state`` and ``goal``.
+    """A controller or an agent that decides for one environment, from its public ``state`` and ``goal``.
+
+    >>> env = gymnasium.make("rans/GoToPose2D-v0")
+    >>> seen, _ = env.reset(seed=0)
+    >>> Pilot("lqr", env).act(seen).shape, Pilot(rans.load_agent("go-to-pose-2d"), env).act(seen).shape
+    ((8,), (8,))
 
     Args:
-        name: of `rans.evaluation.fly.controllers.CONTROLLERS`, or MODULE:NAME; see `controller`.
+        who: a name of `rans.evaluation.fly.controllers.CONTROLLERS`, or MODULE:NAME, see `controller`; or
+            what `rans.load_agent` gave.
         env: of `rans.environment`, in whatever wrappers.
 
     Raises:
         ConfigError: it is another environment, there is no such controller, or not for this craft.
     """
 
-    def __init__(self, name: str, env: gymnasium.Env[Any, Any]) -> None:
+    def __init__(self, who: str | LoadedRun, env: gymnasium.Env[Any, Any]) -> None:
         found = env.unwrapped
         if not isinstance(found, Environment):
             raise ConfigError(f"a pilot flies one of RANS's environments for one spacecraft, got {found!r}.")
         self._env, self._space = found, env.action_space
-        self._controller = controller(name, Setup(found.craft, found.task, found.timing))
+        setup = Setup(found.craft, found.task, found.timing)
+        self._controller = controller(who, setup) if isinstance(who, str) else _agent(who, setup)
         self.reset()
 
     def reset(self) -> None:
@@ -42,3 +51,10 @@ class Pilot:
         state, goal = (map_leaves(lambda x: np.array([x], np.float64), s)
                        for s in (self._env.state, self._env.goal))
         return self._controller.act(state, goal, observation[None])[0].astype(self._space.dtype)
+
+
+def _agent(run: LoadedRun, setup: Setup) -> Controller:
+    if run.craft != setup.craft or type(run.task) is not type(setup.task):
+        raise ConfigError(f"{run!r} cannot fly {type(setup.task).__name__} with {setup.craft.name}; make the "
+                          "environment of its task, with its spacecraft.")
+    return run.controller

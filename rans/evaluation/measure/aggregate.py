@@ -21,6 +21,7 @@ from rans.evaluation.measure.statistics import Bootstrap, figure
 from rans.files import number, replace_file
 from rans.flight import Flight
 from rans.model.fields import leaves
+from rans.shown import Shown
 
 COLUMNS = ("metric", "value", "95 % interval", "meaning")
 """Headings of `Metrics.lines`."""
@@ -46,7 +47,7 @@ class Metric:
 
 
 @dataclass(frozen=True)
-class Metrics:
+class Metrics(Shown):
     """Everything measured on one flight."""
 
     controller: str
@@ -57,6 +58,10 @@ class Metrics:
     control_period: float
     """s."""
     rows: tuple[Metric, ...]
+
+    def __repr__(self) -> str:
+        told = ", ".join(f"{row.name} {figure(row.value)} {row.unit}".rstrip() for row in self.rows)
+        return f"<{self.title()}: {told}>"
 
     def __getitem__(self, name: str) -> Metric:
         return {row.name: row for row in self.rows}[name]

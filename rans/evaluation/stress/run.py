@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 from rans.errors import ConfigError, RansError, meant
 from rans.evaluation.compare.contest import Contest, Contestant
-from rans.evaluation.compare.roster import enlist
+from rans.evaluation.compare.roster import enlisted
 from rans.evaluation.measure.statistics import Estimate
 from rans.evaluation.stress.effects import Effect, Level, effects, failures
 from rans.evaluation.stress.outcome import BreakEven, Outcome, break_even
@@ -89,7 +89,7 @@ def prepared(contest: Contest, specs: Sequence[str], conditions: Sequence[str], 
         contest: of the first contestant, see `rans.evaluation.compare.roster.contest_of`.
         specs: contestants; after the first also controllers by their bare names.
         conditions: by name or file.
-        only: names of effects, or nothing for all.
+        only: names of effects, or nothing for all, and for failed thrusters too.
         slow_episodes: see `Stress`.
 
     Raises:
@@ -102,14 +102,11 @@ def prepared(contest: Contest, specs: Sequence[str], conditions: Sequence[str], 
             raise ConfigError(f"there is no effect named {name!r}{meant(name, [e.name for e in known])}; "
                               f"for {contest.craft.name} there are {', '.join(e.name for e in known)}.")
     named = [_PERFECT, *(Level(name, None, load_conditions(name)) for name in dict.fromkeys(conditions)
-                         if name != _PERFECT.effect), *failures()]
+                         if name != _PERFECT.effect), *(() if only else failures())]
     for level in named:
         level.conditions.check_valves(contest.craft)
-    stress = Stress(contest, named, [e for e in known if not only or e.name in only], slow_episodes)
-    for spec in dict.fromkeys(specs):
-        one = enlist(spec, contest)
-        stress.contestants[spec] = replace(one, name=spec) if one.name in stress.names else one
-    return stress
+    return Stress(contest, named, [e for e in known if not only or e.name in only], slow_episodes,
+                  enlisted(specs, contest))
 
 
 class _Job(NamedTuple):

@@ -45,7 +45,7 @@ class SpacecraftVectorEnv(VectorEnv[Tensor, Tensor, Tensor]):
     one of the i-th. Episodes restart by default in the step that ends them (``AutoresetMode.SAME_STEP``).
     Nothing waits for the device, so every step's ``info`` has the same keys, tensors whose masks say where
     they count: "final_obs" (N, width) and "final_info" {"is_success": (N,)} under "_final_obs" and
-    "_final_info", and "reward_terms" {name: (N,)} everywhere.
+    "_final_info", and every term of the reward, "reward/position" (N,) and so on.
 
     Args:
         num_envs: N, number of spacecraft stepped together.
@@ -54,7 +54,7 @@ class SpacecraftVectorEnv(VectorEnv[Tensor, Tensor, Tensor]):
         spacecraft: name, TOML file or object; None: the usual one of this dimension.
         task: settings; None: the defaults.
         timing: see `Engine`, as device, dtype and compiled.
-        conditions: what episodes do not promise; None: a perfect world.
+        conditions: what episodes do not promise, by name, TOML file or as such; None: a perfect world.
         autoreset_mode: or NEXT_STEP, where the step after an end begins the next episode and its action
             counts for nothing; or DISABLED, where ``reset(options={"reset_mask": (N,) bool})`` does. Both
             copy the state once more a step.
@@ -72,7 +72,7 @@ class SpacecraftVectorEnv(VectorEnv[Tensor, Tensor, Tensor]):
                  spacecraft: str | Path | Spacecraft | None = None, task: Task | None = None,
                  timing: Timing | None = None, device: str | torch.device = "cpu",
                  dtype: torch.dtype = torch.float32, compiled: bool | None = None,
-                 render_mode: str | None = None, conditions: Conditions | None = None,
+                 render_mode: str | None = None, conditions: str | Path | Conditions | None = None,
                  autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP) -> None:
         self.render_mode, self.autoreset_mode = checked_render_mode(render_mode), _mode(autoreset_mode)
         craft, task = choose(task_name, dimension, spacecraft, task)
@@ -88,6 +88,7 @@ class SpacecraftVectorEnv(VectorEnv[Tensor, Tensor, Tensor]):
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._seeded = False
+        self._terms = [f"reward/{name}" for name in self.engine.term_names]
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode,
                          "render_fps": 1.0 / self.engine.timing.control_period}
         self._film = None if render_mode is None else Film(self.engine, render_mode)
@@ -148,7 +149,7 @@ class SpacecraftVectorEnv(VectorEnv[Tensor, Tensor, Tensor]):
         ended = step.terminated | step.truncated
         if self._film is not None:
             self._film.advance(actions, ended)
-        info = {"reward_terms": dict(zip(self.engine.term_names, step.terms, strict=True)),
+        info = {**dict(zip(self._terms, step.terms, strict=True)),
                 "final_obs": step.final_observation, "_final_obs": ended,
                 "final_info": {"is_success": step.reached & step.truncated}, "_final_info": ended}
         observation = step.observation

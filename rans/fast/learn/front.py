@@ -69,7 +69,7 @@ class PPO:
             self.learner.collect()
             said, = self.learner.update().tolist()
             self.num_timesteps += rollout
-            self.log = statistics(said, self.engine, self.num_timesteps)
+            self.log = statistics(said, self.engine, self.num_timesteps, rollout)
             report(self)
         return self
 

@@ -97,9 +97,12 @@ class Member:
             self.in_a_row = self.in_a_row + 1 if found else 0
 
 
-def statistics(numbers: Sequence[float], engine: Engine, steps: int,
+def statistics(numbers: Sequence[float], engine: Engine, steps: int, rollout: int,
                goes_on: bool = False) -> dict[str, float]:
     """A row that `Learner.update` returned about a member, by the names that SB3 gives its log.
+
+    Length and return of an episode are those of the whole rollout, of so many steps, for each episode that
+    ended in it; SB3 takes the last hundred that ended.
 
     NonFiniteState where a number is NaN or infinite after so many steps and that matters: it does not go on.
     """
@@ -111,6 +114,8 @@ def statistics(numbers: Sequence[float], engine: Engine, steps: int,
             f"(losses {losses}); the usual cause is a learning rate or a reward that is too large.")
     table = {f"train/{name}": value for name, value in losses.items()} | {"train/learning_rate": rate}
     if ended:
-        table |= {"rollout/success_rate": reached / ended, "rollout/failure_rate": 1 - truncated / ended}
+        length = rollout / engine.processes.size / ended
+        table |= {"rollout/ep_rew_mean": sum(terms) * length, "rollout/ep_len_mean": length,
+                  "rollout/success_rate": reached / ended, "rollout/failure_rate": 1 - truncated / ended}
     means = zip(engine.term_names, terms, strict=True)
     return table | {f"return/{name}": mean * engine.timing.episode_steps for name, mean in means}

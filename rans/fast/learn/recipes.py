@@ -6,10 +6,14 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+import torch
+
+from rans.errors import ConfigError, brief, meant
 from rans.fast.learn.config import PPOSettings, TrainConfig
 from rans.fast.learn.curriculum import Ramp
 from rans.fast.learn.troubles import failing, robust
 from rans.model.conditions import Conditions
+from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.tasks import TASKS
 
@@ -161,6 +165,28 @@ def recipe(name: str, device: str) -> TrainConfig:
                        timing=given.timing, episode_steps=given.episode_steps, conditions=given.conditions(),
                        curriculum=ramps, device=device, solved_share=None,
                        total_timesteps=given.total_timesteps * times, report_interval=64)
+
+
+def training(task: str, spacecraft: str = "floating-platform", device: str | None = None) -> TrainConfig:
+    """The training of this name: a task with its defaults and known-good settings, or a recipe.
+
+    Args:
+        task: of `TASKS` or `RECIPES`, or MODULE:NAME.
+        spacecraft: name or TOML file; a recipe has its own.
+        device: cpu or cuda; None: a GPU if there is one.
+
+    Raises:
+        ConfigError: there is no such task or spacecraft.
+    """
+    device = device or ("cuda" if torch.cuda.is_available() else "cpu")
+    if task in RECIPES:
+        return recipe(task, device)
+    if task not in TASKS and ":" not in task:
+        raise ConfigError(f"there is no task and no recipe named {brief(task)}"
+                          f"{meant(task, [*TASKS, *RECIPES])}; tasks are {', '.join(TASKS)}; "
+                          f"recipes are {', '.join(RECIPES)}.")
+    settings, craft = TASKS[task](), load_spacecraft(spacecraft)
+    return TrainConfig(task, settings, spacecraft, preset(task, craft.dimension, device), device=device)
 
 
 def preset(task: str, dimension: int, device: str) -> PPOSettings:

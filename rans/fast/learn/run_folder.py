@@ -39,13 +39,16 @@ class RunFolder:
         self._older_checkpoint = path / "checkpoint.pt"
         self._lock = files.Lock(self.spacecraft_file)  # which nobody writes once training has begun
 
-    def begin(self, config: TrainConfig, command: str) -> None:
-        """Write what is known before training; ConfigError where the folder holds another one already."""
+    def begin(self, config: TrainConfig, command: str, craft: str = "") -> None:
+        """Write what is known before training; ConfigError where the folder holds another one already.
+
+        Without a TOML text the spacecraft is the one that the config names.
+        """
         if self.config_file.exists():
             raise ConfigError(
                 f"{self.path} holds a training already; continue it with --resume {self.path}, or "
-                "choose another folder with --run.")
-        files.write_text(self.spacecraft_file, spacecraft_text(config.spacecraft))
+                "choose another folder with --output.")
+        files.write_text(self.spacecraft_file, craft or spacecraft_text(config.spacecraft))
         about = {"command": command, "environment": files.environment()}
         files.write_json(self.config_file, to_table(config) | {"about": about})
 

@@ -158,7 +158,8 @@ class Trainer:
         said = self.learner.update().tolist()
         self.steps += self._rollout
         try:
-            self._said = [statistics(numbers, self.engine, self.steps, self._goes_on) for numbers in said]
+            self._said = [statistics(numbers, self.engine, self.steps, self._rollout, self._goes_on)
+                          for numbers in said]
         except NonFiniteState as error:
             file, state = self.run.path / "nonfinite.safetensors", pack(self._checkpoint())
             if self.processes.is_first:

@@ -6,11 +6,11 @@ import dataclasses
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Any, ClassVar, cast
+from typing import Any, ClassVar, Literal, cast, get_args
 
 import casadi as ca
 
-from rans.errors import ConfigError
+from rans.errors import ConfigError, brief
 from rans.model.fields import leaves, map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.optimal.trajectory.arrival import Ending, rounded
@@ -173,6 +173,37 @@ class MinimumTime:
 
 
 Objective = MinimumFuel | MinimumEnergy | QuadraticTracking | MaximumReward | MinimumTime
+ObjectiveName = Literal["fuel", "time", "energy", "tracking", "reward"]
+
+
+def objective_of(name: ObjectiveName, horizon: float | None = None, control_period: float = 0.2,
+                 ending: Literal["exact", "set"] = "exact", intervals: int = 50) -> Objective:
+    """The objective of this name.
+
+    Args:
+        name: least thrust-time, time or squared thrust, least squared distance, or greatest reward.
+        horizon: length of the trajectory, s; None: 20, for reward 25; for time it follows.
+        control_period: time a command is held, s; for time it follows.
+        ending: arrive exactly, or within the task's tolerances; for fuel, time and energy.
+        intervals: control periods of a least time.
+
+    Raises:
+        ConfigError: there is no such objective, or it does not go with the others.
+    """
+    free = {"tracking": QuadraticTracking, "reward": MaximumReward}
+    if name not in get_args(ObjectiveName):
+        known = ", ".join(get_args(ObjectiveName))
+        raise ConfigError(f"objective must be one of {known}, got {brief(name)}.")
+    if horizon is not None and name == "time":
+        raise ConfigError("horizon is what the objective time looks for; leave it out.")
+    if ending == "set" and name in free:
+        raise ConfigError(f"the ending set is for fuel, time and energy; {name} ends anywhere.")
+    if name == "time":
+        return MinimumTime(intervals, ending)
+    length = horizon if horizon is not None else 25.0 if name == "reward" else 20.0
+    if name in free:
+        return free[name](length, control_period)
+    return (MinimumFuel if name == "fuel" else MinimumEnergy)(length, control_period, ending)
 
 
 def _forces(craft: Spacecraft) -> ca.DM:

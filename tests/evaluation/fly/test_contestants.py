@@ -64,6 +64,16 @@ def test_an_agent_that_comes_with_rans(run: Path, monkeypatch: pytest.MonkeyPatc
         contestant("pretrained:posr")
 
 
+def test_an_agent_by_its_bare_name_where_no_folder_has_it(tmp_path: Path,
+                                                          monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert contestant("go-to-pose-2d").controller.name == "go-to-pose-2d"
+    assert output_folder("go-to-pose-2d") == Path("runs/evaluations/pretrained-go-to-pose-2d")
+    (tmp_path / "go-to-pose-2d").mkdir()
+    with pytest.raises(ConfigError, match="go-to-pose-2d is not a run folder"):
+        contestant("go-to-pose-2d")
+
+
 def test_results_stay_inside_their_folder() -> None:
     assert output_folder("lqr:go-to-pose-2d@../own craft.toml") == Path(
         "runs/evaluations/lqr-go-to-pose-2d-..-own-craft.toml")
@@ -78,7 +88,6 @@ def test_results_stay_inside_their_folder() -> None:
     ("pretraned:x", r"no contestant .pretraned:x. \(did you mean pretrained\?\); known are a run folder,"),
     ("lqr:", "there is no contestant 'lqr:'"),
     ("nowhere", "nowhere is not a run folder"),
-    ("go-to-pose-2d", "no run folder 'go-to-pose-2d'; the agent .* is pretrained:go-to-pose-2d"),
     ("sb3:mine.zip", "sb3:mine.zip knows no task: .*, as in rans compare RUN sb3:mine.zip"),
 ])
 def test_who_is_not_there_is_one_sentence(spec: str, said: str) -> None:

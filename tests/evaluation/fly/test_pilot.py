@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 
 from rans.errors import ConfigError
+from rans.evaluation.fly.agent import load_agent
 from rans.evaluation.fly.controllers import CONTROLLERS, controller
 from rans.evaluation.fly.pilot import Pilot
 from rans.evaluation.fly.protocols import Setup
 from rans.flight import fly
+from rans.pretrained import pretrained_folder
 from rans.scenario import scenarios
 
 
@@ -48,6 +50,18 @@ def test_arrives_and_flies_again() -> None:
         assert info["is_success"]
         flown.append(info["errors"])
     assert flown[0] == flown[1]
+
+
+def test_an_agent_flies_what_it_was_made_for() -> None:
+    agent, env = load_agent(pretrained_folder("go-to-pose-2d")), gymnasium.make("rans/GoToPose2D-v0")
+    pilot = Pilot(agent, env)
+    observation, info = env.reset(seed=3)
+    for _ in range(125):
+        observation, *_, info = env.step(pilot.act(observation))
+    assert info["is_success"]
+    for other in ("rans/GoToPose3D-v0", "rans/GoToXY-v0"):
+        with pytest.raises(ConfigError, match="make the environment of its task"):
+            Pilot(agent, gymnasium.make(other))
 
 
 def test_refuses_what_it_cannot_fly() -> None:

@@ -121,3 +121,11 @@ def test_what_is_not_there(change: dict[str, Any], sentence: str) -> None:
 def test_one_of_several_tasks_must_be_picked() -> None:
     with pytest.raises(ConfigError, match="knows several tasks"):
         small("pretrained:multi-task-2d")
+
+
+def test_one_trouble_alone_flies_nothing_that_is_not_shown() -> None:
+    specs = ["lqr:go-to-pose-2d"]
+    alone = prepared(contest_of(specs[0], 2, 7), specs, (), ["latency"], 2)
+    assert {level.effect for level in alone.levels} == {"perfect", "latency"}
+    beside = prepared(contest_of(specs[0], 2, 7), specs, ("lab",), ["latency"], 2)
+    assert {level.effect for level in beside.levels} == {"perfect", "lab", "latency"}

@@ -142,7 +142,39 @@ WRAPPERS: dict[str, Any] = {
     "TransformReward": lambda env: wrappers.TransformReward(env, lambda reward: 2 * reward),
     "TransformObservation": lambda env: wrappers.TransformObservation(env, lambda seen: 2 * seen),
     "DtypeObservation": lambda env: wrappers.DtypeObservation(env, np.float32),
+    "ReshapeObservation": lambda env: wrappers.ReshapeObservation(env, (2, 5)),
+    "VectorizeTransformObservation": lambda env: wrappers.VectorizeTransformObservation(
+        env, gymnasium.wrappers.TransformObservation, func=lambda seen: -seen, observation_space=None),
+    "VectorizeTransformReward": lambda env: wrappers.VectorizeTransformReward(
+        env, gymnasium.wrappers.TransformReward, func=lambda reward: -reward),
+    "TransformAction": lambda env: wrappers.TransformAction(env, lambda action: 1 - action),
+    "VectorizeTransformAction": lambda env: wrappers.VectorizeTransformAction(
+        env, gymnasium.wrappers.TransformAction, func=lambda action: 1 - action, action_space=None),
 }
+DUTIES: dict[str, Any] = {"ClipAction": wrappers.ClipAction,
+                          "RescaleAction": lambda env: wrappers.RescaleAction(env, -1.0, 1.0)}
+"""For actions between two bounds, which pulsed and throttled craft take."""
+NOT_FOR_THESE = {"FilterObservation", "GrayscaleObservation", "ResizeObservation",  # dicts and pictures
+                 "RescaleObservation",  # of numbers between bounds, which distances have not
+                 "JaxToNumpy", "JaxToTorch", "NumpyToTorch",  # of others' arrays; here all are torch's
+                 "ArrayConversion", "RecordVideo", "HumanRendering"}  # around all others; test_vector.py
+
+
+def test_every_wrapper_of_gymnasium_is_tried() -> None:
+    assert {*WRAPPERS, *DUTIES, *NOT_FOR_THESE} == set(wrappers.__all__)
+
+
+@pytest.mark.filterwarnings("ignore:.*precision lowered")  # Gymnasium's own, where it rescales
+@pytest.mark.parametrize("name", DUTIES)
+def test_gymnasiums_wrappers_of_actions(name: str) -> None:
+    """-1 shuts and 1 opens behind the one that rescales; what is clipped is what is flown."""
+    make_one: Any = lambda: gymnasium.make_vec(PLANE, num_envs=COUNT, spacecraft="atmos")  # noqa: E731
+    env, plain = DUTIES[name](wrappers.ArrayConversion(make_one(), torch, np)), make_one()
+    env.reset(seed=1)
+    plain.reset(seed=1)
+    asked = np.array([[-1.0, 1.0] * 4] * COUNT, np.float32)
+    seen, expected = env.step(asked)[0], plain.step(torch.from_numpy(asked.clip(0.0, 1.0)))[0]
+    np.testing.assert_array_equal(seen, expected)
 
 
 @pytest.mark.parametrize("name", WRAPPERS)

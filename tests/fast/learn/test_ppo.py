@@ -11,7 +11,7 @@ from rans.errors import ConfigError, NonFiniteState
 from rans.fast.distributed import ALONE
 from rans.fast.engine import Engine
 from rans.fast.learn.member import begin, statistics
-from rans.fast.learn.ppo import Learner, losses
+from rans.fast.learn.ppo import STATISTICS, Learner, losses
 from rans.fast.learn.rollout import minibatches
 from tests.fast.engines import NEAR, PLATFORM, SHORT, both_crafts
 from tests.fast.test_policy import seen
@@ -136,11 +136,21 @@ def test_training_leaves_torchs_own_random_numbers_alone() -> None:
     assert torch.equal(torch.rand(3), expected)
 
 
+def test_returns_and_lengths_by_the_names_of_sb3() -> None:
+    """160 steps in which 4 episodes ended, at 0.25 a step by hand: 40 steps and a return of 10 each."""
+    engine = Engine(PLATFORM, NEAR, 16, SHORT)
+    terms = [0.0] * (len(engine.term_names) - 2)
+    told = statistics([0.0] * len(STATISTICS) + [1e-3, 3.0, 4.0, 1.0, 0.5, -0.25, *terms], engine, 160, 160)
+    assert (told["rollout/ep_len_mean"], told["rollout/ep_rew_mean"]) == (40.0, 10.0)
+    none = statistics([0.0] * len(STATISTICS) + [1e-3, 0.0, 0.0, 0.0, 0.5, -0.25, *terms], engine, 160, 160)
+    assert "rollout/ep_rew_mean" not in none
+
+
 def test_what_an_iteration_says() -> None:
     learner = tiny_learner()
     for _ in range(3):
         learner.collect()
-    told = statistics(learner.update().tolist()[0], learner.engine, 128)
+    told = statistics(learner.update().tolist()[0], learner.engine, 128, 128)
     rollout, terms = learner.rollout, learner.engine.term_names
     # Some episodes failed in this rollout, some ran out of time, and not all of those near their goal.
     assert 0 < float(rollout.reached) < float(rollout.all.truncated.sum()) < float(rollout.all.ended.sum())
@@ -176,7 +186,7 @@ def test_an_infinite_gradient_is_noticed_in_the_same_update() -> None:
     learner.network.tensors["value_net.weight"].register_hook(lambda gradient: gradient * float("inf"))
     learner.collect()
     with pytest.raises(NonFiniteState, match="not finite after 128 steps"):
-        statistics(learner.update().tolist()[0], learner.engine, 128)
+        statistics(learner.update().tolist()[0], learner.engine, 128, 128)
 
 
 def rate_after(learner: Learner, divergence: float, times: int = 1) -> float:

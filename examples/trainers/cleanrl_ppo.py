@@ -1,0 +1,90 @@
+"""CleanRL's PPO (ppo.py, MIT licence, Huang et al., JMLR 23, 2022) on thousands of spacecraft, without glue.
+
+Its details: orthogonal weights, advantages normalised per minibatch, clipped losses, annealed step size. What
+is ours: tensors throughout, and a Bernoulli choice for each valve.
+"""
+
+from __future__ import annotations
+
+import argparse
+
+import gymnasium
+import torch
+from torch import Tensor, nn
+from torch.distributions import Bernoulli
+
+import rans  # registers the environments
+
+N_ENVS, N_STEPS, EPOCHS, MINIBATCHES = 128, 64, 4, 4
+GAMMA, LAMBDA, CLIP, RATE = 0.98, 0.95, 0.2, 1e-3
+
+
+def network(inputs: int, outputs: int, gain: float) -> nn.Sequential:
+    """Two layers of 64."""
+    layers = [nn.Linear(inputs, 64), nn.Linear(64, 64), nn.Linear(64, outputs)]
+    for layer, scale in zip(layers, (2**0.5, 2**0.5, gain), strict=True):
+        nn.init.orthogonal_(layer.weight, scale)
+        nn.init.zeros_(layer.bias)
+    return nn.Sequential(layers[0], nn.Tanh(), layers[1], nn.Tanh(), layers[2])
+
+
+def train(steps: int) -> list[float]:
+    """Mean reward of a step in every rollout."""
+    torch.manual_seed(0)
+    envs = gymnasium.make_vec("rans/GoToPose2D-v0", num_envs=N_ENVS)
+    width, valves = envs.single_observation_space.shape[0], envs.single_action_space.shape[0]
+    actor, critic = network(width, valves, 0.01), network(width, 1, 1.0)
+    weights = [*actor.parameters(), *critic.parameters()]
+    adam, updates = torch.optim.Adam(weights, RATE, eps=1e-5), max(1, steps // (N_ENVS * N_STEPS))
+    seen, _ = envs.reset(seed=0)
+    told = []
+    for update in range(updates):
+        adam.param_groups[0]["lr"] = RATE * (1 - update / updates)
+        rows: list[tuple[Tensor, ...]] = []
+        with torch.no_grad():
+            for _ in range(N_STEPS):
+                policy, value = Bernoulli(logits=actor(seen)), critic(seen)[:, 0]
+                action = policy.sample()
+                after, reward, terminated, truncated, info = envs.step(action)
+                # Time that runs out is no end of the task: what would have followed counts.
+                rest = critic(info["final_obs"])[:, 0] * truncated
+                said = policy.log_prob(action).sum(1)
+                rows.append((seen, action, said, value, reward + GAMMA * rest, terminated | truncated))
+                seen = after
+            told.append(float(torch.stack([row[4] for row in rows]).mean()))
+            follows, advantages = critic(seen)[:, 0], []
+            advantage = torch.zeros(N_ENVS)
+            for _, _, _, value, reward, over in reversed(rows):
+                error = reward + GAMMA * follows * ~over - value
+                advantage = error + GAMMA * LAMBDA * ~over * advantage
+                advantages.insert(0, advantage)
+                follows = value
+        flat = [torch.cat(column) for column in zip(*rows, strict=True)]
+        learn(actor, critic, adam, flat, torch.cat(advantages))
+    return told
+
+
+def learn(actor: nn.Module, critic: nn.Module, adam: torch.optim.Optimizer, rows: list[Tensor],
+          advantages: Tensor) -> None:
+    """Some passes over a rollout in minibatches."""
+    seen, action, before, value = rows[:4]
+    returns, weights = advantages + value, adam.param_groups[0]["params"]
+    for _ in range(EPOCHS):
+        for some in torch.randperm(len(seen)).chunk(MINIBATCHES):
+            policy = Bernoulli(logits=actor(seen[some]))
+            ratio = (policy.log_prob(action[some]).sum(1) - before[some]).exp()
+            gain = advantages[some]
+            gain = (gain - gain.mean()) / (gain.std() + 1e-8)
+            surrogate = torch.min(gain * ratio, gain * ratio.clamp(1 - CLIP, 1 + CLIP)).mean()
+            loss = 0.5 * (critic(seen[some])[:, 0] - returns[some]).square().mean() - surrogate
+            adam.zero_grad()
+            loss.backward()
+            nn.utils.clip_grad_norm_(weights, 0.5)
+            adam.step()
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--steps", type=int, default=1_000_000)
+    for number, reward in enumerate(train(parser.parse_args().steps)):
+        print(f"rollout {number}: mean reward of a step {reward:.3f}")

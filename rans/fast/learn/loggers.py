@@ -1,0 +1,105 @@
+"""Other people's places for metrics, if asked for; TensorBoard's scalars are always written."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Literal, Protocol
+
+from rans.errors import ConfigError
+from rans.fast.learn.config import TrainConfig, to_table
+from rans.files import first_line
+
+LoggerName = Literal["hparams", "wandb", "mlflow"]
+"""TensorBoard's table of hyper-parameters, Weights & Biases, MLflow."""
+
+
+class Logger(Protocol):
+    """Takes rows of metrics."""
+
+    def write(self, row: dict[str, Any]) -> None:
+        """One more, with its number of ``steps``."""
+
+    def close(self) -> None:
+        """There will be no more."""
+
+
+def check(names: Sequence[LoggerName]) -> None:
+    """ConfigError where a library of these is not installed."""
+    for name in names:
+        if name != "hparams":
+            _library(name)
+
+
+def loggers(names: Sequence[LoggerName], config: TrainConfig, run: Path) -> list[Logger]:
+    """Those of these names, told the config of a run folder; ConfigError where one cannot begin."""
+    made = {"hparams": _Hparams, "wandb": _WandB, "mlflow": _MLflow}
+    settings, found = dict(_plain(to_table(config))), list[Logger]()
+    for name in dict.fromkeys(names):
+        try:
+            found.append(made[name](settings, run))
+        except Exception as error:  # other people's services raise anything
+            raise ConfigError(f"--log {name} cannot begin: {first_line(error)}.") from error
+    return found
+
+
+class _Hparams:
+    def __init__(self, settings: dict[str, Any], run: Path) -> None:
+        self._settings, self._folder = settings, str(run / "tensorboard")
+        self._last: dict[str, float] = {}
+
+    def write(self, row: dict[str, Any]) -> None:
+        self._last = {"evaluation/success": row["success"], "perf/steps_per_s": row["steps_per_s"]}
+
+    def close(self) -> None:
+        from stable_baselines3.common.logger import HParam, TensorBoardOutputFormat
+
+        events = TensorBoardOutputFormat(self._folder)
+        events.write({"hparams": HParam(self._settings, self._last or {"evaluation/success": 0.0})},
+                     {"hparams": ()})
+        events.close()
+
+
+class _WandB:
+    def __init__(self, settings: dict[str, Any], run: Path) -> None:
+        self._run = _library("wandb").init(project="rans", name=run.name, config=settings, dir=str(run))
+
+    def write(self, row: dict[str, Any]) -> None:
+        self._run.log(row, step=row["steps"])
+
+    def close(self) -> None:
+        self._run.finish()
+
+
+class _MLflow:
+    def __init__(self, settings: dict[str, Any], run: Path) -> None:
+        self._mlflow = _library("mlflow")
+        self._mlflow.set_experiment("rans")
+        self._mlflow.start_run(run_name=run.name)
+        self._mlflow.log_params(settings)
+
+    def write(self, row: dict[str, Any]) -> None:
+        self._mlflow.log_metrics(row, step=row["steps"])
+
+    def close(self) -> None:
+        self._mlflow.end_run()
+
+
+def _library(name: str) -> Any:
+    try:
+        return importlib.import_module(name)
+    except ImportError as error:
+        raise ConfigError(f"--log {name} needs the package {name} ({first_line(error)}): pip install {name}."
+                          ) from error
+
+
+def _plain(table: dict[str, Any], place: str = "") -> list[tuple[str, Any]]:
+    """Numbers, truth values and texts of nested tables, by their dotted names; lists become texts."""
+    found: list[tuple[str, Any]] = []
+    for key, value in table.items():
+        if isinstance(value, dict):
+            found += _plain(value, f"{place}{key}.")
+        else:
+            found.append((place + key, value if isinstance(value, bool | int | float | str) else str(value)))
+    return found

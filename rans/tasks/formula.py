@@ -1,0 +1,87 @@
+"""Rewards as people write them, found by running a task's own functions on symbols."""
+
+from __future__ import annotations
+
+import copy
+
+from rans.model.dynamics import State
+from rans.model.fields import map_leaves
+from rans.model.trace import UNTRACEABLE, Symbol
+from rans.tasks.base import Task
+from rans.tasks.derived import example_state
+from rans.tasks.rewards import Transition
+from rans.tasks.sight import Dimension
+
+OPEN, BEFORE = "open", "open_before"
+"""Names of how many thrusters are open, now and in the step before; errors have the names of the task."""
+_SUM, _PRODUCT, _WHOLE = 1, 2, 3
+"""How tightly a text holds together."""
+
+
+def reward_formulas(task: Task, dimension: Dimension = 2) -> dict[str, str]:
+    """Every term of a step's reward, in the task's errors and `OPEN`; none where symbols cannot follow.
+
+    >>> reward_formulas(rans.GoToPose())["approach"]
+    '0.5 exp(-position / 1.5)'
+    """
+    try:
+        state, goal = (_named(one, name) for one, name in
+                       zip(example_state(task, dimension), ("", "goal_"), strict=True))
+        errors = {name: Symbol.input(name) for name in task.errors(state, goal)}
+        named = copy.copy(task)
+        object.__setattr__(named, "errors", lambda _state, _goal: dict(errors))
+        terms = named.reward(Transition(state, goal, (Symbol.input(OPEN),), (Symbol.input(BEFORE),)))
+    except UNTRACEABLE:
+        return {}
+    return {name: _text(Symbol.constant(term)) for name, term in terms.items()}
+
+
+def _named(state: State, prefix: str) -> State:
+    count = iter(range(1000))
+    return map_leaves(lambda _: Symbol.input(f"{prefix}x{next(count)}"), state)
+
+
+def _text(symbol: Symbol, within: int = 0, divided: bool = False) -> str:
+    """With brackets where what it stands in holds tighter; factors as divisors where that is usual."""
+    text, own = _told(symbol, divided)
+    return f"({text})" if own < within else text
+
+
+def _told(symbol: Symbol, divided: bool) -> tuple[str, int]:
+    if symbol.operation == "input":
+        return str(symbol.value), _WHOLE
+    if symbol.operation == "constant":
+        return f"{symbol.value:.4g}", _WHOLE if symbol.value >= 0 else _SUM
+    first, last = symbol.args[0], symbol.args[-1]
+    match symbol.operation:
+        case "neg":
+            return f"-{_text(first, _PRODUCT, divided)}", _SUM
+        case "+" | "-" as sign:
+            return f"{_text(first, _SUM)} {sign} {_text(last, _PRODUCT if sign == '-' else _SUM)}", _SUM
+        case "*" if "constant" in (first.operation, last.operation):
+            factor, rest = (first, last) if first.operation == "constant" else (last, first)
+            return _times(float(factor.value), rest, divided)
+        case "*" | "/" as sign:
+            return f"{_text(first, _PRODUCT)} {sign} {_text(last, _WHOLE)}", _PRODUCT
+        case "abs":
+            return f"|{_text(first)}|", _WHOLE
+        case "exp":
+            return f"exp({_text(first, divided=True)})", _WHOLE
+    return f"{symbol.operation}({', '.join(map(_text, symbol.args))})", _WHOLE
+
+
+def _times(factor: float, rest: Symbol, divided: bool) -> tuple[str, int]:
+    sign, size = "-" if factor < 0 else "", abs(factor)
+    if size == 0.5 and (beyond := _half_of(rest)) is not None:
+        return f"{sign}max({_text(beyond)}, 0)", _SUM if sign else _WHOLE
+    if divided:
+        return f"{sign}{_text(rest, _PRODUCT)} / {1.0 / size:.4g}", _SUM if sign else _PRODUCT
+    return f"{sign}{size:.4g} {_text(rest, _PRODUCT)}", _SUM if sign else _PRODUCT
+
+
+def _half_of(total: Symbol) -> Symbol | None:
+    """The x of x + |x|, which is twice the positive part of x."""
+    if total.operation != "+":
+        return None
+    a, b = total.args if total.args[1].operation == "abs" else total.args[::-1]
+    return a if b.operation == "abs" and b.args[0] is a else None
