@@ -151,12 +151,7 @@ class Evaluate:
         before = read_json(file) if file.exists() else {}
         if not isinstance(before, dict) or before.get("conditions") != conditions:
             before = {}
-<<<<<<< HEAD
         write_json(file, before | results | {"conditions": conditions, "about": _about()})
-=======
-        about = {"command": command_line(), "environment": environment()}
-        write_json(file, before | results | {"conditions": conditions, "about": about})
->>>>>>> main
         save_episodes(flight, folder / f"episodes{suffix}.npz", self.trajectories)
         save_flight_figures(flight, folder, suffix)
         return file
@@ -177,4 +172,4 @@ class Evaluate:
 
 
 def _about() -> dict[str, Any]:
-    return {"command": shlex.join(["rans", *sys.argv[1:]]), "environment": environment()}
+    return {"command": command_line(), "environment": environment()}
