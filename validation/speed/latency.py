@@ -11,6 +11,7 @@ import time
 import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from typing import cast
 
 import numpy as np
 import torch
@@ -108,7 +109,7 @@ def onnx_policy(policy: Network) -> Policy:
     network = program.model_proto.SerializeToString()  # type: ignore[union-attr]
     session = onnxruntime.InferenceSession(network, options, providers=["CPUExecutionProvider"])
     name = session.get_inputs()[0].name
-    return lambda observation: session.run(None, {name: observation})[0]
+    return lambda observation: cast("np.ndarray", session.run(None, {name: observation})[0])
 
 
 class _Deterministic(nn.Module):
