@@ -34,13 +34,17 @@ def write_numpy(folder: Path, program: Program, given: Architecture, title: str)
     """Write agent.py, whose class ``Agent`` flies, and agent.npz; `ConfigError` where the disk refuses."""
     frame = (resources.files("rans") / "data/export/agent.py.txt").read_text("utf-8")
     lines, tables = printed(program)
-    places = {"TITLE": title, "WIDTH": given.layout.width, "MEMORY": given.memory,
-              "AFTER": "memory_out" if given.memory else "memory", "STEPS": "\n".join(map(_broken, lines)).lstrip()}
+    # The title has names that strangers may have given, and this is code.
+    places = {"TITLE": re.sub(r"[^\w .,:;()'-]", "?", title)[:_LINE], "WIDTH": given.layout.width,
+              "MEMORY": given.memory, "AFTER": "memory_out" if given.memory else "memory",
+              "STEPS": "\n".join(map(_broken, lines)).lstrip()}
     write_text(folder / "agent.py", re.sub(r"__([A-Z]+)__", lambda found: str(places[found[1]]), frame))
+
+    kept = {name: program.constants[name] for name in tables}
 
     def write(draft: Path) -> None:
         with draft.open("wb") as stream:  # not a path: NumPy adds ".npz" to one that has another ending
-            np.savez_compressed(stream, **{name: program.constants[name] for name in tables})
+            np.savez_compressed(stream, allow_pickle=False, **kept)
 
     replace_file(folder / "agent.npz", write)
 
@@ -80,7 +84,7 @@ def _text(step: Step, program: Program, known: Mapping[str, str]) -> str:
     whole = program.constants.get(step.inputs[-1], np.zeros(()))
     match step.operation:
         case "Concat":
-            return f"np.concatenate(({', '.join(inputs)}), axis=-1)"
+            return f"np.concatenate(({', '.join(inputs)},), axis=-1)"
         case "Split":
             ends = len(whole) if (whole == 1).all() else np.cumsum(whole)[:-1].tolist()
             return f"np.split({inputs[0]}, {ends}, axis=-1)"

@@ -30,8 +30,9 @@ def write_onnx(file: Path, program: Program, given: Architecture, about: Mapping
     def rows(name: str, width: int) -> onnx.ValueInfoProto:
         return helper.make_tensor_value_info(name, onnx.TensorProto.FLOAT, ["N", width])
 
-    nodes = [helper.make_node(step.operation, step.inputs, step.outputs, **step.attributes)
-             for step in program.steps]
+    nodes = [helper.make_node(step.operation, step.inputs, step.outputs) for step in program.steps]
+    for node, step in zip(nodes, program.steps, strict=True):
+        node.attribute.extend(helper.make_attribute(*each) for each in step.attributes.items())
     tables = [numpy_helper.from_array(np.asarray(value), name) for name, value in program.constants.items()]
     takes, gives = [rows("observation", given.layout.width)], [rows("command", given.thrusters)]
     if given.memory:

@@ -108,7 +108,8 @@ def agent_program(network: Network) -> Program:
     recalled = _recalled(program, network, view) if given.recalled else ""
     if recalled:
         x = program.joined(x, recalled, name="shown")
-    for name in [name for name in weights if name.startswith(f"{EXTRACTOR}trunk.") and name.endswith("weight")]:
+    layers = [name for name in weights if name.startswith(f"{EXTRACTOR}trunk.") and name.endswith("weight")]
+    for name in layers:
         x = program.linear(x, weights[name], weights[name.removesuffix("weight") + "bias"])
         x = program.apply(_ACTIVATIONS[given.activation], x)
     if given.units:
