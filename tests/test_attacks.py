@@ -5,6 +5,7 @@ from __future__ import annotations
 import fcntl
 import json
 import os
+import stat
 import subprocess
 import sys
 import time
@@ -107,6 +108,13 @@ def test_what_is_no_file_is_not_waited_for(reader: Callable[[Path], object], kin
         (os.mkfifo if kind == "pipe" else os.mkdir)(odd)
     with pytest.raises(ConfigError, match="it is no file, but a folder, a pipe or a device"):
         reader(odd)
+
+
+def test_nothing_is_put_in_the_place_of_a_device(capsys: pytest.CaptureFixture[str]) -> None:
+    """Root may: a drawing saved as /dev/null would have ended it for everybody."""
+    os.mkfifo("odd.svg")
+    assert "it is a pipe or a device" in said(capsys, "list", "floating-platform", "--picture", "odd.svg")
+    assert stat.S_ISFIFO(os.stat("odd.svg").st_mode)
 
 
 @pytest.mark.parametrize("command", [

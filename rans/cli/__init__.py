@@ -11,6 +11,7 @@ from typing import Any
 
 from rans.errors import ConfigError, RansError, legible
 from rans.files import first_line
+from rans.registry import trust_files
 
 STARTED = time.monotonic()
 """When this process began to work, s: commands state their wall time from here."""
@@ -69,7 +70,10 @@ def _run(arguments: list[str]) -> int:
 
         print(f"rans {version('rans')}")
         return 0
-    return _parse(arguments or ["--help"]).run()
+    command = _parse(arguments or ["--help"])
+    if getattr(command, "trust", False):
+        trust_files()
+    return command.run()
 
 
 def _parse(arguments: list[str]) -> Any:

@@ -31,6 +31,8 @@ class Export:
     """What to write the agent as."""
     episodes: int = 1024
     """Flights behind the card's figures."""
+    trust: bool = False
+    """Run the module of a task that a run folder names as MODULE:NAME; only if you know its author."""
 
     def run(self) -> int:
         """Print what was written."""

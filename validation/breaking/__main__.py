@@ -1,8 +1,8 @@
-"""``python -m validation.breaking``: random and damaged files, command lines and run folders, kills, full disks.
+"""``python -m validation.breaking``: damaged files, odd command lines, damaged run folders, kills, full disks.
 
-Every case follows from its number. Demanded: no traceback, no hang, no number that is silently none, and agents that
-were killed or ran out of disk end bit for bit as those that were not. One case again, with what it says:
-``--only files:137``.
+Every case follows from its number. Demanded: no traceback, no hang, no number that is silently none, and
+agents that were killed or ran out of disk end bit for bit as those that were not. One case again, with what
+it says: ``--only files:137``.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ import shutil
 import sys
 import tempfile
 import time
-from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
@@ -30,21 +29,26 @@ from validation.breaking.training import full_disk, killed, whole
 from validation.breaking.trial import Outcome, ran
 from validation.command import ended
 
+_KINDS = "files", "lines", "folders", "kills", "disks"
+
+
 @dataclass
 class Tally:
     """What was tried of one kind, and what came of it."""
 
     tried: int = 0
-    endings: Counter[str] = field(default_factory=Counter)
+    endings: dict[str, int] = field(default_factory=dict)
     faults: list[dict[str, Any]] = field(default_factory=list)
     seconds: float = 0.0
 
     def add(self, number: int, outcomes: list[Outcome], more: list[str]) -> None:
         """One case."""
         self.tried += 1
-        self.endings.update(one.ended for one in outcomes)
-        self.faults += [{"case": number, "command": list(one.command), "fault": fault, "said": one.err[-2000:]}
-                        for one in outcomes for fault in one.faults]
+        for one in outcomes:
+            self.endings[one.ended] = self.endings.get(one.ended, 0) + 1
+        self.faults += [
+            {"case": number, "command": list(one.command), "fault": fault, "said": one.err[-2000:]}
+            for one in outcomes for fault in one.faults]
         self.faults += [{"case": number, "command": [], "fault": fault, "said": ""} for fault in more]
 
 
@@ -81,16 +85,17 @@ class Breaking:
             folder = Path(place)
             if kind:
                 return self._one(kind, int(number), folder)
-            tallies = {name: self._tally(name, folder) for name in ("files", "lines", "folders", "kills", "disks")
-                       if getattr(self, name)}
+            tallies = {name: self._tally(name, folder) for name in _KINDS if getattr(self, name)}
         found = steps(self.steps) if self.steps else None
         faults = sum(len(tally.faults) for tally in tallies.values()) + (found.silent if found else 0)
         terminal = Terminal(room=110)
-        terminal.print(table("Breaking", ("kind", "tried", "how commands ended", "faults", "seconds"), [
-            *((name, str(x.tried), ", ".join(f"{count} {how}" for how, count in x.endings.most_common()),
-               str(len(x.faults)), f"{x.seconds:.0f}") for name, x in tallies.items()),
-            *([("steps", f"{found.steps:,}", f"{found.craft} craft, {found.refused} refused", str(found.silent), "")]
-              if found else [])]))
+        rows = [(name, str(x.tried), ", ".join(f"{n} {how}" for how, n in sorted(x.endings.items())),
+                 str(len(x.faults)), f"{x.seconds:.0f}") for name, x in tallies.items()]
+        if found:
+            about = f"{found.craft} craft, {found.refused} refused"
+            rows.append(("steps", f"{found.steps:,}", about, str(found.silent), ""))
+        headings = "kind", "tried", "how commands ended", "faults", "seconds"
+        terminal.print(table("Breaking", headings, rows))
         for name, tally in tallies.items():
             for fault in tally.faults[:50]:
                 terminal.print(f"{name}:{fault['case']} {fault['fault']}: {' '.join(fault['command'])[:300]}")
@@ -107,10 +112,11 @@ class Breaking:
             with _emptied(folder / "case") as case:
                 tally.add(number, *trial(number, case))
         tally.seconds = time.monotonic() - started
+        _say(f"{name}: {tally.tried} in {tally.seconds:.0f} s, {len(tally.faults)} faults")
         return tally
 
     def _trial(self, name: str, folder: Path) -> Callable[[int, Path], tuple[list[Outcome], list[str]]]:
-        """What a case of this kind is, of its number and an empty folder: outcomes, and what else is wrong."""
+        """A case of this kind, of its number and an empty folder, to outcomes and what else is wrong."""
         if name in ("kills", "disks"):
             (folder / name).mkdir()
             started = time.monotonic()
@@ -133,16 +139,22 @@ class Breaking:
         with _emptied(folder / "case") as case:
             outcomes, more = self._trial(name, folder)(number, case)
             for one in outcomes:
-                print(f"$ rans {' '.join(one.command)}\n{one.out}{one.err}-> {one.ended}, {one.seconds:.1f} s")  # noqa: T201
+                _say(f"$ rans {' '.join(one.command)}\n{one.out}{one.err}-> {one.ended}, {one.seconds:.1f} s")
         return 1 if more or any(one.faults for one in outcomes) else 0
+
+
+def _say(text: str) -> None:
+    """On the way, to those who wait."""
+    print(text, file=sys.stderr, flush=True)  # noqa: T201
 
 
 @contextmanager
 def _emptied(folder: Path) -> Iterator[Path]:
-    """A folder that is new within, and gone after."""
+    """A folder deep in this one that is new within, and gone after; "../.." stays within too."""
     shutil.rmtree(folder, ignore_errors=True)
-    folder.mkdir(parents=True)
-    yield folder
+    case = folder / "a" / "b" / "c"
+    case.mkdir(parents=True)
+    yield case
     shutil.rmtree(folder, ignore_errors=True)
 
 

@@ -11,7 +11,7 @@ import shutil
 from collections.abc import Callable, Iterator, Sequence
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any, get_args, get_origin
+from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 from rans.cli import COMMANDS
 from rans.fast.learn.config import PPOSettings, TrainConfig, to_table
@@ -50,11 +50,12 @@ def file_case(number: int, folder: Path) -> Sequence[Command]:
     chance = random.Random(f"file {number}")
     kind = ("spacecraft", "spacecraft", "conditions", "config")[number % 4]
     if kind == "config":
-        text = json.dumps(to_table(TINY) | {"task": chance.choice(["go-to-pose", "multi-task"])})
-        if "multi-task" in text:
-            text = json.dumps(to_table(dataclasses.replace(TINY, task="multi-task", settings=TASKS["multi-task"]())))
+        text = json.dumps(to_table(TINY))
+        if chance.random() < 0.3:
+            settings = TASKS["multi-task"]()
+            text = json.dumps(to_table(dataclasses.replace(TINY, task="multi-task", settings=settings)))
         _write(folder / "config.json", damaged_text(text, chance), chance)
-        return [("train", "--config", "config.json", "--run", "run", "--device", "cpu", "--total-timesteps", "512")]
+        return [("train", "--config", "config.json", "--run", "run", "--total-timesteps", "512")]
     _write(folder / "odd.toml", damaged_text(chance.choice(_shipped(kind)), chance), chance)
     if kind == "conditions":
         return [("evaluate", "pretrained:go-to-pose-2d-fast", "--episodes", "2", "--conditions", "odd.toml")]
@@ -68,15 +69,18 @@ def _write(file: Path, text: str, chance: random.Random) -> None:
     file.write_bytes(damaged_bytes(content, chance) if chance.random() < 0.15 else content)
 
 
-_WORDS = ("", "-", "--", "x", "../..", "/dev/null", "/dev/zero", "/dev/full", ".", "run", "run/policy.zip", "no/such",
-          "run/config.json", "💥", "\x1b[31m", "[/red]", "a" * 5000, "go-to-pose", "go-to-pose-2d", "lqr", "lab", "mpc",
-          "lqr:go-to-pose-2d", "lqr:go-to-pose-2d@run/spacecraft.toml", "pretrained:go-to-pose-2d-fast", "free-flyer",
-          "pretrained:nobody", "sb3:run/policy.zip", "sb3:run/config.json", "onnx:run/policy.zip", "python:os:getcwd",
-          "python:antigravity:fly", "floating-platform", "none", "None", "odd.toml", "$HOME", "~", "*", "a\nb",
-          "multi-task-2d#nobody", "pretrained:multi-task-2d#go-to-pose", "run#x", ":", "::", "@", "#", "=",
-          "ppo.n_steps=", "ppo=1", "=1", "seed=[1]", "settings.thrust_weight=-1", "timing.control_period=1e-300",
-          "ppo.layers=[]", "spacecraft=[]", "task=null", "curriculum=[{}]", "conditions.body=1", "device=tpu")
-_NUMBERS = ("0", "1", "2", "-1", "3", "1e3", "nan", "inf", "-inf", "1.5", "9" * 30, "2147483648", "0x10", "1e-320", "one")
+_WORDS = ("", "-", "--", "x", "../..", "/dev/null", "/dev/zero", "/dev/full", ".", "run", "run/policy.zip",
+          "no/such", "run/config.json", "💥", "\x1b[31m", "[/red]", "a' * 500", "go-to-pose",
+          "go-to-pose-2d", "lqr", "lab", "mpc", "lqr:go-to-pose-2d",
+          "lqr:go-to-pose-2d@run/spacecraft.toml", "pretrained:go-to-pose-2d-fast", "free-flyer",
+          "pretrained:nobody", "sb3:run/policy.zip", "sb3:run/config.json", "onnx:run/policy.zip",
+          "python:os:getcwd", "python:antigravity:fly", "floating-platform", "none", "None", "odd.toml",
+          "$HOME", "~", "*", "a\nb", "multi-task-2d#nobody", "pretrained:multi-task-2d#go-to-pose", "run#x",
+          ":", "::", "@", "#", "=", "ppo.n_steps=", "ppo=1", "=1", "seed=[1]", "settings.thrust_weight=-1",
+          "timing.control_period=1e-300", "ppo.layers=[]", "spacecraft=[]", "task=null", "curriculum=[{}]",
+          "conditions.body=1", "device=tpu")
+_NUMBERS = ("0", "1", "2", "-1", "3", "1e3", "nan", "inf", "-inf", "1.5", "9' * 3", "2147483648", "0x10",
+            "1e-320", "one")
 _NEVER = {"peers", "peer_folder", "view"}
 """Options that install packages or show something until they are stopped."""
 
@@ -84,57 +88,61 @@ _NEVER = {"peers", "peer_folder", "view"}
 def line_case(number: int, folder: Path, run: Path) -> Sequence[Command]:
     """A command with options of its own and values of anybody's, in a folder with a trained agent."""
     chance = random.Random(f"line {number}")
-    (folder / "run").symlink_to(run.resolve())
+    shutil.copytree(run, folder / "run")
     name = COMMANDS[number % len(COMMANDS)]
     described = getattr(importlib.import_module(f"rans.cli.{name}"), name.capitalize())
     words = [name]
     for field, kind in _options(described):
-        positional = get_origin(kind) is Annotated and "POSITIONAL" in str(get_args(kind)[1:]).upper()
-        if field in _NEVER or (not positional and chance.random() > 0.35):
+        positional = "POSITIONAL" in str(get_args(kind)[1:]).upper()
+        if field in _NEVER or (not positional and chance.random() > 0.25):
             continue
         words += [] if positional else [f"--{_option(field, kind).replace('_', '-')}"]
         if kind is not bool:
-            words += [_argument(field, kind, chance) for _ in range(chance.choice((1, 1, 1, 2)))]
+            words += [_argument(field, kind, chance) for _ in range(chance.choice((1,) * 9 + (2,)))]
     if chance.random() < 0.1:
         words.insert(chance.randrange(len(words) + 1), chance.choice(_WORDS))
     return [_within_reason(words)]
 
 
 def _options(described: Any) -> Iterator[tuple[str, Any]]:
-    from typing import get_type_hints
-
     hints = get_type_hints(described, include_extras=True)
     return ((field.name, hints[field.name]) for field in dataclasses.fields(described))
 
 
 def _option(field: str, kind: Any) -> str:
     """The option's name, which a command may have changed."""
-    named = [one.name for one in get_args(kind)[1:] if getattr(one, "name", None)] if hasattr(kind, "__metadata__") else []
+    named = [one.name for one in getattr(kind, "__metadata__", ()) if getattr(one, "name", None)]
     return named[0] if named else field
 
 
 def _argument(field: str, kind: Any, chance: random.Random) -> str:
-    """A value of the right kind in half of the cases, of any kind in the others."""
-    text = str(kind)
-    if chance.random() < 0.2:
+    """A value that suits the option mostly, and anybody's in the other cases."""
+    kinds = set(_leaves(kind))
+    if chance.random() < 0.15:
         return chance.choice((*_WORDS, *_NUMBERS))
-    if "Literal" in text:
-        choices = [x for x in _leaves(kind) if isinstance(x, str)]
-        return chance.choice((*choices, *choices, "x"))
-    if "int" in text or "float" in text:
+    if get_origin(kind) is Literal:
+        return chance.choice(get_args(kind))
+    if kinds & {int, float}:
         return chance.choice(_NUMBERS)
     return chance.choice((*_WORDS, *_suited(field)))
 
 
 def _leaves(kind: Any) -> Iterator[Any]:
-    for inner in get_args(kind):
-        yield from _leaves(inner) if get_args(inner) else (inner,)
+    """The types that an option's type is made of."""
+    if get_origin(kind) is Annotated:
+        yield from _leaves(get_args(kind)[0])
+    elif get_args(kind):
+        for inner in get_args(kind):
+            yield from _leaves(inner)
+    elif isinstance(kind, type):
+        yield kind
 
 
 def _suited(field: str) -> Sequence[str]:
     """What the option is for."""
-    return {"task": tuple(TASKS) * 3, "contestant": tuple(f"pretrained:{name}" for name in pretrained_names()),
-            "contestants": ("run", "lqr:go-to-pose-2d", "pretrained:go-to-pose-2d-fast") * 5,
+    shipped = tuple(f"pretrained:{name}" for name in pretrained_names())
+    return {"task": tuple(TASKS) * 20, "controller": ("lqr", "switching") * 20, "contestant": shipped * 4,
+            "contestants": ("run", "lqr:go-to-pose-2d", "pretrained:go-to-pose-2d-fast") * 20,
             "run_folder": ("run",) * 20, "spacecraft": ("floating-platform", "free-flyer") * 10,
             "output": ("out", "run", "run/policy.zip", "/proc/x") * 5, "device": ("cpu",) * 30,
             "conditions": ("lab", "perfect", "harsh") * 8}.get(field, ())
@@ -158,7 +166,8 @@ def folder_case(number: int, folder: Path, runs: Sequence[Path]) -> Sequence[Com
         if files:
             _hurt(chance.choice(files), other, chance)
     every = (("evaluate", "run", "--episodes", "2"), ("train", "--resume", "run"),
-             ("export", "run", "--output", "out", "--episodes", "2", "--format", chance.choice(("sb3", "numpy"))),
+             ("export", "run", "--output", "out", "--episodes", "2"),
+             ("export", "run", "--output", "out", "--episodes", "2", "--format", "numpy"),
              ("report", "run"), ("view", "run", "--save", "page.html"),
              ("compare", "run", "sb3:run/policy.zip", "--with", "lqr", "--episodes", "2", "--certified", "0"))
     return chance.sample(every, 2)
@@ -169,9 +178,11 @@ def _hurt(file: Path, other: Path, chance: random.Random) -> None:
     content, way = file.read_bytes(), chance.randrange(10)
     text = file.suffix in (".json", ".jsonl", ".toml")
     if way < 5:
-        changed = damaged_text(content.decode("utf-8", "replace"), chance) if text and chance.random() < 0.7 else None
-        file.write_bytes(damaged_bytes(content, chance) if changed is None else
-                         changed.encode("utf-8", "surrogatepass"))
+        if text and chance.random() < 0.7:
+            changed = damaged_text(content.decode("utf-8", "replace"), chance)
+            file.write_bytes(changed.encode("utf-8", "surrogatepass"))
+        else:
+            file.write_bytes(damaged_bytes(content, chance))
         return
     file.unlink()
     if way == 6:

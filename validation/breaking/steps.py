@@ -35,7 +35,8 @@ class Flown:
 
 def extreme(chance: random.Random) -> Spacecraft:
     """A spacecraft with masses, forces and places anywhere within what is allowed."""
-    craft = load_spacecraft(chance.choice(["floating-platform", "free-flyer", "floating-platform-shared", "atmos"]))
+    known = "floating-platform", "free-flyer", "floating-platform-shared", "atmos"
+    craft = load_spacecraft(chance.choice(known))
     any_size = lambda: 10.0 ** chance.uniform(-9, 9) if chance.random() < 0.5 else 1.0  # noqa: E731
     heavier, longer, stronger, stiffer = (any_size() for _ in range(4))
     bound = lambda x, low: min(max(x, low), 1e9)  # noqa: E731

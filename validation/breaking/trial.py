@@ -15,7 +15,7 @@ from pathlib import Path
 
 from rans.cli import main
 
-_MEMORY = 16 * 2**30
+_MEMORY = 8 * 2**30
 """Bytes of address space a command may take, so that what asks for more is told and not killed."""
 _LONGEST = 30_000
 """Characters of an error: more is no sentence."""
@@ -73,8 +73,8 @@ def ran(command: Command, folder: Path, patience: float = 20.0, limit: Limit = l
         _, status = os.waitpid(child, 0)
         ended = os.waitstatus_to_exitcode(status)
     said, wrong = (file.read_text("utf-8", "replace") if file.exists() else "" for file in (out, err))
-    return Outcome(command, _named(ended, hung and kill_after is None, wrong), time.monotonic() - started, said,
-                   wrong)
+    name = _named(ended, hung and kill_after is None, wrong)
+    return Outcome(command, name, time.monotonic() - started, said, wrong)
 
 
 def _named(code: int, hung: bool, err: str) -> str:
@@ -92,7 +92,7 @@ def _child(command: Command, folder: Path, out: Path, err: Path, limit: Limit) -
         os.setsid()
         for number, file in ((1, out), (2, err)):
             os.dup2(os.open(file, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), number)
-        sys.stdout, sys.stderr = (open(number, "w", encoding="utf-8", closefd=False) for number in (1, 2))
+        sys.stdout, sys.stderr = (os.fdopen(number, "w", encoding="utf-8", closefd=False) for number in (1, 2))
         os.chdir(folder)
         signal.signal(signal.SIGINT, signal.default_int_handler)
         resource.setrlimit(resource.RLIMIT_AS, (_MEMORY, _MEMORY))
