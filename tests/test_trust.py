@@ -97,7 +97,7 @@ def test_trust_is_known_to_processes_that_are_started(run: Path, monkeypatch: py
 
 
 def test_a_typed_name_needs_no_trust(run: Path) -> None:
-    command: str = ("train strangers:Task --spacecraft strangers:craft --device cpu --run mine "
+    command = ("train strangers:Task --spacecraft strangers:craft --device cpu --run mine "
                     "--total-timesteps 64 --set ppo.n_envs=8 --set ppo.n_steps=4 --set ppo.batch_size=16 "
                     "--set timing.episode_steps=10")
     assert main(command.split()) == 0

@@ -74,7 +74,7 @@ _WORDS = ("", "-", "--", "x", "../..", "/dev/null", "/dev/zero", "/dev/full", ".
           "go-to-pose-2d", "lqr", "lab", "mpc", "lqr:go-to-pose-2d",
           "lqr:go-to-pose-2d@run/spacecraft.toml", "pretrained:go-to-pose-2d-fast", "free-flyer",
           "pretrained:nobody", "sb3:run/policy.zip", "sb3:run/config.json", "onnx:run/policy.zip",
-          "python:os:getcwd", "python:antigravity:fly", "floating-platform", "none", "None", "odd.toml",
+          "python:os:getcwd", "python:this:s", "floating-platform", "none", "None", "odd.toml",
           "$HOME", "~", "*", "a\nb", "multi-task-2d#nobody", "pretrained:multi-task-2d#go-to-pose", "run#x",
           ":", "::", "@", "#", "=", "ppo.n_steps=", "ppo=1", "=1", "seed=[1]", "settings.thrust_weight=-1",
           "timing.control_period=1e-300", "ppo.layers=[]", "spacecraft=[]", "task=null", "curriculum=[{}]",
