@@ -145,12 +145,15 @@ def test_metrics_that_say_nothing(capsys: pytest.CaptureFixture[str], row: str) 
         assert "metrics.jsonl is damaged: line 1" in said(capsys, *command)
 
 
-def test_a_task_of_pythons_own_library_is_not_imported(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_task_of_pythons_own_library_is_not_imported(capsys: pytest.CaptureFixture[str],
+                                                       monkeypatch: pytest.MonkeyPatch) -> None:
     """A run folder may name any module as its task; one of these opens a browser when it is imported."""
     tiny_trainer(Path("run")).train(ignore, after(1))
     table = json.loads(Path("run/config.json").read_text())
     Path("run/config.json").write_text(json.dumps(table | {"task": "antigravity:Task"}))
-    assert "of Python's own library" in said(capsys, "evaluate", "run")
+    monkeypatch.setenv("RANS_TRUST", "")  # as --trust sets it for the rest of the process
+    assert "would run that module's code" in said(capsys, "evaluate", "run")
+    assert "of Python's own library" in said(capsys, "evaluate", "run", "--trust")
     assert "antigravity" not in sys.modules
 
 

@@ -100,5 +100,5 @@ def test_a_typed_name_needs_no_trust(run: Path) -> None:
     command = ("train strangers:Task --spacecraft strangers:craft --device cpu --run mine "
                     "--total-timesteps 64 --set ppo.n_envs=8 --set ppo.n_steps=4 --set ppo.batch_size=16 "
                     "--set timing.episode_steps=10")
-    assert main(command.split()) == 0
+    assert main([str(word) for word in command.split()]) == 0
     assert Path("mine/policy.zip").exists()
