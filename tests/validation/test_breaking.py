@@ -111,7 +111,7 @@ def test_numbers_that_are_silently_none_are_counted(monkeypatch: pytest.MonkeyPa
             return type("Step", (), {"observation": observation, "reward": torch.zeros(len(action))})
 
     monkeypatch.setattr(steps, "Engine", Sick)
-    found = steps.steps(1, count=8)
+    found = steps.steps(8 * 64)
     assert found.silent == 64
     assert found.where == (1,)
 

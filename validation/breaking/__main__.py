@@ -33,7 +33,8 @@ from validation.command import ended
 _MANY = 10
 """More cases than this, and what most commands load is loaded once, before."""
 _HEAVY = ("pydrake.multibody.plant", "rans.evaluation.compare.run", "rans.evaluation.fly.judge",
-          "rans.show.report", "rans.show.view", "rans.deploy.export", "rans.optimal.control.lqr", "rans.reference.plant")
+          "rans.show.report", "rans.show.view", "rans.deploy.export", "rans.optimal.control.lqr",
+          "rans.reference.plant")
 _KINDS = "files", "lines", "folders", "kills", "disks"
 
 
@@ -94,7 +95,7 @@ class Breaking:
             if kind:
                 return self._one(kind, int(number), folder)
             tallies = {name: self._tally(name, folder) for name in _KINDS if getattr(self, name)}
-        found = steps(self.steps) if self.steps else None
+        found = steps(self.steps, self.first) if self.steps else None
         faults = sum(len(tally.faults) for tally in tallies.values()) + (found.silent if found else 0)
         terminal = Terminal(room=110)
         rows = [(name, str(x.tried), ", ".join(f"{n} {how}" for how, n in sorted(x.endings.items())),

@@ -65,9 +65,11 @@ def flown(number: int, count: int) -> tuple[int, int]:
     return _STEPS * count, silent
 
 
-def steps(most: float, count: int = 2048) -> Flown:
-    """So many steps, of one extreme craft after the other."""
-    done = made = refused = silent = 0
+def steps(most: float, first: int = 0) -> Flown:
+    """So many steps, of one extreme craft after the other, from a number on."""
+    count = int(min(2048, max(1, most // _STEPS)))
+    done = refused = silent = 0
+    made = first
     where: list[int] = []
     with warnings.catch_warnings(action="ignore"):  # most are too fast for their period, and it is said
         while done < most:
@@ -79,4 +81,4 @@ def steps(most: float, count: int = 2048) -> Flown:
                 continue
             done, silent = done + found, silent + wrong
             where += [made] if wrong else []
-    return Flown(done, made, refused, silent, tuple(where))
+    return Flown(done, made - first, refused, silent, tuple(where))
