@@ -84,7 +84,7 @@ ENDINGS: dict[str, tuple[Callable[[], int], str, list[str]]] = {
 @pytest.mark.parametrize("name", ENDINGS)
 def test_every_way_to_end_is_seen(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     run, ending, faults = ENDINGS[name]
-    monkeypatch.setattr(trial, "main", lambda _: run())
+    monkeypatch.setattr(trial, "main", run)
     found = ran(("x",), tmp_path, patience=0.3)
     assert (found.ended, found.faults) == (ending, faults)
 
@@ -94,7 +94,7 @@ def test_a_fault_fails_and_is_told(monkeypatch: pytest.MonkeyPatch, capsys: pyte
     broken = Outcome(("list", "odd.toml"), "traceback", 0.1, "", "Traceback")
     monkeypatch.setattr(campaign, "ran", lambda *_: broken)
     assert Breaking(files=1, lines=0, folders=0, kills=0, disks=0, steps=0).run() == 1
-    assert "files:0 traceback: list odd.toml" in capsys.readouterr().out
+    assert "files:0 traceback: list odd.toml" in capsys.readouterr().err
     tally = Tally()
     tally.add(4, [], ["another agent"])
     assert tally.faults == [{"case": 4, "command": [], "fault": "another agent", "said": ""}]

@@ -105,9 +105,6 @@ class Breaking:
             rows.append(("steps", f"{found.steps:,}", about, str(found.silent), ""))
         headings = "kind", "tried", "how commands ended", "faults", "seconds"
         terminal.print(table("Breaking", headings, rows))
-        for name, tally in tallies.items():
-            for fault in tally.faults[:50]:
-                terminal.print(f"{name}:{fault['case']} {fault['fault']}: {' '.join(fault['command'])[:300]}")
         if self.output is not None:
             write_json(self.output, {"environment": environment(), "faults": faults, "first": self.first,
                                      "steps": None if found is None else asdict(found),
@@ -119,7 +116,10 @@ class Breaking:
         trial = self._trial(name, folder)
         for number in range(self.first, self.first + getattr(self, name)):
             with _emptied(folder / "case") as case:
+                before = len(tally.faults)
                 tally.add(number, *trial(number, case))
+            for fault in tally.faults[before:]:
+                _say(f"{name}:{number} {fault['fault']}: {' '.join(fault['command'])[:300]}")
         tally.seconds = time.monotonic() - started
         _say(f"{name}: {tally.tried} in {tally.seconds:.0f} s, {len(tally.faults)} faults")
         return tally

@@ -13,7 +13,6 @@ from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
-from rans.cli import COMMANDS
 from rans.fast.learn.config import PPOSettings, TrainConfig, to_table
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.trainer import Trainer
@@ -89,7 +88,8 @@ def line_case(number: int, folder: Path, run: Path) -> Sequence[Command]:
     """A command with options of its own and values of anybody's, in a folder with a trained agent."""
     chance = random.Random(f"line {number}")
     shutil.copytree(run, folder / "run")
-    name = COMMANDS[number % len(COMMANDS)]
+    names = importlib.import_module("rans.cli").COMMANDS  # from above, as everybody who types them
+    name = names[number % len(names)]
     described = getattr(importlib.import_module(f"rans.cli.{name}"), name.capitalize())
     words = [name]
     for field, kind in _options(described):

@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from rans.cli import main
+from rans_command import main
 
 _MEMORY = 8 * 2**30
 """Bytes of address space a command may take, so that what asks for more is told and not killed."""
@@ -97,7 +97,8 @@ def _child(command: Command, folder: Path, out: Path, err: Path, limit: Limit) -
         signal.signal(signal.SIGINT, signal.default_int_handler)
         resource.setrlimit(resource.RLIMIT_AS, (_MEMORY, _MEMORY))
         limit()
-        code = main(list(command))
+        sys.argv = ["rans", *command]
+        code = main()
     except SystemExit as end:  # of a command line that is none
         code = end.code if isinstance(end.code, int) else 1
     except BaseException:
