@@ -19,7 +19,7 @@ from rans.fast.learn.config import TrainConfig, to_table
 from rans.fast.learn.network import Network
 from rans.files import git_revision
 from rans.model.spacecraft import Spacecraft
-from rans.tasks.base import example
+from rans.tasks.derived import example
 
 FLIGHTS, STEPS, GOLDEN = 64, 125, 4
 """Flights from which the columns' ranges are taken, their most steps, and those kept as golden pairs."""
