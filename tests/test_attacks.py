@@ -229,6 +229,12 @@ def test_the_picture_of_a_spacecraft_fits_however_far_its_thrusters_are(
     assert len(capsys.readouterr().out) < 10_000
 
 
+@pytest.mark.parametrize("command", [["list", "\x1b[31m"], ["optimal", "go-to-pose", "--objective", "\x9b2J"],
+                                     ["\x1b[2J"]])
+def test_options_do_not_command_the_terminal(capsys: pytest.CaptureFixture[str], command: list[str]) -> None:
+    assert "has characters that command terminals" in said(capsys, *command)
+
+
 def test_names_are_neither_mark_up_nor_commands_anywhere(capsys: pytest.CaptureFixture[str]) -> None:
     """In tables, sentences and the pictures of an evaluation."""
     name = '[/red]x\\u001b[31m $x^$ <b>'

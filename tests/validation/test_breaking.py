@@ -108,11 +108,13 @@ def test_numbers_that_are_silently_none_are_counted(monkeypatch: pytest.MonkeyPa
         def step(self, action: torch.Tensor) -> Any:
             observation = torch.zeros(len(action), 10)
             observation[3] = torch.nan
-            return type("Step", (), {"observation": observation, "reward": torch.zeros(len(action))})
+            return type("Step", (), {
+                "observation": observation, "reward": torch.tensor([0.0, torch.nan, torch.nan, *[0.0] * 5]),
+                "terminated": torch.arange(len(action)) == 2})
 
     monkeypatch.setattr(steps, "Engine", Sick)
     found = steps.steps(8 * 64)
-    assert found.silent == 64
+    assert (found.silent, found.told) == (2 * 64, 64)
     assert found.where == (1,)
 
 

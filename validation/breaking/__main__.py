@@ -101,7 +101,7 @@ class Breaking:
         rows = [(name, str(x.tried), ", ".join(f"{n} {how}" for how, n in sorted(x.endings.items())),
                  str(len(x.faults)), f"{x.seconds:.0f}") for name, x in tallies.items()]
         if found:
-            about = f"{found.craft} craft, {found.refused} refused"
+            about = f"{found.craft} craft, {found.refused} refused, {found.told:,} failed without a reward"
             rows.append(("steps", f"{found.steps:,}", about, str(found.silent), ""))
         headings = "kind", "tried", "how commands ended", "faults", "seconds"
         terminal.print(table("Breaking", headings, rows))

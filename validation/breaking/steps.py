@@ -27,8 +27,10 @@ class Flown:
     steps: int
     craft: int
     refused: int
+    told: int
+    """Steps whose reward is no number, and which end their episode as failed: a state that is none has."""
     silent: int
-    """Observations or rewards that are no numbers, where no episode failed."""
+    """Steps with an observation that is no number, or a reward that is none though nothing failed."""
     where: tuple[int, ...]
     """Numbers of the craft that had one."""
 
@@ -47,8 +49,8 @@ def extreme(chance: random.Random) -> Spacecraft:
     return replace(craft, mass=bound(craft.mass * heavier, 1e-9), thrusters=thrusters, inertia=inertia)
 
 
-def flown(number: int, count: int) -> tuple[int, int]:
-    """Steps of one extreme craft in ``count`` environments, and how many numbers were silently none."""
+def flown(number: int, count: int) -> tuple[int, int, int]:
+    """Steps of one extreme craft in ``count`` environments; those `Flown` calls told, and silent."""
     chance = random.Random(f"craft {number}")
     craft = extreme(chance)
     task = TASKS[chance.choice([name for name in TASKS if ":" not in name])]()
@@ -56,29 +58,30 @@ def flown(number: int, count: int) -> tuple[int, int]:
     timing = Timing(10.0 ** chance.uniform(-3, 1), substeps=chance.choice([1, 1, 4]), episode_steps=16)
     engine = Engine(craft, task, count, timing, seed=number, conditions=conditions)
     generator = torch.Generator().manual_seed(number)
-    shape, silent = (count, len(craft.thrusters)), 0
+    shape, told, silent = (count, len(craft.thrusters)), 0, 0
     for _ in range(_STEPS):
         action = torch.rand(shape, generator=generator)
         step = engine.step(action if craft.actuators.is_continuous else action.round())
-        wrong = ~torch.isfinite(step.observation).all(dim=1) | ~torch.isfinite(step.reward)
-        silent += int(wrong.sum())
-    return _STEPS * count, silent
+        blind, unpaid = ~torch.isfinite(step.observation).all(dim=1), ~torch.isfinite(step.reward)
+        told += int((unpaid & step.terminated & ~blind).sum())
+        silent += int((blind | (unpaid & ~step.terminated)).sum())
+    return _STEPS * count, told, silent
 
 
 def steps(most: float, first: int = 0) -> Flown:
     """So many steps, of one extreme craft after the other, from a number on."""
     count = int(min(2048, max(1, most // _STEPS)))
-    done = refused = silent = 0
+    done = refused = told = silent = 0
     made = first
     where: list[int] = []
     with warnings.catch_warnings(action="ignore"):  # most are too fast for their period, and it is said
         while done < most:
             made += 1
             try:
-                found, wrong = flown(made, count)
+                found, ended, wrong = flown(made, count)
             except ConfigError:
                 refused += 1
                 continue
-            done, silent = done + found, silent + wrong
+            done, told, silent = done + found, told + ended, silent + wrong
             where += [made] if wrong else []
-    return Flown(done, made - first, refused, silent, tuple(where))
+    return Flown(done, made - first, refused, told, silent, tuple(where))

@@ -19,7 +19,7 @@ _MEMORY = 8 * 2**30
 """Bytes of address space a command may take, so that what asks for more is told and not killed."""
 _LONGEST = 30_000
 """Characters of an error: more is no sentence."""
-_CODES = {0: "done", 1: "failed", 2: "refused", 130: "interrupted"}
+_CODES = {0: "done", 1: "failed", 2: "refused", 130: "interrupted", -signal.SIGINT: "interrupted"}
 
 Command = Sequence[str]
 Limit = Callable[[], None]
