@@ -31,17 +31,11 @@ def export(run: Path, folder: Path, form: Form = "sb3", episodes: int = 1024,
            seed: int = EVALUATION_SEED) -> dict[str, Any]:
     """Write an agent into a folder of its own, to fly it here or elsewhere, and return its card.
 
-    ========  ====================================================================================
-    form      files
-    ========  ====================================================================================
-    sb3       policy.zip and config.json, which `load_agent` and ``stable_baselines3.PPO.load`` open
-    onnx      agent.onnx, for any runtime
-    numpy     agent.py and agent.npz, which need NumPy only
-    ========  ====================================================================================
-
-    Beside them spacecraft.toml, contract.json (`rans.deploy.contract`), golden.json and card.json; all say
-    the same for every form, so that several may share a folder, whose name is the agent's. Everything is
-    written anew, so that nothing which was hidden in the run's files is handed on.
+    "sb3": policy.zip and config.json, which `load_agent` and ``stable_baselines3.PPO.load`` open; "onnx":
+    agent.onnx, for any runtime; "numpy": agent.py and agent.npz, which need NumPy only. Beside them
+    spacecraft.toml, contract.json (`rans.deploy.contract`), golden.json and card.json, the same for every
+    form, so that several may share a folder, whose name is the agent's. Everything is written anew: nothing
+    that was hidden in the run's files is handed on.
 
     For the card so many episodes are flown from starts of the seed under each of `fitting_protocols` and, by
     a multi-task agent, with each of its tasks. An agent that was exported before keeps its card.

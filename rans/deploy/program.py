@@ -106,8 +106,7 @@ def agent_program(network: Network) -> Program:
     # What the trunk is given: columns now, and what is remembered of columns and commands.
     x = _looks(program, network, seen)
     recalled = _recalled(program, network, view) if given.recalled else ""
-    if recalled:
-        x = program.joined(x, recalled, name="shown")
+    x = program.joined(x, recalled, name="shown") if recalled else x
     layers = [name for name in weights if name.startswith(f"{EXTRACTOR}trunk.") and name.endswith("weight")]
     for name in layers:
         x = program.linear(x, weights[name], weights[name.removesuffix("weight") + "bias"])
