@@ -85,6 +85,7 @@ ENDINGS: dict[str, tuple[Callable[[], int], str, list[str]]] = {
 def test_every_way_to_end_is_seen(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     run, ending, faults = ENDINGS[name]
     monkeypatch.setattr(trial, "main", run)
+    monkeypatch.setattr(trial, "LEAVE", 0.3)
     found = ran(("x",), tmp_path, patience=0.3)
     assert (found.ended, found.faults) == (ending, faults)
 

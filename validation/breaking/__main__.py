@@ -79,7 +79,7 @@ class Breaking:
     only: str = ""
     """KIND:NUMBER of the one case to run, and to tell all about."""
     patience: float = 20.0
-    """Time after which a command hears Ctrl-C, s; one that goes on for as long again hangs."""
+    """Time after which a command hears Ctrl-C, s; one that has not ended 90 s later hangs."""
     output: Path | None = None
     """JSON file to write."""
 

@@ -19,6 +19,8 @@ _MEMORY = 8 * 2**30
 """Bytes of address space a command may take, so that what asks for more is told and not killed."""
 _LONGEST = 30_000
 """Characters of an error: more is no sentence."""
+LEAVE = 90.0
+"""Time to end after Ctrl-C, s: processes beside the command finish the job that they are at."""
 _CODES = {0: "done", 1: "failed", 2: "refused", 130: "interrupted", -signal.SIGINT: "interrupted"}
 
 Command = Sequence[str]
@@ -54,8 +56,8 @@ def ran(command: Command, folder: Path, patience: float = 20.0, limit: Limit = l
         kill_after: float | None = None) -> Outcome:
     """Run a command in a folder.
 
-    After so much patience, s, it hears Ctrl-C, as from somebody who has seen enough; one that goes on for as
-    long again hangs. With ``kill_after`` it is killed (SIGKILL) after so many seconds instead.
+    After so much patience, s, it hears Ctrl-C, as from somebody who has seen enough; one that has not ended
+    `LEAVE` later hangs. With ``kill_after`` it is killed (SIGKILL) after so many seconds instead.
     """
     out, err = folder / ".out", folder / ".err"
     started = time.monotonic()
@@ -66,7 +68,7 @@ def ran(command: Command, folder: Path, patience: float = 20.0, limit: Limit = l
     ended = _waited(child, patience if kill_after is None else kill_after)
     if ended is None and kill_after is None:
         _signal(child, signal.SIGINT)
-        ended = _waited(child, patience)
+        ended = _waited(child, LEAVE)
     hung = ended is None
     _signal(child, signal.SIGKILL)
     if ended is None:
