@@ -1,0 +1,193 @@
+"""Very many flights of one policy, one scenario each, of which nothing is kept but what became of them."""
+
+from __future__ import annotations
+
+import os
+import pickle
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import as_completed
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+
+import numpy as np
+import torch
+
+from rans.episode import World, step
+from rans.errors import ConfigError, RansError, brief
+from rans.fast.cpu_flights import CpuFlights
+from rans.fast.kernels.flight import FlightKernel, Products
+from rans.fast.kernels.flight_program import trace_flight
+from rans.fast.learn.network import Network
+from rans.fast.learn.selection import likeliest
+from rans.fast.step import Place
+from rans.fast.verdicts import Tally, Verdicts, together
+from rans.model.conditions import Conditions
+from rans.model.fields import Field
+from rans.model.random import Draws, seed_words
+from rans.model.spacecraft import Spacecraft
+from rans.model.timing import Timing
+from rans.model.trace import UNTRACEABLE
+from rans.processes import submitted
+from rans.tasks.base import Task
+
+Given = tuple[Spacecraft, Task, Timing, Conditions | None]
+"""What flies, what for, how long and under which conditions: a `rans.evaluation.fly.protocols.Setup`."""
+
+BATCH = {"cpu": 4096, "cuda": 2**20}
+"""Flights stepped together: what a processor's caches hold, and what keeps a GPU busy."""
+_LAUNCH = 2**26
+"""Flights of one launch of the kernel, about a second's."""
+_MANY = 2**17
+"""So many are divided among processes, which take seconds to start."""
+_SHARE = 8 * BATCH["cpu"]
+"""Flights that a process flies before it tells."""
+LISTED = 100_000
+"""Failed flights that are listed by number."""
+
+
+class Flights:
+    """Flies one policy's likeliest commands through the scenarios of a seed, in float32.
+
+    Args:
+        network: of one member.
+        setup: what flies, with the starts to fly from (`rans.evaluation.fly.agent.LoadedRun.judged`).
+        device: torch device that everything is computed on.
+        listed: failed flights whose numbers are kept.
+        products: of the network on a GPU, by their names in XLA: of bfloat16, which changes one command in a
+            thousand, or of two or three of them for each number (docs/decisions/016-flight-kernel.md).
+        generated: whether flights are generated programs, where they can be; else torch or NumPy steps them.
+
+    Raises:
+        ConfigError: there is no such device here.
+    """
+
+    def __init__(self, network: Network, setup: Given, device: str | torch.device = "cpu",
+                 listed: int = LISTED, products: Products = "bf16x3", generated: bool = True) -> None:
+        craft, task, timing, conditions = self._setup = setup
+        self._place = place = Place.of(device, torch.float32, None)
+        self.device, self.listed = place.device, listed
+        self.world = World(craft, task, timing, place.nodes, conditions)
+        self._network = Network(network.architecture, {
+            name: x.to(self.device, torch.float32) for name, x in network.tensors.items()})
+        self._whole = self._made(products) if generated else None
+
+    def _made(self, products: Products) -> FlightKernel | CpuFlights | None:
+        """What flies whole episodes, where that can be made; with a warning on a GPU where it cannot."""
+        if self.device.type == "cuda":
+            return FlightKernel.made(self.world, self._network, self.device, products)
+        given = self._network.architecture
+        try:
+            program = None if given.memory else trace_flight(self.world, given)
+        except UNTRACEABLE:  # a task that does more than arithmetic on fields
+            program = None
+        with _one_thread():
+            return program and CpuFlights(self.world, self._network, program)
+
+    def fly(self, first: int, count: int, seed: int,
+            progress: Callable[[int], object] = lambda _: None) -> Verdicts:
+        """What becomes of scenarios ``first`` to ``first + count - 1``; progress is told how many are over.
+
+        Raises:
+            ConfigError: the seed has more than 64 bits, or a scenario's number more than 31.
+        """
+        if count < 1 or first < 0 or first + count > 2**31:
+            raise ConfigError(f"scenarios have numbers from 0 to {2**31 - 1}: there are none from "
+                              f"{brief(first)} to {brief(first + count - 1)}.")
+        none = Verdicts.none(self.world.timing.episode_steps, self.listed)
+        if self.device.type == "cpu" and count >= _MANY:
+            return together(self._divided(_parts(first, count, _SHARE), seed, progress), none)
+        size = _LAUNCH if isinstance(self._whole, FlightKernel) else BATCH[self.device.type]
+        found = none
+        with _one_thread():
+            for begin, share in _parts(first, count, size):
+                found += self._part(begin, share, seed)
+                progress(share)
+        return found
+
+    def _part(self, first: int, count: int, seed: int) -> Verdicts:
+        if self._whole is not None:
+            return self._whole.fly(first, count, seed, self.listed)
+        return self._stepped(seed_words(seed), np.arange(first, first + count, dtype=np.int32))
+
+    def _divided(self, parts: Sequence[tuple[int, int]], seed: int,
+                 progress: Callable[[int], object]) -> list[Verdicts]:
+        """What became of the parts, by one process a processor: threads would wait for Python's lock."""
+        jobs = [(*part, seed) for part in parts]
+        given = pickle.dumps((self._network, self._setup, self.listed))  # torch would share tensors by files
+        with submitted(_work, jobs, min(len(jobs), os.cpu_count() or 1), _load, (given,)) as futures:
+            try:
+                for future in as_completed(futures):
+                    progress(future.result().flights)
+            except BrokenProcessPool as error:
+                raise RansError("a process that flew died; the usual cause is too little memory.") from error
+            return [future.result() for future in futures]
+
+    @torch.no_grad()
+    def _stepped(self, words: tuple[int, int], numbers: np.ndarray) -> Verdicts:
+        """One batch, step by step."""
+        world, place, network = self.world, self._place, self._network
+        draws = Draws(*words, place.put(numbers, torch.int32), 0, place.fields)
+        clock = place.put(np.zeros_like(numbers), torch.int32)
+        # What is no longer finite flies on in vain: nothing of it is counted.
+        with np.errstate(all="ignore"):
+            now = world.begin(*world.scenario(clock, draws), clock, draws)
+            tally, memory = Tally.of(world, now), network.blank(len(numbers))
+            for _ in range(world.timing.episode_steps):
+                seen = self._seen(world.observe(now, draws), len(numbers))
+                command, memory = likeliest(network, seen, memory)
+                columns = command.T.contiguous()
+                outcome = step(world, now, tuple(columns.numpy() if place.on_numpy else columns), draws)
+                tally, now = tally.after(world, outcome), outcome.episode
+        found = (tally.failure(), tally.going & tally.inside, tally.settled,
+                 tally.gained, tally.impulse, tally.opened)
+        arrays = [torch.as_tensor(x).cpu().numpy() for x in found]
+        return Verdicts.of(world, numbers, arrays[:3], arrays[3:], self.listed,
+                           f"stepping, {self.device.type}")
+
+    def _seen(self, columns: tuple[Field, ...], count: int) -> torch.Tensor:
+        """Observations (N, width); columns that are the same for all are numbers or of one element."""
+        rows = torch.empty((len(columns), count), dtype=torch.float32, device=self.device)
+        into = rows.numpy() if self._place.on_numpy else rows
+        for row, column in enumerate(columns):
+            into[row] = column
+        return rows.T
+
+
+_given: list[Flights] = []
+"""In each worker process."""
+
+
+def _load(given: bytes) -> None:
+    torch.set_num_threads(1)  # one process per processor
+    network, setup, listed = pickle.loads(given)
+    _given[:] = [Flights(network, setup, listed=listed)]
+
+
+def _work(first: int, count: int, seed: int) -> Verdicts:
+    return _given[0].fly(first, count, seed)
+
+
+def _parts(first: int, count: int, size: int) -> list[tuple[int, int]]:
+    """First number and count of every part of at most so many scenarios."""
+    return [(begin, min(size, first + count - begin)) for begin in range(first, first + count, size)]
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """Within it torch does what is small without other threads, which take longer to wake."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
+
+
+def fly_many(network: Network, setup: Given, first: int, count: int, seed: int,
+             device: str | torch.device = "cpu") -> Verdicts:
+    """What becomes of scenarios ``first`` to ``first + count - 1`` of a seed, see `Flights`.
+
+    Raises:
+        ConfigError: see `Flights` and `Flights.fly`.
+    """
+    return Flights(network, setup, device).fly(first, count, seed)
