@@ -38,7 +38,7 @@ from rans.model.timing import Timing
 from rans.tasks.base import Task, layout
 from rans.tasks.rewards import Transition
 
-_FLOAT32_NODES = 4
+FLOAT32_NODES = 4
 """Quadrature nodes at which float32 rounding hides the rule's error, up to 15 rad/s."""
 
 
@@ -76,7 +76,7 @@ class Engine:
                  conditions: Conditions | None = None, remember: bool = False) -> None:
         seeds = [seed] if isinstance(seed, int) else seed
         _check(craft, num_envs, seeds, dtype)
-        _check_device(device)
+        check_device(device)
         self.craft, self.task, self.timing = craft, task, timing or Timing()
         self.num_envs, self.dtype, self.device = num_envs, dtype, torch.device(device)
         self.compiled = self.device.type == "cuda" if compiled is None else compiled
@@ -87,7 +87,7 @@ class Engine:
         self._place = place = Place(self.device, field_dtype(self.device, dtype, self.compiled))
         self.body = in_memory(body or Body.of(craft), Body.of(craft), num_envs, lambda x: place.put(x, dtype))
         """What flies; fields (N,) of it may be written in place, which compiles nothing."""
-        nodes = _FLOAT32_NODES if dtype == torch.float32 else NODES
+        nodes = FLOAT32_NODES if dtype == torch.float32 else NODES
         how = chosen(craft, self.timing, body) if conditions is None else self.timing
         self._world = World(craft, task, how, nodes, conditions)
         self._known = [] if self._world.conditions is None else known(self._world)
@@ -210,7 +210,8 @@ class Engine:
         restore(table, self._world, self._episode, (self._draws.low, self._draws.high), self.processes)
 
 
-def _check_device(device: str | torch.device) -> None:
+def check_device(device: str | torch.device) -> None:
+    """Raises ConfigError where there is no such device here."""
     try:
         kind = torch.device(device).type
     except RuntimeError as error:
