@@ -1,0 +1,138 @@
+"""``rans assure``: how surely an agent does not fail."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+import time
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from tyro.conf import Positional, arg
+
+from rans.cli import check_count
+from rans.errors import ConfigError
+from rans.files import ready_folder, write_json
+from rans.terminal import Terminal, progress, table
+
+if TYPE_CHECKING:
+    from rans.evaluation.assure.assurance import Assurance
+
+_EPISODES = 100_000
+_KEPT = 10.0
+"""Seconds between two moments at which what was flown is written."""
+
+
+@dataclass(frozen=True)
+class Assure:
+    """Bound the probability that an agent fails, from very many flights: exactly, with what was found.
+
+    Writes assurance.json and assurance.html, a page to sign. Ctrl-C keeps what was flown, and the same
+    command goes on from there. Failed flights are flown again in NumPy and in Drake, and `rans view` shows
+    them. With --failure-below the exit code is 1 unless that was shown.
+    """
+
+    agent: Annotated[str, Positional, arg(metavar="AGENT")]
+    """A run folder, or pretrained:NAME."""
+    conditions: str | None = None
+    """What episodes do not promise: a name (see `rans list CONDITIONS`), perfect, or your own TOML file; by
+    default those of its training."""
+    episodes: int | None = None
+    """Number of flights, by default 100,000; with --failure-below the most that are flown."""
+    failure_below: float | None = None
+    """A bound on the probability of failure to be shown or refuted, such as 1e-4, by as many flights as that
+    takes."""
+    confidence: float = 0.99
+    """Of every bound."""
+    plan: bool = False
+    """Only say how many flights that takes."""
+    worst: int = 4
+    """Failed flights of each kind to fly again in Drake: so many of the worst, and as many of the first."""
+    seed: int = 2026
+    """Of starts, goals and conditions."""
+    device: str = "auto"
+    """auto (a GPU if there is one), cpu or cuda."""
+    restart: bool = False
+    """Begin anew, though an equal campaign was interrupted."""
+    output: Path | None = None
+    """Folder of the results; by default the agent's."""
+
+    def run(self) -> int:
+        """Fly, fly again what failed, write and print."""
+        from rans.evaluation.assure.assurance import made
+        from rans.evaluation.assure.bounds import plan
+        from rans.evaluation.fly.contestants import output_folder
+
+        check_count("--episodes", self.episodes)
+        if self.worst < 0:
+            raise ConfigError(f"--worst must be >= 0, got {self.worst}.")
+        episodes = _EPISODES if self.episodes is None and self.failure_below is None else self.episodes
+        planned = plan(self.confidence, episodes, self.failure_below)
+        check_count("the number of flights that --failure-below may take", planned.flights)
+        assurance = made(self.agent, self.conditions, planned, self.seed,
+                         shlex.join(["rans", *sys.argv[1:]]))
+        if self.plan:
+            _print_plan(assurance)
+            return 0
+        folder = ready_folder(self.output or output_folder(self.agent))
+        suffix = f"-{Path(self.conditions).stem}" if self.conditions else ""
+        self._fly(assurance, folder / f"assurance{suffix}.json")
+        return 0 if self.failure_below is None or assurance.campaign.decision == "below" else 1
+
+    def _fly(self, assurance: Assurance, file: Path) -> None:
+        """Until the plan ends; whatever happens, what was flown is written and shown."""
+        import torch
+
+        device = ("cuda" if torch.cuda.is_available() else "cpu") if self.device == "auto" else self.device
+        campaign, kept = assurance.campaign, time.monotonic()
+
+        def keep() -> None:
+            nonlocal kept
+            if time.monotonic() - kept > _KEPT:
+                write_json(file, assurance.to_json())
+                kept = time.monotonic()
+
+        if not self.restart:
+            assurance.go_on(file)
+        try:
+            with progress() as bars:
+                bar = bars.add_task("flights", total=campaign.plan.flights, completed=campaign.flights)
+                assurance.fly(device, partial(bars.advance, bar), keep)
+                bars.update(bar, description="failed flights again", total=None)
+                assurance.replay(self.worst, self.worst)
+        finally:  # also after Ctrl-C: what was flown is kept
+            if campaign.flights:
+                _show(assurance, file)
+
+
+def _show(assurance: Assurance, file: Path) -> None:
+    from rans.fast.verdicts import Failure
+    from rans.show.assure_page import findings, page, verdict
+
+    write_json(file, assurance.to_json())
+    page(assurance).write(file.with_suffix(".html"))
+    console, campaign = Terminal(room=100), assurance.campaign
+    bounds = [("any failure", campaign.bound()), *((kind.meaning, campaign.bound(kind)) for kind in Failure)]
+    rows = [(name, f"{x.events:,}", f"{x.rate:.3g}", f"{x.low:.3g}", f"{x.high:.3g}") for name, x in bounds]
+    sure = f"{100.0 * campaign.plan.confidence:.6g} %"
+    console.print(table(f"{assurance.spec}: {campaign.flights:,} flights of seed {campaign.seed}",
+                        ("failure", "flights", "rate", f"at least ({sure})", f"at most ({sure})"), rows))
+    console.print(verdict(assurance), soft_wrap=True)
+    for finding in findings(assurance):
+        console.print(f"{finding.text[0].upper()}{finding.text[1:]}.", soft_wrap=True)
+    if assurance.replays and assurance.replays.found:
+        worst = max(assurance.replays.found, key=lambda one: one.excess)
+        console.print(f"The worst, at {worst.excess:.3g} tolerances: {assurance.view(worst.number)}",
+                      soft_wrap=True)
+    console.print(f"Written to {file} and {file.with_suffix('.html').name}.", soft_wrap=True)
+
+
+def _print_plan(assurance: Assurance) -> None:
+    plan = assurance.campaign.plan
+    rows = [(f"{look.flights:,}", f"at most {most:,}" if (most := plan.allowed(look)) >= 0 else "-",
+             f"{look.high_level:.2g}", f"{look.low_level:.2g}") for look in plan.looks]
+    Terminal(room=100).print(table(
+        f"At {plan.confidence:g} confidence", ("flights", "failures that show the bound", "chance of error, "
+                                               "at most", "chance of error, at least"), rows))
