@@ -50,6 +50,11 @@ class Assure:
     """Only say how many flights that takes."""
     worst: int = 4
     """Failed flights of each kind to fly again in Drake: so many of the worst, and as many of the first."""
+    rare: int = 0
+    """Also estimate the probability of failure by so many flights where failures are likely."""
+    search: str | None = None
+    """Also look for the smallest disturbance that breaks the agent, in units of these conditions, such as
+    lab."""
     seed: int = 2026
     """Of starts, goals and conditions."""
     device: str = "auto"
@@ -66,8 +71,9 @@ class Assure:
         from rans.evaluation.fly.contestants import output_folder
 
         check_count("--episodes", self.episodes)
-        if self.worst < 0:
-            raise ConfigError(f"--worst must be >= 0, got {self.worst}.")
+        for name, value in (("--worst", self.worst), ("--rare", self.rare)):
+            if value < 0:
+                raise ConfigError(f"{name} must be >= 0, got {value}.")
         episodes = _EPISODES if self.episodes is None and self.failure_below is None else self.episodes
         planned = plan(self.confidence, episodes, self.failure_below)
         check_count("the number of flights that --failure-below may take", planned.flights)
@@ -102,17 +108,31 @@ class Assure:
                 assurance.fly(device, partial(bars.advance, bar), keep)
                 bars.update(bar, description="failed flights again", total=None)
                 assurance.replay(self.worst, self.worst)
+                if self.rare:
+                    bars.update(bar, description="rarer failures")
+                    assurance.sample(self.rare, device)
+                if self.search:
+                    bars.update(bar, description="the worst case")
+                    assurance.search(self.search, device)
         finally:  # also after Ctrl-C: what was flown is kept
             if campaign.flights:
                 _show(assurance, file)
 
 
 def _show(assurance: Assurance, file: Path) -> None:
+    from rans.evaluation.assure.replay import has_drake
     from rans.fast.verdicts import Failure
     from rans.show.assure_page import findings, page, verdict
 
     write_json(file, assurance.to_json())
-    page(assurance).write(file.with_suffix(".html"))
+    worst = ""
+    if assurance.searched and assurance.searched.breaking and has_drake():
+        from rans.show.view import View
+
+        view, worst = View(), f"{file.stem}-worst-case.html"
+        view.show([assurance.searched.breaking.flight])
+        view.save(file.with_name(worst))
+    page(assurance, worst).write(file.with_suffix(".html"))
     console, campaign = Terminal(room=100), assurance.campaign
     bounds = [("any failure", campaign.bound()), *((kind.meaning, campaign.bound(kind)) for kind in Failure)]
     rows = [(name, f"{x.events:,}", f"{x.rate:.3g}", f"{x.low:.3g}", f"{x.high:.3g}") for name, x in bounds]
@@ -122,11 +142,16 @@ def _show(assurance: Assurance, file: Path) -> None:
     console.print(verdict(assurance), soft_wrap=True)
     for finding in findings(assurance):
         console.print(f"{finding.text[0].upper()}{finding.text[1:]}.", soft_wrap=True)
+    if assurance.searched:
+        console.print(f"In a search {assurance.searched.said}.", soft_wrap=True)
+    if assurance.rare:
+        console.print(f"By importance sampling {assurance.rare.said}.", soft_wrap=True)
     if assurance.replays and assurance.replays.found:
-        worst = max(assurance.replays.found, key=lambda one: one.excess)
-        console.print(f"The worst, at {worst.excess:.3g} tolerances: {assurance.view(worst.number)}",
+        most = max(assurance.replays.found, key=lambda one: one.excess)
+        console.print(f"The worst, at {most.excess:.3g} tolerances: {assurance.view(most.number)}",
                       soft_wrap=True)
-    console.print(f"Written to {file} and {file.with_suffix('.html').name}.", soft_wrap=True)
+    others = ", ".join(name for name in (file.with_suffix(".html").name, worst) if name)
+    console.print(f"Written to {file}, {others}.", soft_wrap=True)
 
 
 def _print_plan(assurance: Assurance) -> None:

@@ -45,12 +45,12 @@ def paths_figure(flight: Flight, episodes: Sequence[int]) -> Figure:
 
 
 @styled
-def commands_figure(flight: Flight, episode: int, number: int) -> Figure:
+def commands_figure(flight: Flight, episode: int, title: str) -> Figure:
     """When each thruster of one episode was open."""
     figure = Figure(figsize=_SIZE, layout="constrained")
     axes = figure.subplots()
     panels.timeline(axes, flight, episode)
-    label(axes, f"open thrusters of flight {number:,}", "time, s", "thruster")
+    label(axes, f"open thrusters, {title}", "time, s", "thruster")
     return figure
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 from rans.evaluation.assure.assurance import Assurance
 from rans.evaluation.assure.bounds import Bound
-from rans.evaluation.assure.replay import Judge, Replayed, Replays, has_drake
+from rans.evaluation.assure.replay import Judge, Replayed, has_drake
 from rans.fast.verdicts import Failure
 from rans.flight import Flight
 from rans.show.page import Finding, Page, Picture, Section, Table, header
@@ -21,11 +21,12 @@ _TEXT = (
     "the real craft differs from that, no bound here knows.")
 
 
-def page(assurance: Assurance) -> Page:
-    """Everything on one page."""
+def page(assurance: Assurance, worst_case: str = "") -> Page:
+    """Everything on one page, with the name of a file beside it that shows the worst case."""
     campaign, run = assurance.campaign, assurance.run
     described = run.conditions.description if run.conditions else "perfect"
-    sections = [_counts(assurance), _plan(assurance), *_again(assurance), _evidence(assurance), _signatures()]
+    sections = [_counts(assurance), _plan(assurance), *_again(assurance), *_rare(assurance),
+                *_worst_case(assurance, worst_case), _evidence(assurance), _signatures()]
     return Page(
         f"Assurance of {assurance.spec}", sections, header({
             "command": assurance.command, "task": type(run.task).__name__, "spacecraft": run.craft.name,
@@ -73,7 +74,7 @@ def findings(assurance: Assurance) -> Iterator[Finding]:
 
 def _counts(assurance: Assurance) -> Section:
     bounds = {kind.meaning: assurance.campaign.bound(kind) for kind in Failure}
-    rows = [[_unbroken(name), *_row(bound)] for name, bound in (
+    rows = [[name, *_row(bound)] for name, bound in (
         ("any failure", assurance.campaign.bound()), *bounds.items())]
     sure = f"{100.0 * assurance.campaign.plan.confidence:.6g} %"
     return Section("What failed", _TEXT, [Table(
@@ -104,20 +105,62 @@ def _again(assurance: Assurance) -> Iterator[Section]:
     replays = assurance.replays
     if replays is None or replays.flight is None:
         return
-    drawn = importlib.util.find_spec("matplotlib") is not None
     for kind in Failure:
         places = [k for k, one in enumerate(replays.found) if one.kind == kind]
         if not places:
             continue
-        pictures = [*_pictures(replays, replays.flight, places)] if drawn else []
+        title = f"flight {replays.found[places[0]].number:,}"
+        pictures = [*_drawn(replays.flight, places, title)] if _has_pictures() else []
         rows = [_replayed(assurance, replays.found[k]) for k in places]
         columns = "flight", *(f"in {_JUDGES[judge]}" for judge in replays.judges()), "largest error", (
             "outside"), "in the end it", "see it"
         yield Section(f"Flights that failed: {kind.meaning}", (
             "The worst first, by the largest error of the last fifth, in tolerances; and the first of all, "
             "as good as drawn by lot. They were flown again step by step in float64. Orange is the worst."
-            + ("" if drawn else " Matplotlib is not installed here: there are no pictures.")),
+            + ("" if pictures else " Matplotlib is not installed here: there are no pictures.")),
             [Table(columns, rows)], pictures)
+
+
+def _rare(assurance: Assurance) -> Iterator[Section]:
+    """By importance sampling."""
+    found, counted = assurance.rare, assurance.campaign.bound()
+    if found is None:
+        return
+    low, high = found.interval
+    rows = [["by counting", f"{counted.rate:.3g}", f"{counted.low:.3g}", f"{counted.high:.3g}",
+             f"{counted.events:,}", f"{counted.flights:,}", None],
+            ["by importance sampling", f"{found.probability:.3g}", f"{low:.3g}", f"{high:.3g}",
+             f"{found.events:,}", f"{found.sample + found.learning:,}", f"{found.gain:.3g}"]]
+    yield Section("Rarer failures", (
+        "Flights that draw what leads to failures more often than chance does, weighted by how likely that "
+        "is (cross-entropy method). From and to are at 99 %, by the central limit theorem where they are not "
+        "counted: an estimate, no bound. The gain is how many times as many counted flights would tell as "
+        "much; near 1, what a flight draws before it begins says little about whether it fails."),
+        [Table(("", "probability of failure", "from", "to", "failed", "flights", "gain"), rows)])
+
+
+def _worst_case(assurance: Assurance, link: str) -> Iterator[Section]:
+    found = assurance.searched
+    if found is None:
+        return
+    breaking = found.breaking
+    text = (f"The cross-entropy method over starts and over {found.world}, all of whose ranges were shrunk "
+            f"towards a perfect world, or widened to at most {found.largest:.3g} times their size. "
+            f"{found.failed:,} of {found.flights:,} flights failed; {found.said}.")
+    if breaking is None:
+        yield Section("Worst case", text, findings=[Finding(found.said)])
+        return
+    again = [f"{_JUDGES[judge]}: {kind.meaning if kind else 'does not fail'}"
+             for judge, kind in breaking.again.items()]
+    rows = [["flown again in", "; ".join(again)], ["largest error", f"{breaking.excess:.3g} tolerances"],
+            ["in the end it", breaking.ending], *([name, said] for name, said in breaking.drew.items())]
+    pictures = [*_drawn(breaking.flight, [0], "the worst case")] if _has_pictures() else []
+    yield Section("Worst case", text, [Table(("what", "it is"), rows)], pictures, [Finding(found.said)],
+                  link=link)
+
+
+def _has_pictures() -> bool:
+    return importlib.util.find_spec("matplotlib") is not None
 
 
 def _replayed(assurance: Assurance, one: Replayed) -> list[str]:
@@ -127,15 +170,14 @@ def _replayed(assurance: Assurance, one: Replayed) -> list[str]:
             assurance.view(one.number)]
 
 
-def _pictures(replays: Replays, flight: Flight, places: list[int]) -> Iterator[Picture]:
+def _drawn(flight: Flight, episodes: list[int], title: str) -> Iterator[Picture]:
     from rans.show import assure_figures as figures
 
-    number = replays.found[places[0]].number
-    yield Picture.of(figures.errors_figure(flight, places),
+    yield Picture.of(figures.errors_figure(flight, episodes),
                      "Largest error in tolerances; the last fifth is grey.")
     if "position" in flight.task.tolerances():
-        yield Picture.of(figures.paths_figure(flight, places), "From above, relative to the goal.")
-    yield Picture.of(figures.commands_figure(flight, places[0], number), "The worst flight's thrusters.")
+        yield Picture.of(figures.paths_figure(flight, episodes), "From above, relative to the goal.")
+    yield Picture.of(figures.commands_figure(flight, episodes[0], title), f"Thrusters of {title}.")
 
 
 def _evidence(assurance: Assurance) -> Section:

@@ -9,17 +9,23 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import torch
+
 from rans.errors import ConfigError
 from rans.evaluation.assure.bounds import Bound, Plan
 from rans.evaluation.assure.campaign import Campaign
+from rans.evaluation.assure.chances import Chances
 from rans.evaluation.assure.evidence import hashes
+from rans.evaluation.assure.rare import Rare, rare
 from rans.evaluation.assure.replay import Replays, replays
+from rans.evaluation.assure.search import Searched, on_device, searched
 from rans.evaluation.fly.agent import Agent, LoadedRun
 from rans.evaluation.fly.contestants import contestant, judged_separately
+from rans.fast.learn.network import Network
 from rans.fast.verdicts import Failure
 from rans.files import environment, read_json
 from rans.model.conditions import Conditions
-from rans.model.conditions_file import conditions_text
+from rans.model.conditions_file import conditions_text, load_conditions
 
 SEED = 2026
 """Scenarios that nobody was trained, selected or tuned on, nor judged before."""
@@ -36,6 +42,10 @@ class Assurance:
     campaign: Campaign
     replays: Replays | None = None
     """Of failed flights; None: not yet flown."""
+    rare: Rare | None = None
+    """By importance sampling; None: not asked for."""
+    searched: Searched | None = None
+    """For the worst case; None: not asked for."""
     command: str = ""
     """That made it."""
     environment: dict[str, str] = field(default_factory=environment)
@@ -71,14 +81,29 @@ class Assurance:
 
     def fly(self, device: str, told: Callable[[int], object], keep: Callable[[], object]) -> None:
         """Count flights until the plan ends; see `Campaign.fly`."""
-        controller: Any = self.run.controller
-        self.campaign.fly(controller.network, self.run.judged, device, told, keep)
+        self.campaign.fly(self._network, self.run.judged, device, told, keep)
 
     def replay(self, worst: int, sample: int) -> None:
         """Fly failed flights again, see `rans.evaluation.assure.replay.replays`."""
         numbers = {kind: some for kind in Failure if (some := self.campaign.numbers(kind))}
         self.replays = replays(self.run.controller, self.run.judged, self.campaign.seed, numbers, worst,
                                sample)
+
+    def sample(self, count: int, device: str) -> None:
+        """Estimate the probability of failure by so many flights where failures are likely."""
+        chances, network = Chances.of(self.run.judged), on_device(self._network, device)
+        self.rare = rare(chances.scores(network, torch.device(device)), len(chances.places), count,
+                         self.campaign.seed)
+
+    def search(self, world: str, device: str, told: Callable[[int], object] = lambda _: None) -> None:
+        """Look for the smallest disturbance that breaks the agent, see `rans.evaluation.assure.search`."""
+        self.searched = searched(world, load_conditions(world), self.run.controller,
+                                 on_device(self._network, device), self.run.judged, self.campaign.seed, told)
+
+    @property
+    def _network(self) -> Network:
+        agent: Any = self.run.controller
+        return agent.network
 
     def view(self, number: int) -> str:
         """The command that shows a flight again."""
@@ -102,6 +127,8 @@ class Assurance:
                 "replays": self.replays and {
                     "flown again": self.replays.tried, "failed again": self.replays.failed,
                     "judged": [one.to_json() | {"see": self.view(one.number)} for one in self.replays.found]},
+                "rare": self.rare and self.rare.to_json(),
+                "searched": self.searched and self.searched.to_json(),
                 "command": self.command, "environment": self.environment}
 
 
