@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from rans.evaluation.assure.assurance import Assurance
 
 _EPISODES = 100_000
+_MARKS = {True: "Pass: ", False: "FAIL: ", None: "Note: "}
 _KEPT = 10.0
 """Seconds between two moments at which what was flown is written."""
 
@@ -141,7 +142,7 @@ def _show(assurance: Assurance, file: Path) -> None:
                         ("failure", "flights", "rate", f"at least ({sure})", f"at most ({sure})"), rows))
     console.print(verdict(assurance), soft_wrap=True)
     for finding in findings(assurance):
-        console.print(f"{finding.text[0].upper()}{finding.text[1:]}.", soft_wrap=True)
+        console.print(f"{_MARKS[finding.passed]}{finding.text}.", soft_wrap=True)
     if assurance.searched:
         console.print(f"In a search {assurance.searched.said}.", soft_wrap=True)
     if assurance.rare:

@@ -97,7 +97,7 @@ def _plan(assurance: Assurance) -> Section:
         if len(plan.looks) > 1 else
         "Once, after a number of flights that was fixed before the first: nothing had to be paid for more."),
         [Table(("flights", "failures that show the bound", "chance of error, at most",
-                "chance of error, at least", ""), rows)])
+                "chance of error, at least", ""), rows)] if len(plan.looks) > 1 else [])
 
 
 def _again(assurance: Assurance) -> Iterator[Section]:
@@ -113,7 +113,7 @@ def _again(assurance: Assurance) -> Iterator[Section]:
         pictures = [*_drawn(replays.flight, places, title)] if _has_pictures() else []
         rows = [_replayed(assurance, replays.found[k]) for k in places]
         columns = "flight", *(f"in {_JUDGES[judge]}" for judge in replays.judges()), "largest error", (
-            "outside"), "in the end it", "see it"
+            "outside for"), "in the end it", "see it"
         yield Section(f"Flights that failed: {kind.meaning}", (
             "The worst first, by the largest error of the last fifth, in tolerances; and the first of all, "
             "as good as drawn by lot. They were flown again step by step in float64. Orange is the worst."
@@ -166,7 +166,7 @@ def _has_pictures() -> bool:
 def _replayed(assurance: Assurance, one: Replayed) -> list[str]:
     again = [("fails" if found == one.kind else f"fails: {found.meaning}") if found else "does not fail"
              for found in one.again.values()]
-    return [f"{one.number}", *again, f"{one.excess:.3g}", f"{100.0 * one.outside:.0f} %", one.ending,
+    return [f"{one.number}", *again, f"{one.excess:.3g}", f"{100.0 * one.outside:.0f} % of it", one.ending,
             assurance.view(one.number)]
 
 

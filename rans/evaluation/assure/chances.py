@@ -99,7 +99,8 @@ class _Given(Random):
 
     def whole(self, values: Any) -> Field:
         """As in `Random`."""
-        value, size = super().whole(values), self._draws.size
+        low, high = bounds(values)
+        value, size = low if low == high else super().whole(values), self._draws.size
         return value if size is None or not isinstance(values, Sized) else floor(value * size + 1e-6)
 
 

@@ -88,7 +88,7 @@ def replays(controller: Controller, setup: Setup, seed: int, numbers: Mapping[Fa
         sample: how many of the first.
     """
     kinds = [(number, kind) for kind, some in numbers.items() for number in some[:CANDIDATES]]
-    if not kinds:
+    if not kinds or not worst + sample:
         return Replays([], None)
     flight = flown(controller, setup, drawing(seed, [number for number, _ in kinds]))
     again, (excess, largest) = failures(flight), worst_errors(flight)

@@ -1,0 +1,119 @@
+"""``rans assure`` as a user runs it."""
+
+from __future__ import annotations
+
+import json
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import rans.evaluation.assure.campaign as campaign
+from rans.cli import main
+from rans.evaluation.measure.metrics import solved
+from rans.fast.flights import Flights
+
+AGENT = "pretrained:go-to-pose-2d-fast"
+"""Of whose first 2,048 flights two fail: 1709 and 1727."""
+
+
+@pytest.fixture(autouse=True)
+def _elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+def test_numbers_a_page_and_commands_that_show_failures_again(monkeypatch: pytest.MonkeyPatch,
+                                                              capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr(sys, "argv", ["rans", "assure", AGENT, "--episodes", "2048"])
+    assert main(["assure", AGENT, "--episodes", "2048", "--worst", "1"]) == 0
+    printed, folder = capsys.readouterr().out, Path("runs/evaluations/pretrained-go-to-pose-2d-fast")
+    read, page = (folder.joinpath(f"assurance.{kind}").read_text("utf-8") for kind in ("json", "html"))
+    found: dict[str, Any] = json.loads(read)
+    assert found["campaign"]["listed"]["LEFT"] == [1709, 1727]
+    # By Clopper and Pearson as SciPy's binomtest gives them for 2 of 2,048 at 98 % on two sides.
+    assert found["bounds"]["any"]["at least"] == pytest.approx(7.2552e-5, rel=1e-4)
+    assert found["bounds"]["any"]["at most"] == pytest.approx(4.0981e-3, rel=1e-4)
+    assert "2 of 2,048 flights failed" in printed
+    assert page.index("2 of 2,048 flights failed") < page.index("<h2")
+    assert f"rans assure {AGENT} --episodes 2048" in page
+    assert not re.search(r'(src|href)="(?!data:|#)', page), "a page that needs another file"
+    policy = Path(campaign.__file__).parents[2] / "data/pretrained/go-to-pose-2d-fast/policy.zip"
+    told = subprocess.run(["sha256sum", policy], capture_output=True, text=True, check=True).stdout
+    assert found["about"]["hashes"]["weights (policy.zip)"] == told.split()[0]
+    shown: list[Any] = []
+    monkeypatch.setattr("rans.cli.view.View._show", lambda _, flights: shown.extend(flights))
+    assert main(shlex.split(found["replays"]["judged"][0]["see"])[1:]) == 0
+    assert solved(shown[0]).tolist() == [False]
+
+
+def test_ctrl_c_keeps_what_was_flown_and_the_same_command_goes_on(monkeypatch: pytest.MonkeyPatch,
+                                                                  capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr(campaign, "BATCH", {"cpu": 256})
+    fly, calls = Flights.fly, []
+
+    def interrupted(*given: Any) -> Any:
+        calls.append(given[1])
+        if len(calls) == 2:
+            raise KeyboardInterrupt
+        return fly(*given)
+
+    monkeypatch.setattr(Flights, "fly", interrupted)
+    command = ["assure", AGENT, "--episodes", "2048", "--worst", "0", "--output", "here"]
+    assert main(command) == 130
+    assert json.loads(Path("here/assurance.json").read_text("utf-8"))["campaign"]["flights"] == 1024
+    assert "Interrupted" in capsys.readouterr().out
+    assert main(command) == 0
+    assert calls == [0, 1024, 1024]
+    assert json.loads(Path("here/assurance.json").read_text("utf-8"))["campaign"]["flights"] == 2048
+
+
+def test_a_plan_says_what_a_bound_takes(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["assure", AGENT, "--failure-below", "1e-4", "--plan"]) == 0
+    # ln(1 / 0.0045) / 1e-4 = 54,037 by hand, a little less as (1 - p)^n falls faster.
+    assert re.search(r"54,03\d .* at most 0", capsys.readouterr().out)
+    assert not Path("runs").exists()
+
+
+def test_a_bound_that_is_refuted_ends_with_1(capsys: pytest.CaptureFixture[str]) -> None:
+    short = ["--confidence", "0.6", "--worst", "0"]
+    assert main(["assure", AGENT, "--failure-below", "3e-4", "--episodes", "4096", *short]) == 1
+    assert "Refuted" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(("arguments", "words"), [
+    (["lqr:go-to-pose-2d"], "no trained agent"),
+    (["pretrained:multi-task-2d"], "#go-to-pose"),
+    ([AGENT, "--episodes", "0"], "--episodes"),
+    ([AGENT, "--rare", "-1"], "--rare"),
+    ([AGENT, "--confidence", "99"], "--confidence"),
+    ([AGENT, "--failure-below", "1e-12"], "2^31"),
+    ([AGENT, "--episodes", "1", "--search", "perfect"], "--search perfect"),
+    ([AGENT, "--device", "abacus", "--episodes", "1"], "abacus")])
+def test_wrong_input_is_refused_in_a_sentence(arguments: list[str], words: str,
+                                              capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["assure", *arguments]) == 2
+    told = capsys.readouterr().err
+    assert words in told
+    assert told.count("\n") == 1
+
+
+def test_it_needs_neither_drake_nor_pictures(tmp_path: Path) -> None:
+    code = """
+import sys
+for name in ("pydrake", "matplotlib", "casadi", "stable_baselines3", "numba", "tensorboard", "PIL"):
+    sys.modules[name] = None
+import importlib.util
+find = importlib.util.find_spec
+importlib.util.find_spec = lambda name, *rest: None if sys.modules.get(name, 0) is None else find(name, *rest)
+from rans.cli import main
+sys.exit(main(["assure", sys.argv[1], "--episodes", "1728", "--output", sys.argv[2]]))
+"""
+    done = subprocess.run([sys.executable, "-c", code, AGENT, str(tmp_path)], capture_output=True, text=True,
+                          check=False)
+    assert done.returncode == 0, done.stderr
+    assert "Drake is not installed here" in done.stdout
+    assert "Matplotlib is not installed" in (tmp_path / "assurance.html").read_text("utf-8")
