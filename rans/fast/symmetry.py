@@ -11,7 +11,7 @@ from rans.model.fields import Field
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.tasks.sight import Columns, Layout
 
-_AIM = (0.9, 0.38, 0.21)
+AIM = (0.9, 0.38, 0.21)
 """Of all equivalent views, the one taken has the goal nearest to this direction. Any will do that lies in
 no mirror plane of the spacecraft; otherwise two views would tie for whole regions."""
 _ROUNDING = 1e-6
@@ -32,7 +32,7 @@ class Symmetries(NamedTuple):
         """Index (N,) of the view to take of a vector in B, `Layout.ahead`: the one that has it ahead."""
         goal: Any = [d[:, None] for d in way]
         ahead: Any = sum(a * sum(self.turn[:, i, j] * d for j, d in enumerate(goal))
-                         for i, a in enumerate(_AIM[:len(way)]))
+                         for i, a in enumerate(AIM[:len(way)]))
         return ahead.argmax(1)
 
     def viewed(self, layout: Layout, seen: Columns, which: Field) -> list[Field]:

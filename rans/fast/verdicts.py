@@ -7,13 +7,11 @@ A flight is solved if it keeps within all tolerances at every step of its last f
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
 from functools import reduce
 from operator import add
-from typing import Any
-
 import numpy as np
 
 from rans.episode import Episode, Outcome, World
@@ -65,7 +63,7 @@ class Tally:
     left: Field
     """Whether it left them at a step of the last fifth."""
     settled: Field
-    """Number of the first instant since which it is inside; the start's is 0."""
+    """Number of the first instant since which it is inside, int; the start's is 0."""
     gained: Field
     """Return."""
     impulse: Field
@@ -78,7 +76,7 @@ class Tally:
         """Of flights that begin."""
         never, zero = episode.clock < 0, episode.clock * 0.0
         inside = world.task.reached(episode.state, episode.goal) | never
-        return cls(~never, never, inside, never, never, where(inside, zero, zero + 1.0), zero, zero, zero)
+        return cls(~never, never, inside, never, never, where(inside, episode.clock * 0, 1), zero, zero, zero)
 
     def after(self, world: World, outcome: Outcome) -> Tally:
         """After one more step; flights that ended are left as they were."""
@@ -100,13 +98,13 @@ class Tally:
             inside=inside,
             missed=self.missed | (late & ~inside),
             left=self.left | (late & self.inside & ~inside),
-            settled=where(inside, self.settled, zero + 1.0 + step),
+            settled=where(inside, self.settled, step + 1),
             gained=self.gained + when(going & ~lost, outcome.reward),
             impulse=self.impulse + when(going, reduce(add, forces)) * world.timing.control_period,
             opened=self.opened + when(going & late, reduce(add, outcome.command)))
 
     def failure(self) -> Field:
-        """The number of a `Failure`, 0 where there is none, of flights that are over."""
+        """The number of a `Failure`, int, 0 where there is none, of flights that are over."""
         kind = where(self.missed, where(self.left, 3, where(self.inside, 5, 4)), 0)
         return where(self.lost, 1, where(self.going, kind, 2))
 
@@ -208,25 +206,24 @@ class Verdicts:
                    np.zeros(0, np.uint8), dict.fromkeys(QUANTITIES, Sums()), listed)
 
     @classmethod
-    def of(cls, world: World, tally: Tally, numbers: np.ndarray, listed: int, way: str) -> Verdicts:
-        """Of flights (N,) that are over, with these scenario numbers."""
-        steps = world.timing.episode_steps
-        kind = _array(tally.failure()).astype(np.uint8)
-        at = _array(tally.settled).astype(np.int64)[_array(tally.going & tally.inside)]
-        places = np.flatnonzero(kind)[:listed]
+    def of(cls, world: World, numbers: np.ndarray, outcome: Sequence[np.ndarray],
+           totals: Sequence[np.ndarray], listed: int, way: str) -> Verdicts:
+        """Of flights (N,) that are over, with these scenario numbers.
+
+        Their outcome is the number of a `Failure` or 0, whether they settled, and when; totals are return,
+        impulse, and open thrusters summed over the last fifth.
+        """
+        steps, (failure, settles, settled) = world.timing.episode_steps, outcome
+        places = np.flatnonzero(failure)[:listed]
         slots = last_fifth(steps) * len(world.craft.thrusters)
-        values = (_array(tally.gained), _array(tally.impulse), _array(tally.opened) / slots)
-        return cls(len(kind), steps, np.bincount(at, minlength=steps + 1),
-                   dict(zip(Failure, np.bincount(kind, minlength=6)[1:].tolist(), strict=True)),
-                   numbers[places].astype(np.int64), kind[places],
-                   {name: Sums.of(x) for name, x in zip(QUANTITIES, values, strict=True)}, listed,
-                   frozenset({way}))
+        scales = (1.0, 1.0, 1.0 / slots)
+        return cls(len(failure), steps, np.bincount(settled[settles], minlength=steps + 1),
+                   dict(zip(Failure, np.bincount(failure, minlength=6)[1:].tolist(), strict=True)),
+                   numbers[places].astype(np.int64), failure[places].astype(np.uint8),
+                   {name: Sums.of(x * scale) for name, x, scale in zip(QUANTITIES, totals, scales, strict=True)},
+                   listed, frozenset({way}))
 
 
 def together(parts: Iterable[Verdicts], none: Verdicts) -> Verdicts:
     """Their sum."""
     return reduce(add, parts, none)
-
-
-def _array(values: Any) -> np.ndarray:
-    return values if isinstance(values, np.ndarray) else values.cpu().numpy()

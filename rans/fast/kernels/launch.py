@@ -28,6 +28,8 @@ MANY = 2**18
 """From so many spacecraft on, an even number, a thread steps two: with fewer, threads would be missed."""
 _OPTIONS = ("--std=c++17", "--ftz=true", "--prec-div=false", "--prec-sqrt=false")
 """float32 divisions and roots may be two units in the last place off; float64 is not affected."""
+_SHARED_BYTES = 8
+"""CU_FUNC_ATTRIBUTE_MAX_DYNAMIC_SHARED_SIZE_BYTES."""
 
 
 class CudaError(RuntimeError):
@@ -37,23 +39,28 @@ class CudaError(RuntimeError):
 class Function:
     """A kernel on the current device, from CUDA C++ that defines it by this name as ``extern "C"``.
 
+    Its blocks have so many bytes of shared memory beside what the text asks for.
+
     Raises:
         OSError: there is no runtime compiler or no driver.
         CudaError: the text does not compile; the message is the compiler's.
     """
 
-    def __init__(self, text: str, name: str, capability: tuple[int, int]) -> None:
+    def __init__(self, text: str, name: str, capability: tuple[int, int], shared: int = 0) -> None:
         self._driver = CDLL("nvcuda.dll" if sys.platform == "win32" else "libcuda.so.1")
         self._module, self._function = c_void_p(), c_void_p()
         self._check(self._driver.cuModuleLoadData(byref(self._module), compiled(text, capability)))
         self._check(self._driver.cuModuleGetFunction(byref(self._function), self._module, name.encode()))
+        self._shared = shared
+        if shared:
+            self._check(self._driver.cuFuncSetAttribute(self._function, _SHARED_BYTES, c_int(shared)))
 
     def launch(self, blocks: int, threads: int, stream: int, pointers: Sequence[int],
                numbers: Sequence[int]) -> None:
         """Queue the kernel; all its pointers come before its 32-bit numbers."""
         values = (*map(c_void_p, pointers), *map(c_int, numbers))
         places = (c_void_p * len(values))(*map(ctypes.addressof, values))
-        one, shared_bytes = c_uint(1), c_uint(0)
+        one, shared_bytes = c_uint(1), c_uint(self._shared)
         self._check(self._driver.cuLaunchKernel(
             self._function, c_uint(blocks), one, one, c_uint(threads), one, one, shared_bytes,
             c_void_p(stream), places, None))

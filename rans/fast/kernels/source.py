@@ -49,17 +49,41 @@ def source(program: Program, thrusters: int, action: Action, real: Real, togethe
         files("rans.fast.kernels").joinpath("functions.cuh").read_text(),
         f'extern "C" __global__ void __launch_bounds__({THREADS}) step(',
         f"    {', '.join(arguments)}) {{",
-        *_indented(_Writer(program, together, members).body(thrusters, action)),
+        *indented(_Writer(program, together, members).body(thrusters, action)),
         "}\n",
     ))
 
 
-class _Writer:
-    """Writes lines and remembers which symbols have a name by then."""
+class Lines:
+    """Lines of a program, and which symbols have a name by then."""
+
+    def __init__(self) -> None:
+        self.names: dict[Symbol, str] = {}
+
+    def values(self, roots: Iterable[Symbol]) -> Iterator[str]:
+        """Lines that give names to the roots and to what they are made of."""
+        for symbol in ordered(roots, known=self.names):
+            if symbol.operation == "input":
+                self.names[symbol] = symbol.value
+            elif symbol.operation != "constant":
+                expression = _expression(symbol, [self.operand(arg) for arg in symbol.args])
+                self.names[symbol] = name = f"x{len(self.names)}"
+                yield f"const {symbol.kind} {name} = {expression};"
+
+    def operand(self, symbol: Symbol) -> str:
+        """A symbol that has a name, or a number, in an expression."""
+        if symbol.operation != "constant":
+            return self.names[symbol]
+        number = repr(symbol.value)
+        return {"real": f"real({number})", "bool": number.lower()}.get(symbol.kind, number)
+
+
+class _Writer(Lines):
+    """Of a step."""
 
     def __init__(self, program: Program, together: int, members: bool) -> None:
+        super().__init__()
         self._program, self._together, self._members = program, together, members
-        self._names: dict[Symbol, str] = {}
         inputs = (*program.memory, *program.settings)
         self._places = {given.symbol: "[i]" if given.each else "[0]" for given in inputs}
         seeds = "[i]" if members else "[0]"
@@ -90,7 +114,7 @@ class _Writer:
         yield f"  const unsigned i = group * {together} + k;"
         yield f"  const int first = {'(i % each)' if self._members else 'i'} * processes + rank;"
         yield from (f"  const {s.kind} {s.value} = {s.value}_in.of[k];" for s in self._own)
-        yield from _indented((*commands, *self._step()))
+        yield from indented((*commands, *self._step()))
         yield "}"
         yield from (f"write({place}, group, {name});" for _, place, name in places)
 
@@ -106,8 +130,8 @@ class _Writer:
     def _step(self) -> Iterator[str]:
         """Of one spacecraft: what needs no draw comes before the draws, which wait for the seed."""
         always, drawn = self._program.always, set(self._drawn)
-        yield from self._values([self._program.ended])
-        ended = self._names[self._program.ended]
+        yield from self.values([self._program.ended])
+        ended = self.names[self._program.ended]
         yield from (f"const {s.kind} {s.value} = {ended} ? {s.value}_at{place} : 0;"
                     for s, place in self._places.items() if s in self._rare)
         yield from self._final_observation()
@@ -119,37 +143,37 @@ class _Writer:
     def _final_observation(self) -> Iterator[str]:
         """One row where an episode ended, four numbers a write: 16 bytes of floats, the most there is."""
         finals = [store.value for store in self._program.at_end if store.array == "final"]
-        yield from self._values(symbol for symbol in self._unnamed(finals) if symbol not in self._rare)
-        names = dict(self._names)
-        yield f"if ({self._names[self._program.ended]}) {{"
-        yield from _indented(self._values(finals))
-        row = [*map(self._operand, finals), *["0"] * (self._program.shape.final_width - len(finals))]
+        yield from self.values(symbol for symbol in self._unnamed(finals) if symbol not in self._rare)
+        names = dict(self.names)
+        yield f"if ({self.names[self._program.ended]}) {{"
+        yield from indented(self.values(finals))
+        row = [*map(self.operand, finals), *["0"] * (self._program.shape.final_width - len(finals))]
         pieces = len(row) // 4
         yield from (f"  write<4>(final, size_t(i) * {pieces} + {p}, {{{', '.join(row[4 * p:4 * p + 4])}}});"
                     for p in range(pieces))
         yield "}"
-        self._names = names
+        self.names = names
 
     def _results(self, stores: Iterable[Store]) -> Iterator[str]:
         for store in stores:
-            yield from self._values([store.value])
-            yield f"{_name(store)}.of[k] = {self._operand(store.value)};"
+            yield from self.values([store.value])
+            yield f"{_name(store)}.of[k] = {self.operand(store.value)};"
 
     def _draw(self) -> Iterator[str]:
         """By all threads of a warp where one episode ends: one alone would hold the others up as long."""
-        ended = self._names[self._program.ended]
+        ended = self.names[self._program.ended]
         kept = [store for store in self._program.at_end if store.array == "memory"]
         roots = [*self._drawn, *(store.value for store in kept)]
-        yield from self._values(symbol for symbol in self._unnamed(roots) if symbol not in self._rare)
+        yield from self.values(symbol for symbol in self._unnamed(roots) if symbol not in self._rare)
         yield from (f"{symbol.kind} drawn_{n} = 0;" for n, symbol in enumerate(self._drawn))
-        names = dict(self._names)
+        names = dict(self.names)
         yield f"if (__any_sync(__activemask(), {ended})) {{"
-        yield from _indented(self._values(roots))
-        yield from (f"  drawn_{n} = {self._names[symbol]};" for n, symbol in enumerate(self._drawn))
-        yield from (f"  if ({ended}) memory_{store.row}_at[i] = {self._operand(store.value)};"
+        yield from indented(self.values(roots))
+        yield from (f"  drawn_{n} = {self.names[symbol]};" for n, symbol in enumerate(self._drawn))
+        yield from (f"  if ({ended}) memory_{store.row}_at[i] = {self.operand(store.value)};"
                     for store in kept)
         yield "}"
-        self._names = names | {symbol: f"drawn_{n}" for n, symbol in enumerate(self._drawn)}
+        self.names = names | {symbol: f"drawn_{n}" for n, symbol in enumerate(self._drawn)}
 
     def _place(self, store: Store) -> tuple[str, str]:
         """What is stored, and where."""
@@ -157,24 +181,8 @@ class _Writer:
             return self._program.memory[store.row].type, f"memory_{store.row}_at"
         return "bool" if store.array == "flags" else "real", f"{store.array} + {store.row} * rows"
 
-    def _values(self, roots: Iterable[Symbol]) -> Iterator[str]:
-        """Lines that give names to the roots and to what they are made of."""
-        for symbol in ordered(roots, known=self._names):
-            if symbol.operation == "input":
-                self._names[symbol] = symbol.value
-            elif symbol.operation != "constant":
-                expression = _expression(symbol, [self._operand(arg) for arg in symbol.args])
-                self._names[symbol] = name = f"x{len(self._names)}"
-                yield f"const {symbol.kind} {name} = {expression};"
-
     def _unnamed(self, roots: Iterable[Symbol]) -> list[Symbol]:
-        return list(ordered(roots, known=self._names))
-
-    def _operand(self, symbol: Symbol) -> str:
-        if symbol.operation != "constant":
-            return self._names[symbol]
-        number = repr(symbol.value)
-        return {"real": f"real({number})", "bool": number.lower()}.get(symbol.kind, number)
+        return list(ordered(roots, known=self.names))
 
 
 def _expression(symbol: Symbol, args: list[str]) -> str:
@@ -190,7 +198,7 @@ def _expression(symbol: Symbol, args: list[str]) -> str:
     return f"{args[0]} {operation} {args[1]}"
 
 
-def _indented(lines: Iterable[str]) -> Iterator[str]:
+def indented(lines: Iterable[str]) -> Iterator[str]:
     return (f"  {line}" for line in lines)
 
 

@@ -5,7 +5,7 @@
 
 #define __device__
 #define __global__
-#define __launch_bounds__(threads)
+#define __launch_bounds__(...)
 #define __activemask() 1
 // An episode of another thread of the warp ends every other time.
 static int votes = 0;

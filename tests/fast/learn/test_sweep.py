@@ -285,6 +285,6 @@ def test_weights_come_back_from_a_run_folder(tmp_path: Path) -> None:
     member = sweep.members[1]
     sweep.save(member, tmp_path / "best")
     loaded = load_agent(tmp_path / "best")
-    tensors: dict[str, Tensor] = loaded.controller._network.tensors  # type: ignore[attr-defined]
+    tensors: dict[str, Tensor] = loaded.controller.network.tensors  # type: ignore[attr-defined]
     assert set(tensors) == set(member.weights)
     assert all(torch.equal(tensors[name], weight) for name, weight in member.weights.items())

@@ -1,0 +1,238 @@
+"""The text of a flight's kernel in CUDA C++, from its program and the design of its network.
+
+A thread flies one scenario after the other, a warp 32 at a time: what each sees goes through the network
+together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from importlib.resources import files
+
+from rans.fast.kernels.design import FEW_INPUTS, Design
+from rans.fast.kernels.flight_program import FlightProgram
+from rans.fast.kernels.source import Lines, indented
+from rans.model.trace import Symbol
+
+_ARGUMENTS = ("const uint4* policy", "double* sums", "unsigned long long* failures",
+              "unsigned long long* settled_at", "int* failed", "int* numbers", "unsigned char* kinds",
+              "const int low", "const int high", "const int first", "const int count", "const int room")
+
+
+def flight_source(program: FlightProgram, design: Design, steps: int) -> str:
+    """CUDA C++ of a kernel ``flights``, of episodes of so many steps.
+
+    Its arguments are the policy (`Design.packed`); the totals' sums and sums of squares, by turns, counts of
+    failures by kind and of settled flights by instant, to which it adds; how many failed flights are listed
+    already, and their numbers and kinds; the seed's words, the first scenario's number, how many there are,
+    and how many failed ones may be listed.
+    """
+    texts = (files("rans.fast.kernels").joinpath(name).read_text()
+             for name in ("functions.cuh", "warp.cuh", "policy.cuh"))
+    return "\n".join((
+        "typedef float real;", *texts, *_views(design),
+        f'extern "C" __global__ void __launch_bounds__({32 * design.warps}, 1) flights(',
+        f"    {', '.join(_ARGUMENTS)}) {{",
+        *indented(_Writer(program, design, steps).body()),
+        "}\n"))
+
+
+def _views(design: Design) -> Iterator[str]:
+    """Where each thruster is in each view of the craft."""
+    if design.given.symmetries is not None:
+        rows = (", ".join(map(str, row)) for row in design.given.symmetries.place.tolist())
+        yield f"__device__ const unsigned char places[][{design.given.thrusters}] = {{"
+        yield from (f"  {{{row}}}," for row in rows)
+        yield "};"
+
+
+class _Writer(Lines):
+    def __init__(self, program: FlightProgram, design: Design, steps: int) -> None:
+        super().__init__()
+        self._program, self._design, self._given, self._steps = program, design, design.given, steps
+
+    def body(self) -> Iterator[str]:
+        """Every warp flies its share, and adds it to the results."""
+        warps = self._design.warps
+        yield from self._memory()
+        yield f"for (unsigned group = blockIdx.x * {warps} + warp; group < (unsigned(count) + 31) / 32;"
+        yield f"     group += gridDim.x * {warps}) {{"
+        yield from indented(self._flight())
+        yield "}"
+
+    def _memory(self) -> Iterator[str]:
+        """The policy, and where each warp puts what its network is given and answers."""
+        design, inside = self._design, "shared" if self._design.kept else "policy"
+        yield "extern __shared__ uint4 shared[];"
+        yield f"for (int i = threadIdx.x; i < {design.kept // 16}; i += {32 * design.warps}) shared[i] = policy[i];"
+        yield f"for (int i = threadIdx.x; i < {(design.warps * design.per_warp) // 16}; i += {32 * design.warps})"
+        yield f"  shared[{design.kept // 16} + i] = uint4{{0, 0, 0, 0}};"
+        yield "__syncthreads();"
+        yield "const int warp = threadIdx.x / 32;"
+        for name, place in design.places.items():
+            if name not in ("small", "end"):
+                kind = "float" if place < design.places["small"] else "uint2" if name == "head" else "uint4"
+                base = inside if place < design.kept else "policy"
+                yield f"const {kind}* {name} = reinterpret_cast<const {kind}*>({base} + {place // 16});"
+        own = f"shared + {design.kept // 16} + warp * {design.per_warp // 16}"
+        yield (f"const Inputs<{design.parts}> inputs = {{reinterpret_cast<unsigned short*>({own}), "
+               f"{design.stride}}};")
+        yield f"float* const outputs = reinterpret_cast<float*>({own} + {design.inputs_bytes // 16});"
+
+    def _flight(self) -> Iterator[str]:
+        program, recalled = self._program, self._given.memory
+        yield "const unsigned index = group * 32 + lane();"
+        yield "const int number = first + int(index);"
+        yield from self.values(carried.begin for carried in program.carried)
+        yield from (f"{carried.symbol.kind} {carried.symbol.value} = {self.operand(carried.begin)};"
+                    for carried in program.carried)
+        if recalled:
+            yield f"real memory[{recalled}] = {{}};"
+        known = dict(self.names)
+        yield "#pragma unroll 1"
+        yield f"for (int step = 0; step < {self._steps}; ++step) {{"
+        yield from indented(self._step())
+        yield "}"
+        self.names = known
+        yield from self._verdict()
+
+    def _step(self) -> Iterator[str]:
+        program = self._program
+        yield from self.values((*program.columns, *program.seen, program.view))
+        yield from self._shown()
+        yield "__syncwarp();"
+        yield from self._network()
+        yield "__syncwarp();"
+        yield from self._commands()
+        yield from self._remember()
+        moved = [carried for carried in program.carried if carried.after is not carried.symbol]
+        yield from self.values(carried.after for carried in moved)
+        for carried in moved:
+            yield f"const {carried.symbol.kind} next_{carried.symbol.value} = {self.operand(carried.after)};"
+        yield from (f"{carried.symbol.value} = next_{carried.symbol.value};" for carried in moved)
+        yield from self.values([program.going])
+        yield f"if (!__any_sync(~0u, {self.operand(program.going)})) break;"
+
+    def _shown(self) -> Iterator[str]:
+        """The first layer's inputs: columns as they are seen, zoomed, and the memory's rows."""
+        given, width = self._given, self._given.seen
+        yield from self._row("seen", self._program.seen)
+        yield f"real shown[{width * (2 if given.zoom else 1)}];"
+        yield f"normalise(seen, mean, scale, {given.clip}f, shown);"
+        if given.zoom:
+            yield f"for (int i = 0; i < {width}; ++i)"
+            yield f"  shown[{width} + i] = activated<{self._design.parts}, Tanh>(seen[i] * zoom[i]);"
+        yield f"inputs.show(0, shown);"
+        if given.recalled:
+            yield from self._recalled()
+
+    def _recalled(self) -> Iterator[str]:
+        """Averages and moments from the side seen now; thrusters are where they look like in it."""
+        given, program = self._given, self._program
+        width = given.seen + given.thrusters
+        first = given.seen * (2 if given.zoom else 1)
+        yield f"for (int row = 0; row < {given.recalled}; ++row) {{"
+        yield f"  const int at = row * {width};"
+        known = dict(self.names)
+        for i in range(given.seen):
+            self.names[Symbol.input(f"then_{i}")] = f"then_{i}"
+            yield f"  const real then_{i} = memory[at + {i}];"
+        yield from indented(self.values(program.then))
+        yield from indented(self._row("before", program.then))
+        yield f"  real recalled[{given.seen}], told[{given.thrusters}];"
+        yield f"  normalise(before, mean, scale, {given.clip}f, recalled);"
+        yield "  " + f"inputs.show({first} + at, recalled);"
+        yield "  #pragma unroll"
+        yield f"  for (int i = 0; i < {given.thrusters}; ++i) told[i] = memory[at + {given.seen} + i];"
+        if given.symmetries is None:
+            yield "  " + f"inputs.show({first} + at + {given.seen}, told);"
+        else:
+            view, at = self.operand(program.view), f"{first} + at + {given.seen} + places[{{}}][i]"
+            yield f"  for (int i = 0; i < {given.thrusters}; ++i) {{"
+            yield "    const real one[1] = {told[i]};"
+            yield "    " + f"inputs.show({at.format(view)}, one);"
+            yield "  }"
+        yield "}"
+        self.names = known
+
+    def _row(self, name: str, values: Iterable[Symbol]) -> Iterator[str]:
+        yield f"const real {name}[] = {{{', '.join(map(self.operand, values))}}};"
+
+    def _network(self) -> Iterator[str]:
+        """On tensor cores, for one or two tiles of 16 flights at a time."""
+        design, activation = self._design, self._given.activation.capitalize()
+        parts, tiles, widths = design.parts, design.tiles, design.widths
+        yield "#pragma unroll" if tiles == 2 else "#pragma unroll 1"
+        yield f"for (int row = 0; row < 32; row += {16 * tiles}) {{"
+        yield f"  const Inputs<{parts}> given = {{inputs.from + row * {design.stride}, {design.stride}}};"
+        name = "given"
+        if widths[0] <= FEW_INPUTS:  # else they are fetched again for every 16 units
+            name = "few"
+            yield f"  Rows<{parts}, {tiles}, {widths[0]}> few;"
+            yield "  #pragma unroll"
+            yield f"  for (int i = 0; i < {tiles * widths[0] // 16}; ++i) {{"
+            yield f"    unsigned rows[{parts}][4];"
+            yield f"    given.get(rows, i % {tiles}, i / {tiles});"
+            yield f"    few.set(rows, i % {tiles}, i / {tiles});"
+            yield "  }"
+        for i, units in enumerate(widths[1:-1]):
+            yield f"  Rows<{parts}, {tiles}, {units}> rows_{i};"
+            yield (f"  layer<{activation}, {parts}, {tiles}, {widths[i]}, {units}>({name}, layer_{i}, bias_{i}, "
+                   f"rows_{i});")
+            name = f"rows_{i}"
+        last = len(widths) - 2
+        yield (f"  answer<{activation}, {parts}, {tiles}, {widths[-2]}, {widths[-1]}, {design.outputs // 8}>("
+               f"{name}, layer_{last}, bias_{last}, head, constant, outputs + row * {design.stride_out}, "
+               f"{design.stride_out});")
+        yield "}"
+
+    def _commands(self) -> Iterator[str]:
+        """The likeliest ones, of thrusters as the craft has them."""
+        given, program = self._given, self._program
+        for i in range(given.thrusters):
+            unit = f"places[{self.operand(program.view)}][{i}]" if given.symmetries is not None else str(i)
+            value = f"outputs[lane() * {self._design.stride_out} + {unit}]"
+            chosen = f"min(1.0f, max(0.0f, {value}))" if given.continuous else f"{value} > 0.0f ? 1.0f : 0.0f"
+            yield f"const real command_{i} = {chosen};"
+
+    def _remember(self) -> Iterator[str]:
+        """As `rans.fast.learn.network.Network.remember`."""
+        given = self._given
+        width, averages = given.seen + given.thrusters, len(given.averages)
+        if not given.recalled:
+            return
+        yield from self._row("newest", self._program.columns)
+        told = ", ".join(f"command_{i}" for i in range(given.thrusters))
+        yield f"const real told[] = {{{told}}};"
+        for row, kept in enumerate(given.averages):
+            for count, source, start in ((given.seen, "newest", 0), (given.thrusters, "told", given.seen)):
+                at = f"memory[{row * width + start} + i]"
+                yield f"for (int i = 0; i < {count}; ++i) {at} = {source}[i] + {kept}f * ({at} - {source}[i]);"
+        if given.history:
+            start, end = averages * width, (given.recalled - 1) * width
+            yield f"for (int i = {start}; i < {end}; ++i) memory[i] = memory[i + {width}];"
+            yield f"for (int i = 0; i < {given.seen}; ++i) memory[{end} + i] = newest[i];"
+            yield f"for (int i = 0; i < {given.thrusters}; ++i) memory[{end + given.seen} + i] = told[i];"
+
+    def _verdict(self) -> Iterator[str]:
+        """Added to the results: by the first thread of a warp what all of it has."""
+        program = self._program
+        yield from self.values((program.failure, program.settles, program.settled, *program.totals))
+        yield "const bool counts = index < unsigned(count);"
+        for i, symbol in enumerate(program.totals):
+            value = self.operand(symbol)
+            yield f"const real total_{i} = total(counts ? {value} : 0.0f);"
+            yield f"const real squares_{i} = total(counts ? {value} * {value} : 0.0f);"
+        yield "if (lane() == 0) {"
+        for i in range(len(program.totals)):
+            yield f"  atomicAdd(sums + {2 * i}, double(total_{i}));"
+            yield f"  atomicAdd(sums + {2 * i + 1}, double(squares_{i}));"
+        yield "}"
+        yield (f"if (counts && {self.operand(program.settles)}) "
+               f"atomicAdd(settled_at + int({self.operand(program.settled)}), 1ull);")
+        failure = self.operand(program.failure)
+        yield f"if (counts && {failure}) {{"
+        yield f"  atomicAdd(failures + {failure} - 1, 1ull);"
+        yield "  const int place = atomicAdd(failed, 1);"
+        yield f"  if (place < room) numbers[place] = number, kinds[place] = {failure};"
+        yield "}"

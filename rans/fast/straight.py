@@ -1,0 +1,162 @@
+"""A traced program run by NumPy: every operation once, in memory that stays in a processor's caches."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from rans.model.trace import Symbol, ordered
+
+_FUNCTIONS: dict[str, Callable[..., Any]] = {
+    "+": np.add, "-": np.subtract, "*": np.multiply, "/": np.divide, "&": np.bitwise_and,
+    "|": np.bitwise_or, "^": np.bitwise_xor, ">>": np.right_shift, "<": np.less, "<=": np.less_equal,
+    ">": np.greater, ">=": np.greater_equal, "==": np.equal, "!=": np.not_equal, "neg": np.negative,
+    "abs": np.abs, "minimum": np.minimum, "maximum": np.maximum, "atan2": np.arctan2,
+    **{name: getattr(np, name) for name in ("sin", "cos", "exp", "log", "sqrt", "floor")}}
+_TYPES = {"real": np.float32, "int": np.int32, "bool": np.bool_}
+_Value = Symbol | tuple[str, Symbol]
+"""A symbol, or of a condition ("mask", it): all bits where it holds."""
+
+
+@dataclass(frozen=True)
+class _Operation:
+    name: str
+    result: Symbol
+    kind: str
+    slot: int
+    args: tuple[_Value, ...]
+
+
+class Straight:
+    """A straight-line program: what symbols are, from the values of its inputs.
+
+    Args:
+        inputs: whose values are given.
+        parts: symbols to compute, in so many goes; a later one may use what earlier ones have computed, and
+            inputs that are given only then.
+    """
+
+    def __init__(self, inputs: Sequence[Symbol], *parts: Iterable[Symbol]) -> None:
+        self._inputs, self._wanted = tuple(inputs), [list(part) for part in parts]
+        orders, known = [], set(inputs)
+        for part in self._wanted:
+            orders.append([s for s in ordered(part, known) if s.args])
+            known.update(orders[-1])
+        everything = [s for order in orders for s in order]
+        uses: dict[_Value, int] = {}
+        for at, symbol in enumerate(everything):
+            uses |= dict.fromkeys((*_args(symbol), *symbol.args), at)
+        # A value's memory is another's after its last use; what is asked for stays.
+        asked = {s for part in self._wanted for s in part}
+        free, self._slots, self._count = list[int](), dict[_Value, int](), 0
+        self._programs: list[list[_Operation]] = []
+        at = 0
+        for order in orders:
+            self._programs.append(program := [])
+            for symbol in order:
+                for value in (*filter(lambda x: x not in self._slots, _masks(symbol)), symbol):
+                    slot = free.pop() if free else self._new()
+                    self._slots[value] = slot
+                    name = value[0] if isinstance(value, tuple) else symbol.operation
+                    args = (value[1],) if isinstance(value, tuple) else _args(symbol)
+                    program.append(_Operation(name, symbol, "int" if isinstance(value, tuple) else symbol.kind,
+                                              slot, args))
+                free += [self._slots[value] for value in dict.fromkeys((*_args(symbol), *symbol.args))
+                         if uses[value] == at and value in self._slots and value not in asked]
+                at += 1
+
+    def _new(self) -> int:
+        self._count += 1
+        return self._count - 1
+
+    def memory(self, count: int) -> Memory:
+        """Of runs over N values of everything."""
+        return Memory(self, count)
+
+
+class Memory:
+    """Where a program runs for N values: not for two threads at once."""
+
+    def __init__(self, program: Straight, count: int) -> None:
+        self._program = program
+        block = np.zeros((program._count, count), np.float32)
+        self._inputs = {s: np.zeros(count, _TYPES[s.kind]) for s in program._inputs}
+        self._place = {value: self._typed(block[slot], value) for value, slot in program._slots.items()}
+        self._calls = [[self._call(operation, block[operation.slot]) for operation in part]
+                       for part in program._programs]
+        self._wanted = [[self._value(s) for s in part] for part in program._wanted]
+
+    def give(self, values: Iterable[Any]) -> None:
+        """Values of the first inputs, or fewer: arrays (N,) or numbers."""
+        for place, value in zip(self._inputs.values(), values, strict=False):
+            place[...] = value
+
+    def put(self, symbol: Symbol, value: Any) -> None:
+        """The value of one input."""
+        self._inputs[symbol][...] = value
+
+    def value(self, symbol: Symbol) -> np.ndarray:
+        """Of an input."""
+        return self._inputs[symbol]
+
+    def run(self, part: int) -> list[Any]:
+        """The values of one part's symbols; they are overwritten when it is run again."""
+        for function, args in self._calls[part]:
+            function(*args)
+        return self._wanted[part]
+
+    @staticmethod
+    def _typed(row: np.ndarray, value: _Value) -> np.ndarray:
+        kind = "int" if isinstance(value, tuple) else value.kind
+        return row.view(_TYPES[kind])[:len(row)]
+
+    def _value(self, value: _Value) -> Any:
+        if isinstance(value, Symbol) and value.operation == "constant":
+            return _TYPES[value.kind](value.value)
+        return self._inputs[value] if value in self._inputs else self._place[value]
+
+    def _call(self, operation: _Operation, row: np.ndarray) -> tuple[Callable[..., Any], tuple[Any, ...]]:
+        """A function that writes its last argument."""
+        args, to = [self._value(arg) for arg in operation.args], row.view(_TYPES[operation.kind])[:len(row)]
+        match operation.name:
+            case "mask":
+                return _mask, (args[0], to)
+            case "where" if operation.kind == "bool":
+                return _choose_bool, (*args, to)
+            case "where":
+                return _choose, (*(x.view(np.int32) for x in (*args, to)),)
+            case "real":
+                return _convert, (*args, to)
+        return _FUNCTIONS[operation.name], (*args, to)
+
+
+def _args(symbol: Symbol) -> tuple[_Value, ...]:
+    """What an operation reads: a choice reads the mask of its condition."""
+    if symbol.operation == "where" and symbol.kind != "bool":
+        return ("mask", symbol.args[0]), *symbol.args[1:]
+    return symbol.args
+
+
+def _masks(symbol: Symbol) -> list[_Value]:
+    return [value for value in _args(symbol) if isinstance(value, tuple)]
+
+
+def _mask(condition: np.ndarray, to: np.ndarray) -> None:
+    np.subtract(0, condition, to, dtype=np.int32)
+
+
+def _choose(mask: np.ndarray, a: Any, b: Any, to: np.ndarray) -> None:
+    np.bitwise_xor(a, b, to)
+    np.bitwise_and(to, mask, to)
+    np.bitwise_xor(to, b, to)
+
+
+def _choose_bool(condition: np.ndarray, a: Any, b: Any, to: np.ndarray) -> None:
+    np.copyto(to, np.where(condition, a, b))
+
+
+def _convert(whole: np.ndarray, to: np.ndarray) -> None:
+    np.copyto(to, whole)
