@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from rans.evaluation.assure.assurance import Assurance
 from rans.evaluation.assure.bounds import Bound
 from rans.evaluation.assure.replay import Judge, Replayed, has_drake
+from rans.evaluation.measure.metrics import DISPLAY
 from rans.fast.verdicts import Failure
 from rans.flight import Flight
 from rans.show.page import Finding, Page, Picture, Section, Table, header
@@ -112,11 +113,11 @@ def _again(assurance: Assurance) -> Iterator[Section]:
         title = f"flight {replays.found[places[0]].number:,}"
         pictures = [*_drawn(replays.flight, places, title)] if _has_pictures() else []
         rows = [_replayed(assurance, replays.found[k]) for k in places]
-        columns = "flight", *(f"in {_JUDGES[judge]}" for judge in replays.judges()), "largest error", (
+        columns = "flight", *(f"in {_JUDGES[judge]}" for judge in replays.judges()), "largest errors", (
             "outside for"), "in the end it", "see it"
         yield Section(f"Flights that failed: {kind.meaning}", (
-            "The worst first, by the largest error of the last fifth, in tolerances; and the first of all, "
-            "as good as drawn by lot. They were flown again step by step in float64. Orange is the worst."
+            "The worst first, by the largest error of the last fifth in tolerances; then the first by "
+            "number, as good as drawn by lot. All were flown again step by step in float64. Orange: the worst."
             + ("" if pictures else " Matplotlib is not installed here: there are no pictures.")),
             [Table(columns, rows)], pictures)
 
@@ -166,8 +167,9 @@ def _has_pictures() -> bool:
 def _replayed(assurance: Assurance, one: Replayed) -> list[str]:
     again = [("fails" if found == one.kind else f"fails: {found.meaning}") if found else "does not fail"
              for found in one.again.values()]
-    return [f"{one.number}", *again, f"{one.excess:.3g}", f"{100.0 * one.outside:.0f} % of it", one.ending,
-            assurance.view(one.number)]
+    errors = ((DISPLAY[name][0] * x, DISPLAY[name][1]) for name, x in one.errors.items())
+    return [f"{one.number}", *again, ", ".join(f"{x:.3g} {unit}" for x, unit in errors),
+            f"{100.0 * one.outside:.0f} % of it", one.ending, assurance.view(one.number)]
 
 
 def _drawn(flight: Flight, episodes: list[int], title: str) -> Iterator[Picture]:

@@ -27,9 +27,6 @@ from rans.files import environment, read_json
 from rans.model.conditions import Conditions
 from rans.model.conditions_file import conditions_text, load_conditions
 
-SEED = 2026
-"""Scenarios that nobody was trained, selected or tuned on, nor judged before."""
-
 
 @dataclass
 class Assurance:

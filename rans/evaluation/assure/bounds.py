@@ -15,6 +15,8 @@ Decision = Literal["below", "above", "open"]
 
 _LOOKS = 5
 """At which failures may be found to be rare enough: twice as many flights at each as at the one before."""
+_MOST = 2**31 - 1
+"""Flights that a seed has numbers for."""
 _EARLY = 0.1
 """Share of the chance of error that looks before these have."""
 _FIRST = 1024
@@ -133,10 +135,10 @@ def plan(confidence: float, episodes: int | None, below: float | None = None) ->
             raise ConfigError("say how many episodes to fly, or which bound is wanted.")
         return Plan((Look(episodes, error, error),), confidence)
     least, first = (flights_needed(below, error * (1.0 - _EARLY) * share) for share in (1.0, 0.5))
-    most = first * 2 ** (_LOOKS - 1) if episodes is None else episodes
+    most = min(first * 2 ** (_LOOKS - 1), _MOST) if episodes is None else episodes
     if most < least:
-        raise ConfigError(f"--episodes {most:,} cannot show a probability below {below:g} at a confidence of "
-                          f"{confidence:.6g}: that takes at least {least:,} flights without a failure.")
+        raise ConfigError(f"{most:,} flights cannot show a probability below {below:g} at a confidence of "
+                          f"{confidence:.6g}: that takes at least {least:,} without a failure.")
     late = [first * 2**k for k in range(_LOOKS) if first * 2**k < most] + [most]
     early = [n for k in range(40, 0, -1) if (n := first // 2**k) >= _FIRST and n < late[0]]
     shares = [2.0 ** -min(k, len(late) - 1) for k in range(1, len(late) + 1)]

@@ -62,6 +62,10 @@ class Breaking:
     ending: str
     drew: dict[str, str]
     """What it drew, by name."""
+    units: list[float]
+    """The same as uniform numbers, for `Chances.draws`."""
+    number: int
+    """Of the episode, by which sensors drew."""
     flight: Flight
     """It alone, in NumPy."""
 
@@ -95,6 +99,7 @@ class Searched:
         return {"unit": self.world, "up to": self.largest, "flights": self.flights, "failed": self.failed,
                 "smallest": found and {
                     "size": found.size, "drew": found.drew, "excess": found.excess, "ending": found.ending,
+                    "units": found.units, "number": found.number,
                     "again": {judge: kind.name if kind else None for judge, kind in found.again.items()}}}
 
 
@@ -172,7 +177,8 @@ def _confirmed(chances: Chances, conditions: Conditions, controller: Controller,
     best = still[at]
     return Breaking(conditions, found[best].size, {judge: kinds[at] for judge, kinds in again.items()},
                     float(worst_errors(flight)[0][best]), ending(flight, best),
-                    drew(chances, _draws(chances, [found[best]])), picked(flight, [best]))
+                    drew(chances, _draws(chances, [found[best]])), ndtr(found[best].z).tolist(),
+                    found[best].number, picked(flight, [best]))
 
 
 def _draws(chances: Chances, some: list[Candidate]) -> Chosen:

@@ -1,4 +1,4 @@
-"""Given numbers against drawn ones, rare events against the normal distribution, a search against geometry."""
+"""Given numbers against drawn ones, rare events against the normal distribution, searches by hand."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import torch
 from scipy.special import ndtri
 from scipy.stats import norm
 
+from rans.evaluation.assure import search
 from rans.evaluation.assure.chances import Chances, Chosen, Sized, sized
 from rans.evaluation.assure.rare import rare
 from rans.evaluation.assure.replay import drawing, flown, worst_errors
@@ -18,6 +19,8 @@ from rans.evaluation.assure.search import drew, room, smallest
 from rans.evaluation.fly.agent import LoadedRun
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.protocols import Setup
+from rans.fast.step import Place
+from rans.fast.verdicts import Failure
 from rans.model.conditions import BodyConditions, Conditions, SensorsConditions
 from rans.model.conditions_file import load_conditions
 from rans.model.fields import leaves
@@ -68,6 +71,9 @@ def test_scores_are_the_largest_errors_of_the_last_fifth(run: LoadedRun, setup: 
     exact = worst_errors(flown(agent, setup, chances.draws(norm.cdf(z), number)))[0]
     # After 4 s all are still on their way: float32 has moved none by a thousandth.
     np.testing.assert_allclose(score, exact, rtol=1e-3)
+    place = Place(torch.device("cpu"), torch.float32)  # tensors, as on a GPU
+    tensors = chances._score(network, place, chances.draws(norm.cdf(z), number, None, place))
+    np.testing.assert_allclose(tensors, exact, rtol=1e-3)
 
 
 def test_conditions_of_no_size_are_a_perfect_world_and_of_size_one_themselves(run: LoadedRun,
@@ -137,6 +143,25 @@ def test_a_search_finds_the_nearest_place_of_failure() -> None:
     assert 0.4 <= found[0].size < 0.41
     assert found[0].z[0] >= ndtri(0.9)
     assert sum(told) == 20 * 2048
+
+
+def test_the_smallest_failure_found_is_flown_again_before_it_is_told(run: LoadedRun, setup: Setup,
+                                                                     monkeypatch: pytest.MonkeyPatch) -> None:
+    # After 4 s everybody is still on the way, which is a failure at any size: the first is as good as any.
+    monkeypatch.setattr(search, "_ROUNDS", 2)
+    monkeypatch.setattr(search, "_COUNT", 64)
+    network: Any = getattr(run.controller, "network")  # noqa: B009
+    lab = load_conditions("lab")
+    found = search.searched("lab", lab, run.controller, network, setup, 0)
+    breaking = found.breaking
+    assert breaking is not None
+    assert breaking.again == dict.fromkeys(("numpy", "drake"), Failure.UNSETTLED)
+    assert found.failed == found.flights == 128
+    measured = Chances.of(setup._replace(conditions=sized(lab)))
+    own = measured.draws(np.array(breaking.units)[:, None], np.array([breaking.number], np.int32),
+                         np.array([breaking.size]))
+    again = flown(run.controller, measured.setup, own)
+    np.testing.assert_array_equal(np.stack(leaves(again.states)), np.stack(leaves(breaking.flight.states)))
 
 
 def test_a_missing_number_is_an_error_and_no_accident() -> None:
