@@ -117,7 +117,7 @@ def _again(assurance: Assurance) -> Iterator[Section]:
             "outside for"), "in the end it", "see it"
         yield Section(f"Flights that failed: {kind.meaning}", (
             "The worst first, by the largest error of the last fifth in tolerances; then the first by "
-            "number, as good as drawn by lot. All were flown again step by step in float64. Orange: the worst."
+            "number, as good as drawn by lot. All flew again step by step in float64. Orange: the worst."
             + ("" if pictures else " Matplotlib is not installed here: there are no pictures.")),
             [Table(columns, rows)], pictures)
 
