@@ -21,7 +21,7 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.scenario import Scenario, draws, scenario
 from rans.tasks import TASKS, Task
-from rans.tasks.base import example
+from rans.tasks.derived import example
 from rans.tasks.sight import Dimension
 
 _DEFAULT_CRAFT = {2: "floating-platform", 3: "free-flyer"}

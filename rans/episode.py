@@ -13,22 +13,21 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
-import numpy as np
-
-from rans.errors import ConfigError, brief
+from rans.errors import ConfigError
 from rans.model.accuracy import chosen
 from rans.model.body import Body
-from rans.model.case import Case, draw
-from rans.model.conditions import Conditions, largest
-from rans.model.dynamics import NODES, Wrench, held
+from rans.model.case import Case, Influences, draw, examples
+from rans.model.conditions import Conditions
+from rans.model.dynamics import NODES, held
 from rans.model.fields import Field, finite, leaves, map_leaves, where
+from rans.model.memory import Memory
 from rans.model.random import Draws
 from rans.model.sensors import reading
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
-from rans.model.trace import UNTRACEABLE, Symbol, depends
-from rans.model.valves import Lag
-from rans.tasks.base import Task, observation, symbolic
+from rans.model.valves import pieces
+from rans.tasks.base import Task, observation
+from rans.tasks.derived import watches_switching
 from rans.tasks.rewards import Transition
 
 Command = tuple[Field, ...]
@@ -90,19 +89,6 @@ class Outcome:
 
 
 @dataclass(frozen=True)
-class Influences:
-    """What moves a spacecraft in one control period."""
-
-    body: Body
-    commands: tuple[Command, ...]
-    """This period's, and earlier ones that may still be felt, the newest first."""
-    lag: Lag | None = None
-    """None: valves obey at once."""
-    disturbance: Wrench | None = None
-    """Constant in W."""
-
-
-@dataclass(frozen=True)
 class World:
     """Everything about episodes that does not change while they run."""
 
@@ -117,20 +103,16 @@ class World:
     def __post_init__(self) -> None:
         """Substeps are chosen for what flies; under conditions for 1,024 episodes' bodies, after faults."""
         bodies = None
-        if not isinstance(self.conditions, Conditions | None):
-            raise ConfigError(f"conditions must be rans.load_conditions(...), got {brief(self.conditions)}.")
         if self.conditions is not None:
-            self.conditions.check_valves(self.craft)
-            many = Draws(0, 0, np.arange(1024, dtype=np.int32), 0, np.float64)
-            case = self.recalled(Episode(None, None), many).case
-            bodies = case and case.body_at(math.inf)
+            bodies = examples(self.conditions, self.craft, self.timing.episode_steps).body_at(math.inf)
         object.__setattr__(self, "timing", chosen(self.craft, self.timing, bodies))
 
     def move(self, state: Any, influences: Influences) -> Any:
         """The state one control period later, by our equations."""
-        command, *earlier = influences.commands
-        return held(state, self.craft, influences.body, command, self.timing, self.task.drift, self.nodes,
-                    influences.disturbance, influences.lag, earlier)
+        body, commands, period = influences.body, influences.commands, self.timing.control_period
+        late = influences.lag and pieces(self.craft, body, commands, influences.lag, period)
+        return held(state, self.craft, body, commands[0], self.timing, self.task.drift, self.nodes,
+                    influences.disturbance, late)
 
     def observe(self, episode: Episode, draws: Draws | None = None) -> tuple[Field, ...]:
         """What a policy sees now."""
@@ -161,7 +143,7 @@ class World:
         change it; None: as designed.
         """
         shut = (0,) * len(self.craft.thrusters)
-        new = self.recalled(Episode(start, goal, body, None, (start,) * self._past, None, clock,
+        new = self.recalled(Episode(start, goal, body, None, (start,) * self._memory.states, None, clock,
                                     (shut,) * self.remembered), draws)
         sensors = None if new.case is None else new.case.sensors
         if sensors is None or sensors.dropout is None:
@@ -171,42 +153,11 @@ class World:
     @cached_property
     def remembered(self) -> int:
         """How many commands an episode remembers."""
-        held_for = 0.0
-        if self._widest is not None:
-            thrusters = self._widest.thrusters
-            held_for = max(largest(thrusters.least_on), largest(thrusters.least_off))
-        return max(self._felt, self._periods(held_for), int(self.watches_switching))
+        return max(self._memory.felt, self._memory.obeyed, int(watches_switching(self.task, self.craft)))
 
     @cached_property
-    def _felt(self) -> int:
-        """How many commands before the newest may still be felt."""
-        return 0 if self._widest is None else self._periods(self._widest.lasting)
-
-    @cached_property
-    def _widest(self) -> Conditions | None:
-        """The conditions, with the bounds of ranges those of all that an episode may meet."""
-        return self.conditions and self.conditions.met(0.0)
-
-    @property
-    def _past(self) -> int:
-        """How many states before the present one a reading may be of."""
-        return 0 if self._widest is None else int(largest(self._widest.sensors.delay))
-
-    def _periods(self, seconds: float) -> int:
-        return math.ceil(seconds / self.timing.control_period - 1e-9)
-
-    @cached_property
-    def watches_switching(self) -> bool:
-        """Whether the reward looks at the previous command, found by running it on symbols."""
-        thrusters = range(len(self.craft.thrusters))
-        command, previous = (tuple(Symbol.input(f"{name} {i}") for i in thrusters)
-                             for name in ("command", "previous"))
-        try:
-            task, state, goal = symbolic(self.task, self.craft.dimension)
-            terms = task.reward(Transition(state, goal, command, previous))
-        except UNTRACEABLE:  # only torch or NumPy can follow this task, which may look at anything
-            return True
-        return depends(terms.values(), previous)
+    def _memory(self) -> Memory:
+        return Memory.of(self.conditions, self.timing.control_period)
 
     def recalled(self, episode: Episode, draws: Draws | None) -> Episode:
         """The episode with what it drew from its conditions, drawn again if it does not remember.
@@ -219,10 +170,9 @@ class World:
         if draws is None:
             raise ConfigError("what an episode meets is drawn by its seed and number: give `draws` with "
                               "conditions.")
-        number, body = self.number(episode.clock, draws), episode.body or Body.of(self.craft)
         return replace(episode, case=draw(
-            self.conditions, self.craft, body, self.timing.episode_steps, number,
-            lambda stream: draws.random(self.craft.dimension, number, stream * 256)))
+            self.conditions, self.craft, episode.body or Body.of(self.craft), self.timing.episode_steps,
+            self.number(episode.clock, draws), draws))
 
     def influences(self, episode: Episode, command: Command, draws: Draws | None) -> Influences:
         """What moves the spacecraft while a command is held."""
@@ -230,7 +180,7 @@ class World:
         if case is None or draws is None:
             return Influences(episode.body or Body.of(self.craft), (command,))
         step = draws.real(episode.clock & self.step_mask)
-        earlier = (tuple(map(draws.real, told)) for told in episode.commands[:self._felt])
+        earlier = (tuple(map(draws.real, told)) for told in episode.commands[:self._memory.felt])
         return Influences(case.body_at(step * period), (command, *earlier), case.lag,
                           case.disturbance(step, period))
 
@@ -240,19 +190,12 @@ class World:
 
     def _read(self, episode: Episode, draws: Draws | None, last: Any = None) -> Any:
         """What sensors tell now, with the reading before."""
-        case, state = episode.case, episode.state
+        case = episode.case
         if case is None or case.sensors is None or draws is None:
-            return state
-        for age, old in enumerate(episode.past, 1):
-            late = case.sensors.delay >= age
-            state = map_leaves(lambda new, old, late=late: where(late, old, new), state, old)
+            return episode.state
         step = episode.clock & self.step_mask
-        return reading(state, case.sensors, lambda quantity: draws.random(
-            self.craft.dimension, case.number, step * 16 + (_READINGS + quantity * 4)), last)
-
-
-_READINGS = 2**25
-"""The first block of random numbers that sensors draw, behind all that is drawn once an episode."""
+        return reading((episode.state, *episode.past), case.sensors, lambda block: draws.random(
+            self.craft.dimension, case.number, step * 16 + block), last)
 
 
 Mover = Callable[[Any, Influences], Any]

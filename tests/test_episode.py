@@ -28,6 +28,7 @@ from rans.reference.flight import fly_in_drake
 from rans.scenario import Scenario, draws, scenarios
 from rans.show.scene import Motion
 from rans.tasks import GoToPose, MultiTask, TrackVelocity, Transition, observation_columns, observation_width
+from rans.tasks.derived import watches_switching
 from rans.tasks.sight import Entry, Scalar, VectorInW
 
 PLATFORM, FLYER = load_spacecraft("floating-platform"), load_spacecraft("free-flyer")
@@ -123,10 +124,10 @@ def test_engine_environment_and_flight_take_the_same_steps(craft: Any) -> None:
 
 def test_what_a_reward_reads_is_found_not_promised() -> None:
     """Eight valves open, then shut: 8 each time, in the batch as in the single environment."""
-    assert not World(PLATFORM, GoToPose()).watches_switching
-    assert World(PLATFORM, GoToPose(switching_weight=0.1)).watches_switching
-    assert not World(PLATFORM, MultiTask()).watches_switching
-    assert World(PLATFORM, MultiTask(track_velocity=TrackVelocity(switching_weight=1.0))).watches_switching
+    assert not watches_switching(GoToPose(), PLATFORM)
+    assert watches_switching(GoToPose(switching_weight=0.1), PLATFORM)
+    assert not watches_switching(MultiTask(), PLATFORM)
+    assert watches_switching(MultiTask(track_velocity=TrackVelocity(switching_weight=1.0)), PLATFORM)
     engine = Engine(PLATFORM, Counting(), 2, seed=1)
     env: Any = gymnasium.make("rans/GoToPose2D-v0", task=Counting()).unwrapped
     env.reset(seed=1)
@@ -145,7 +146,7 @@ class OnlyTorch(GoToPose):
 
 def test_a_task_that_symbols_cannot_follow_flies_all_the_same() -> None:
     engine, usual = (Engine(PLATFORM, task, 2, seed=1) for task in (OnlyTorch(), GoToPose()))
-    assert World(PLATFORM, OnlyTorch()).watches_switching  # it may look at anything
+    assert watches_switching(OnlyTorch(), PLATFORM)  # it may look at anything
     for _ in range(3):
         assert torch.equal(engine.step(torch.ones(2, 8)).reward, usual.step(torch.ones(2, 8)).reward)
 

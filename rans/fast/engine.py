@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from functools import cached_property
 from typing import Any
@@ -16,30 +16,18 @@ from rans.episode import World
 from rans.errors import ConfigError, brief
 from rans.fast.distributed import ALONE, Processes
 from rans.fast.kernels.launch import Kernel
-from rans.fast.step import (
-    Place,
-    Step,
-    field_dtype,
-    known,
-    relative,
-    restore,
-    step_arrays,
-    step_tensors,
-    write,
-)
+from rans.fast.privileged import Known
+from rans.fast.step import Place, Step, holding, restore, snapshot, step_arrays, step_tensors, write
 from rans.model.accuracy import chosen
 from rans.model.body import Body, in_memory
 from rans.model.conditions import Conditions
-from rans.model.dynamics import NODES
 from rans.model.fields import leaves
 from rans.model.random import Draws, seed_words
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
-from rans.tasks.base import Task, layout
+from rans.tasks.base import Task
+from rans.tasks.derived import layout
 from rans.tasks.rewards import Transition
-
-FLOAT32_NODES = 4
-"""Quadrature nodes at which float32 rounding hides the rule's error, up to 15 rad/s."""
 
 
 class Engine:
@@ -75,24 +63,21 @@ class Engine:
                  generated: bool = True, processes: Processes = ALONE, body: Body | None = None,
                  conditions: Conditions | None = None, remember: bool = False) -> None:
         seeds = [seed] if isinstance(seed, int) else seed
-        _check(craft, num_envs, seeds, dtype)
-        check_device(device)
+        _check(craft, num_envs, seeds)
+        self._place = place = Place.of(device, dtype, compiled)
         self.craft, self.task, self.timing = craft, task, timing or Timing()
-        self.num_envs, self.dtype, self.device = num_envs, dtype, torch.device(device)
+        self.num_envs, self.dtype, self.device = num_envs, dtype, place.device
         self.compiled = self.device.type == "cuda" if compiled is None else compiled
         self.processes, self.members, each = processes, len(seeds), num_envs // len(seeds)
         self.layout = layout(task, craft.dimension)
         self.observation_width = self.layout.width
         """Columns of an observation."""
-        self._place = place = Place(self.device, field_dtype(self.device, dtype, self.compiled))
         self.body = in_memory(body or Body.of(craft), Body.of(craft), num_envs, lambda x: place.put(x, dtype))
         """What flies; fields (N,) of it may be written in place, which compiles nothing."""
-        nodes = FLOAT32_NODES if dtype == torch.float32 else NODES
         how = chosen(craft, self.timing, body) if conditions is None else self.timing
-        self._world = World(craft, task, how, nodes, conditions)
-        self._known = [] if self._world.conditions is None else known(self._world)
-        self.privileged_width = len(self._known) or len(leaves(self.body))
-        """Columns of `privileged`."""
+        self._world = World(craft, task, how, place.nodes, conditions)
+        self.known = Known(self._world, self.body)
+        """What `privileged` tells."""
         first = np.arange(num_envs) % each * processes.size + processes.rank
         self._draws = draws = Draws(*place.words(seeds, each), place.put(first, torch.int32),
                                     each * processes.size, place.fields)
@@ -145,21 +130,10 @@ class Engine:
         clock += self._place.put(self.processes.mine(steps), torch.int32)
 
     def privileged(self) -> Tensor:
-        """What a simulator knows and a robot does not, (N, p): the body's numbers over the craft's own.
-
-        Under conditions it is everything that episodes draw from them, with zero mean and unit variance.
-        """
-        if self._known:
-            case = leaves(self._world.recalled(self._episode, self._draws).case)
-            return torch.stack([(torch.as_tensor(case[one.place]) - one.mean) * (1.0 / one.spread)
-                                for one in self._known], dim=1).to(self.dtype)
+        """What a simulator knows of every spacecraft and a robot does not, (N, p), see `Known`."""
         everywhere = torch.ones(self.num_envs, dtype=self.dtype, device=self.device)
-        return torch.stack([everywhere * x for x in relative(self.body, self.craft)], dim=1)
-
-    @property
-    def nominal(self) -> tuple[float, ...]:
-        """What `privileged` says of the craft as designed, or under conditions of what is usual."""
-        return (0.0,) * len(self._known) or tuple(relative(Body.of(self.craft), self.craft))
+        found = self.known.of(self._world.recalled(self._episode, self._draws))
+        return torch.stack([everywhere * x for x in found], dim=1)
 
     def observe(self) -> Tensor:
         """The current observation, (N, width)."""
@@ -185,42 +159,20 @@ class Engine:
             return self._kernel(action)
         return self._step(self._world, self._episode, action, self._draws)
 
-    @contextmanager
-    def holding(self, held: Tensor) -> Iterator[None]:
+    def holding(self, held: Tensor) -> AbstractContextManager[None]:
         """Within it the spacecraft where ``held``, (N,) bool, stay as they are, whatever the others do."""
-        memory = self._episode.memory()
-        before = [x.copy() if isinstance(x, np.ndarray) else x.clone() if isinstance(x, Tensor) else x
-                  for x in memory]
-        yield
-        for buffer, old in zip(memory, before, strict=True):
-            if isinstance(buffer, Tensor) and isinstance(old, Tensor):
-                buffer.copy_(torch.where(held, old, buffer))
-            elif isinstance(buffer, np.ndarray):
-                np.copyto(buffer, old, where=held.numpy())
+        return holding(self._episode.memory(), held)
 
     def save_state(self) -> dict[str, Any]:
         """Everything a later `load_state` needs to go on bit-identically; all processes must ask."""
-        buffers = [self.processes.whole(torch.as_tensor(b)).clone() for b in self._episode.memory()]
-        seed = [torch.as_tensor(word).tolist() for word in (self._draws.low, self._draws.high)]
-        return {"buffers": buffers, "seed": seed,
-                "episode_steps": self.timing.episode_steps}
+        return snapshot(self._world, self._episode, (self._draws.low, self._draws.high), self.processes)
 
     def load_state(self, table: dict[str, Any]) -> None:
         """Continue from what `save_state` gave; ConfigError where it is of other environments or episodes."""
         restore(table, self._world, self._episode, (self._draws.low, self._draws.high), self.processes)
 
 
-def check_device(device: str | torch.device) -> None:
-    """Raises ConfigError where there is no such device here."""
-    try:
-        kind = torch.device(device).type
-    except RuntimeError as error:
-        raise ConfigError(f"device must be cpu or cuda, got {brief(device)}.") from error
-    if kind == "cuda" and not torch.cuda.is_available():
-        raise ConfigError("device is cuda, but torch sees no CUDA device here; use the device cpu.")
-
-
-def _check(craft: object, num_envs: object, seeds: Sequence[int], dtype: torch.dtype) -> None:
+def _check(craft: object, num_envs: object, seeds: Sequence[int]) -> None:
     if not isinstance(craft, Spacecraft):
         raise ConfigError(f"craft must be a Spacecraft, got {brief(craft)}; rans.load_spacecraft reads one.")
     if isinstance(num_envs, bool) or not isinstance(num_envs, int) or not 1 <= num_envs < 2**31:
@@ -228,5 +180,3 @@ def _check(craft: object, num_envs: object, seeds: Sequence[int], dtype: torch.d
                           f"{brief(num_envs)}.")
     if not seeds or num_envs % len(seeds):
         raise ConfigError(f"{num_envs} environments cannot be divided among {len(seeds)} members.")
-    if dtype not in (torch.float32, torch.float64):
-        raise ConfigError(f"dtype must be torch.float32 or torch.float64, got {brief(dtype)}.")

@@ -3,28 +3,30 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor, as_completed
+import pickle
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import as_completed
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 
 import numpy as np
 import torch
 
 from rans.episode import World, step
-from rans.errors import ConfigError, brief
+from rans.errors import ConfigError, RansError, brief
 from rans.fast.cpu_flights import CpuFlights
-from rans.fast.engine import FLOAT32_NODES, check_device
 from rans.fast.kernels.flight import FlightKernel, Products
 from rans.fast.learn.network import Network
 from rans.fast.learn.selection import likeliest
-from rans.fast.step import Place, field_dtype
+from rans.fast.step import Place
 from rans.fast.verdicts import Tally, Verdicts, together
 from rans.model.conditions import Conditions
 from rans.model.fields import Field
 from rans.model.random import Draws, seed_words
-from rans.model.trace import UNTRACEABLE
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
+from rans.model.trace import UNTRACEABLE
+from rans.processes import submitted
 from rans.tasks.base import Task
 
 Given = tuple[Spacecraft, Task, Timing, Conditions | None]
@@ -34,6 +36,10 @@ BATCH = {"cpu": 8192, "cuda": 2**20}
 """Flights stepped together: what a processor's caches hold, and what keeps a GPU busy."""
 _LAUNCH = 2**26
 """Flights of one launch of the kernel, about a second's."""
+_MANY = 2**17
+"""So many are divided among processes, which take seconds to start."""
+_SHARE = 4 * BATCH["cpu"]
+"""Flights that a process flies before it tells."""
 LISTED = 100_000
 """Failed flights that are listed by number."""
 
@@ -56,13 +62,12 @@ class Flights:
 
     def __init__(self, network: Network, setup: Given, device: str | torch.device = "cpu",
                  listed: int = LISTED, products: Products = "bf16x3", generated: bool = True) -> None:
-        check_device(device)
-        craft, task, timing, conditions = setup
-        self.device, self.listed = torch.device(device), listed
-        self.world = World(craft, task, timing, FLOAT32_NODES, conditions)
+        craft, task, timing, conditions = self._setup = setup
+        self._place = place = Place.of(device, torch.float32, None)
+        self.device, self.listed = place.device, listed
+        self.world = World(craft, task, timing, place.nodes, conditions)
         self._network = Network(network.architecture, {
             name: x.to(self.device, torch.float32) for name, x in network.tensors.items()})
-        self._place = Place(self.device, field_dtype(self.device))
         self._whole = self._made(products) if generated else None
 
     def _made(self, products: Products) -> FlightKernel | CpuFlights | None:
@@ -70,7 +75,7 @@ class Flights:
         if self.device.type == "cuda":
             return FlightKernel.made(self.world, self._network, self.device, products)
         try:
-            with _one_thread_each():
+            with _one_thread():
                 return CpuFlights(self.world, self._network)
         except UNTRACEABLE:  # a network with a memory, or a task that does more than arithmetic on fields
             return None
@@ -85,20 +90,34 @@ class Flights:
         if count < 1 or first < 0 or first + count > 2**31:
             raise ConfigError(f"scenarios have numbers from 0 to {2**31 - 1}: there are none from "
                               f"{brief(first)} to {brief(first + count - 1)}.")
-        size = _LAUNCH if isinstance(self._whole, FlightKernel) else BATCH[self.device.type]
-        parts = [(begin, min(size, first + count - begin), seed) for begin in range(first, first + count, size)]
-        workers = (os.cpu_count() or 1) if self._place.on_numpy else 1
         none = Verdicts.none(self.world.timing.episode_steps, self.listed)
-        with _one_thread_each(), ThreadPoolExecutor(workers) as pool:
-            futures = [pool.submit(self._part, *part) for part in parts]
-            for future in as_completed(futures):
-                progress(future.result().flights)
-            return together((future.result() for future in futures), none)
+        if self.device.type == "cpu" and count >= _MANY:
+            return together(self._divided(_parts(first, count, _SHARE), seed, progress), none)
+        size = _LAUNCH if isinstance(self._whole, FlightKernel) else BATCH[self.device.type]
+        found = none
+        with _one_thread():
+            for begin, share in _parts(first, count, size):
+                found += self._part(begin, share, seed)
+                progress(share)
+        return found
 
     def _part(self, first: int, count: int, seed: int) -> Verdicts:
         if self._whole is not None:
             return self._whole.fly(first, count, seed, self.listed)
         return self._stepped(seed_words(seed), np.arange(first, first + count, dtype=np.int32))
+
+    def _divided(self, parts: Sequence[tuple[int, int]], seed: int,
+                 progress: Callable[[int], object]) -> list[Verdicts]:
+        """What became of the parts, by one process a processor: threads would wait for Python's lock."""
+        jobs = [(*part, seed) for part in parts]
+        given = pickle.dumps((self._network, self._setup, self.listed))  # torch would share tensors by files
+        with submitted(_work, jobs, min(len(jobs), os.cpu_count() or 1), _load, (given,)) as futures:
+            try:
+                for future in as_completed(futures):
+                    progress(future.result().flights)
+            except BrokenProcessPool as error:
+                raise RansError("a process that flew died; the usual cause is too little memory.") from error
+            return [future.result() for future in futures]
 
     @torch.no_grad()
     def _stepped(self, words: tuple[int, int], numbers: np.ndarray) -> Verdicts:
@@ -116,11 +135,11 @@ class Flights:
                 columns = command.T.contiguous()
                 outcome = step(world, now, tuple(columns.numpy() if place.on_numpy else columns), draws)
                 tally, now = tally.after(world, outcome), outcome.episode
-        outcome, totals = (
-            [np.broadcast_to(np.asarray(torch.as_tensor(x).cpu()), len(numbers)) for x in values] for values in (
-                (tally.failure(), tally.going & tally.inside, tally.settled),
-                (tally.gained, tally.impulse, tally.opened)))
-        return Verdicts.of(world, numbers, outcome, totals, self.listed, f"stepping, {self.device.type}")
+        found = (tally.failure(), tally.going & tally.inside, tally.settled,
+                 tally.gained, tally.impulse, tally.opened)
+        arrays = [torch.as_tensor(x).cpu().numpy() for x in found]
+        return Verdicts.of(world, numbers, arrays[:3], arrays[3:], self.listed,
+                           f"stepping, {self.device.type}")
 
     def _seen(self, columns: tuple[Field, ...], count: int) -> torch.Tensor:
         """Observations (N, width); columns that are the same for all are numbers or of one element."""
@@ -131,9 +150,28 @@ class Flights:
         return rows.T
 
 
+_given: list[Flights] = []
+"""In each worker process."""
+
+
+def _load(given: bytes) -> None:
+    torch.set_num_threads(1)  # one process per processor
+    network, setup, listed = pickle.loads(given)
+    _given[:] = [Flights(network, setup, listed=listed)]
+
+
+def _work(first: int, count: int, seed: int) -> Verdicts:
+    return _given[0].fly(first, count, seed)
+
+
+def _parts(first: int, count: int, size: int) -> list[tuple[int, int]]:
+    """First number and count of every part of at most so many scenarios."""
+    return [(begin, min(size, first + count - begin)) for begin in range(first, first + count, size)]
+
+
 @contextmanager
-def _one_thread_each() -> Iterator[None]:
-    """Within it torch starts no threads beside those that call it."""
+def _one_thread() -> Iterator[None]:
+    """Within it torch does what is small without other threads, which take longer to wake."""
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:

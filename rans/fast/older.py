@@ -19,12 +19,13 @@ from torch import Tensor
 
 from rans.fast.learn.architecture import EXTRACTOR, Architecture, paper_layout
 from rans.fast.learn.config import PPOSettings
-from rans.fast.step import relative
+from rans.fast.privileged import relative
 from rans.fast.symmetry import symmetries
 from rans.model.body import Body
 from rans.model.spacecraft import Spacecraft
 from rans.structure import structure
-from rans.tasks.base import Task, example, layout
+from rans.tasks.base import Task
+from rans.tasks.derived import example, layout
 
 _SETTINGS = "rans_settings"
 _OTHER_PARTS = ("pi_features_extractor.", "vf_features_extractor.")

@@ -45,7 +45,7 @@ class SavedPolicy(NamedTuple):
     steps: int
     """Environment steps learned from."""
     adam: dict[Any, Any]
-    """As `Adam.member` gives it."""
+    """As `rans.fast.learn.policy_file.moments` gives it."""
     rate: float
     """Adam's step size."""
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from operator import truediv
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,13 +12,15 @@ import torch
 from torch import Tensor
 
 from rans.episode import Command, Episode, Outcome, World, restart, step
-from rans.errors import ConfigError
+from rans.errors import ConfigError, brief
 from rans.fast.distributed import Processes
 from rans.model.body import Body
-from rans.model.fields import Field, leaves, map_leaves
+from rans.model.dynamics import NODES
+from rans.model.fields import Field, map_leaves
 from rans.model.random import Draws, seed_words
-from rans.model.spacecraft import Spacecraft
 
+FLOAT32_NODES = 4
+"""Quadrature nodes at which float32 rounding hides the rule's error, up to 15 rad/s."""
 _NUMPY_DTYPES = {torch.float32: np.float32, torch.float64: np.float64}
 
 
@@ -103,10 +105,27 @@ class Place:
     fields: Any
     """Their floating dtype, see `field_dtype`."""
 
+    @classmethod
+    def of(cls, device: str | torch.device, dtype: torch.dtype, compiled: bool | None) -> Place:
+        """Of fields of this dtype, see `field_dtype`.
+
+        Raises:
+            ConfigError: there is no such device here, or dtype is another one.
+        """
+        if dtype not in _NUMPY_DTYPES:
+            raise ConfigError(f"dtype must be torch.float32 or torch.float64, got {brief(dtype)}.")
+        check_device(device)
+        return cls(torch.device(device), field_dtype(torch.device(device), dtype, compiled))
+
     @property
     def on_numpy(self) -> bool:
         """Whether they are NumPy's."""
         return not isinstance(self.fields, torch.dtype)
+
+    @property
+    def nodes(self) -> int:
+        """Of the quadrature in the plane."""
+        return FLOAT32_NODES if self.fields in (np.float32, torch.float32) else NODES
 
     def put(self, values: Any, dtype: torch.dtype) -> Any:
         """A copy of numbers, an array or a tensor."""
@@ -148,6 +167,16 @@ class Place:
         return low, high
 
 
+def check_device(device: str | torch.device) -> None:
+    """Refuse, with a ConfigError, a device that is not here."""
+    try:
+        kind = torch.device(device).type
+    except RuntimeError as error:
+        raise ConfigError(f"device must be cpu or cuda, got {brief(device)}.") from error
+    if kind == "cuda" and not torch.cuda.is_available():
+        raise ConfigError("device is cuda, but torch sees no CUDA device here; use the device cpu.")
+
+
 def write(buffers: Sequence[Any], values: Sequence[Any]) -> None:
     """Change memory in place; what never varies is a number in both."""
     for buffer, value in zip(buffers, values, strict=True):
@@ -157,32 +186,24 @@ def write(buffers: Sequence[Any], values: Sequence[Any]) -> None:
             buffer[...] = value
 
 
-class Known(NamedTuple):
-    """One of the numbers that episodes draw from their conditions, for a critic that may know it."""
-
-    place: int
-    """Among the leaves of `rans.model.case.Case`."""
-    mean: float
-    """Over many episodes."""
-    spread: float
-    """Standard deviation."""
-
-
-def known(world: World) -> list[Known]:
-    """Everything that differs from episode to episode, but for its number."""
-    draws = Draws(0, 0, np.arange(1024, dtype=np.int32), 0, np.float64)
-    drawn = leaves(world.recalled(Episode(None, None), draws).case)
-    return [Known(place, float(x.mean()), float(x.std()))
-            for place, x in enumerate(drawn) if isinstance(x, np.ndarray) and place and x.std() > 0.0]
+@contextmanager
+def holding(memory: Sequence[Any], held: Tensor) -> Iterator[None]:
+    """Within it the spacecraft where ``held``, (N,) bool, stay as they are, whatever the others do."""
+    before = [x.copy() if isinstance(x, np.ndarray) else x.clone() if isinstance(x, Tensor) else x
+              for x in memory]
+    yield
+    for buffer, old in zip(memory, before, strict=True):
+        if isinstance(buffer, Tensor) and isinstance(old, Tensor):
+            buffer.copy_(torch.where(held, old, buffer))
+        elif isinstance(buffer, np.ndarray):
+            np.copyto(buffer, old, where=held.numpy())
 
 
-def relative(body: Body, craft: Spacecraft) -> Iterator[Any]:
-    """A body's numbers over the craft's own, or over the largest of their kind where those may be zero."""
-    nominal = Body.of(craft)
-    scales = replace(nominal, inertia=(max(nominal.inertia),) * len(nominal.inertia),
-                     centre=(craft.radius,) * len(nominal.centre), leak=(1.0,) * len(nominal.leak))
-    for x in map(truediv, leaves(body), leaves(scales)):
-        yield x if isinstance(x, int | float) else torch.as_tensor(x)
+def snapshot(world: World, episode: Episode, seed: Sequence[Any], processes: Processes) -> dict[str, Any]:
+    """What `Engine.save_state` gives."""
+    buffers = [processes.whole(torch.as_tensor(buffer)).clone() for buffer in episode.memory()]
+    return {"buffers": buffers, "seed": [torch.as_tensor(word).tolist() for word in seed],
+            "episode_steps": world.timing.episode_steps}
 
 
 def restore(table: dict[str, Any], world: World, episode: Episode, seed: Sequence[Any],

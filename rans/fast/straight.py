@@ -24,7 +24,6 @@ _Value = Symbol | tuple[str, Symbol]
 @dataclass(frozen=True)
 class _Operation:
     name: str
-    result: Symbol
     kind: str
     slot: int
     args: tuple[_Value, ...]
@@ -60,10 +59,8 @@ class Straight:
                 for value in (*filter(lambda x: x not in self._slots, _masks(symbol)), symbol):
                     slot = free.pop() if free else self._new()
                     self._slots[value] = slot
-                    name = value[0] if isinstance(value, tuple) else symbol.operation
-                    args = (value[1],) if isinstance(value, tuple) else _args(symbol)
-                    program.append(_Operation(name, symbol, "int" if isinstance(value, tuple) else symbol.kind,
-                                              slot, args))
+                    program.append(_Operation("mask", "int", slot, (value[1],)) if isinstance(value, tuple)
+                                   else _Operation(symbol.operation, symbol.kind, slot, _args(symbol)))
                 free += [self._slots[value] for value in dict.fromkeys((*_args(symbol), *symbol.args))
                          if uses[value] == at and value in self._slots and value not in asked]
                 at += 1

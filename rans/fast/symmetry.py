@@ -6,6 +6,8 @@ from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
+import torch
+from torch import Tensor
 
 from rans.model.fields import Field
 from rans.model.spacecraft import Spacecraft, Thruster
@@ -27,6 +29,11 @@ class Symmetries(NamedTuple):
     """(S,): 1 for a turn, -1 for a mirror image, in which turning to the left is turning to the right."""
     place: Any
     """(S, n): index of the thruster that thruster i looks like in the view."""
+
+    def tensors_like(self, one: Tensor) -> Symmetries:
+        """The same on the device and in the floating dtype of one."""
+        turn, hand, place = (torch.as_tensor(table, device=one.device) for table in self)
+        return Symmetries(turn.to(one.dtype), hand.to(one.dtype), place.to(torch.int64))
 
     def which(self, way: Columns) -> Field:
         """Index (N,) of the view to take of a vector in B, `Layout.ahead`: the one that has it ahead."""

@@ -12,11 +12,12 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 from functools import reduce
 from operator import add
+
 import numpy as np
 
 from rans.episode import Episode, Outcome, World
 from rans.model.dynamics import thrust
-from rans.model.fields import Field, finite, leaves, map_leaves, where
+from rans.model.fields import Field, finite, leaves, where
 
 
 class Failure(IntEnum):
@@ -216,12 +217,11 @@ class Verdicts:
         steps, (failure, settles, settled) = world.timing.episode_steps, outcome
         places = np.flatnonzero(failure)[:listed]
         slots = last_fifth(steps) * len(world.craft.thrusters)
-        scales = (1.0, 1.0, 1.0 / slots)
+        values = zip(QUANTITIES, totals, (1.0, 1.0, 1.0 / slots), strict=True)
         return cls(len(failure), steps, np.bincount(settled[settles], minlength=steps + 1),
                    dict(zip(Failure, np.bincount(failure, minlength=6)[1:].tolist(), strict=True)),
                    numbers[places].astype(np.int64), failure[places].astype(np.uint8),
-                   {name: Sums.of(x * scale) for name, x, scale in zip(QUANTITIES, totals, scales, strict=True)},
-                   listed, frozenset({way}))
+                   {name: Sums.of(x * scale) for name, x, scale in values}, listed, frozenset({way}))
 
 
 def together(parts: Iterable[Verdicts], none: Verdicts) -> Verdicts:

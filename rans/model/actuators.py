@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import numpy as np
 
 from rans.errors import ConfigError
-from rans.model.fields import Field, at_least, floor, where
-from rans.model.valves import ascending
+from rans.model.fields import Field, ascending, at_least, floor, where
 
 if TYPE_CHECKING:
     from gymnasium import spaces

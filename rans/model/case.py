@@ -8,37 +8,22 @@ from __future__ import annotations
 
 import math
 import operator
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
 
+import numpy as np
+
+from rans.errors import ConfigError, brief
 from rans.model.body import Body
-from rans.model.conditions import (
-    Conditions,
-    FaultConditions,
-    FaultKind,
-    Range,
-    bounds,
-    largest,
-    piecewise,
-)
+from rans.model.conditions import Conditions, Range, largest
 from rans.model.dynamics import Wrench
-from rans.model.faults import sets_among
+from rans.model.failures import Fault, drawn_fault
 from rans.model.fields import Field, floor, map_leaves, sin, where
-from rans.model.random import Random
+from rans.model.random import Draws, Random
 from rans.model.sensors import Sensors, drawn_sensors
 from rans.model.spacecraft import Spacecraft
 from rans.model.valves import Lag
-
-
-@dataclass(frozen=True)
-class Fault:
-    """The thrusters' health from a moment on."""
-
-    begins: Field
-    """s from the start of the episode."""
-    gain: tuple[Field, ...]
-    leak: tuple[Field, ...]
 
 
 @dataclass(frozen=True)
@@ -98,6 +83,19 @@ class Kick:
 
 
 @dataclass(frozen=True)
+class Influences:
+    """What moves a spacecraft in one control period."""
+
+    body: Body
+    commands: tuple[tuple[Field, ...], ...]
+    """This period's, and earlier ones that may still be felt, the newest first."""
+    lag: Lag | None = None
+    """None: valves obey at once."""
+    disturbance: Wrench | None = None
+    """Constant in W."""
+
+
+@dataclass(frozen=True)
 class Case:
     """What one episode drew, or N did."""
 
@@ -135,11 +133,24 @@ class Case:
         for kick in self.kicks:
             now = where(kick.step == step, kick.step * 0.0 + 1.0 / period, kick.step * 0.0)
             parts.append(map_leaves(lambda x, now=now: x * now, kick.impulse))
-        return _total(parts) if parts else None
+        return reduce(lambda a, b: map_leaves(operator.add, a, b), parts) if parts else None
+
+
+def examples(conditions: Conditions, craft: Spacecraft, steps: int) -> Case:
+    """What the first 1,024 episodes of so many steps draw under the seed 0: arrays (1024,).
+
+    Raises:
+        ConfigError: conditions are none, or not for the craft's valves.
+    """
+    if not isinstance(conditions, Conditions):
+        raise ConfigError(f"conditions must be rans.load_conditions(...), got {brief(conditions)}.")
+    conditions.check_valves(craft)
+    numbers = np.arange(1024, dtype=np.int32)
+    return draw(conditions, craft, Body.of(craft), steps, numbers, Draws(0, 0, numbers, 0, np.float64))
 
 
 def draw(conditions: Conditions, craft: Spacecraft, base: Body, steps: int, number: Field,
-         random: Callable[[int], Random]) -> Case:
+         draws: Draws) -> Case:
     """One episode's case.
 
     Args:
@@ -148,15 +159,18 @@ def draw(conditions: Conditions, craft: Spacecraft, base: Body, steps: int, numb
         base: the body that factors apply to.
         steps: control periods of an episode.
         number: of the episode.
-        random: gives the random numbers of a stream.
+        draws: random numbers.
     """
+    def random(stream: int) -> Random:
+        return draws.random(craft.dimension, number, stream * 256)
+
     if conditions.others:
         conditions = conditions.met(random(17).unit())
     body = _body(conditions, base, random(1), random(2))
     return Case(
         number,
         body,
-        _fault(conditions, craft, body, random(3)),
+        drawn_fault(conditions.faults, craft, body, random(3)),
         _lag(conditions, random(4)),
         _hold(conditions, random(5)),
         _push(conditions.disturbances.force, conditions.disturbances.torque, random(6)),
@@ -180,82 +194,6 @@ def _body(conditions: Conditions, base: Body, random: Random, thrusters: Random)
         gain = tuple(g * (thrusters.within(given.thrust) * pressure) for g in gain)
     return Body(base.mass * mass, tuple(scaled[x] for x in base.inertia), centre, gain, base.leak,
                 base.droop if given.droop is None else droop)
-
-
-def _fault(conditions: Conditions, craft: Spacecraft, body: Body, random: Random) -> Fault | None:
-    """What failing thrusters do; the others stay as they are."""
-    given, thrusters = conditions.faults, len(body.gain)
-    if largest(given.count) < 1:
-        return None
-    count, begins = random.whole(given.count), random.within(given.time)
-    lost = (_scattered(given, thrusters, random) if given.among == "any" else
-            _alike(given, craft, count, random))
-    gain, leak = list(body.gain), list(body.leak)
-    for slot, (place, (fault_gain, fault_leak)) in enumerate(lost):
-        for i in range(thrusters):
-            hit = (place == float(i)) & (count > float(slot))
-            gain[i] = where(hit, fault_gain * body.gain[i], gain[i])
-            leak[i] = where(hit, fault_leak * body.gain[i], leak[i])
-    return Fault(begins, tuple(gain), tuple(leak))
-
-
-Lost = list[tuple[Field, tuple[Field, Field]]]
-"""Thrusters by number, with the gain and leak that they have left."""
-
-
-def _scattered(given: FaultConditions, thrusters: int, random: Random) -> Lost:
-    """Any: the second takes its place among the others."""
-    places = [floor(random.unit() * float(thrusters - k)) for k in range(int(largest(given.count)))]
-    if len(places) == 2:
-        places[1] = places[1] + where(places[1] >= places[0], places[1] * 0.0 + 1.0, places[1] * 0.0)
-    return [(place, _failure(given.kinds, random.unit(), random.within(given.share))) for place in places]
-
-
-def _alike(given: FaultConditions, craft: Spacecraft, count: Field, random: Random) -> Lost:
-    """A set that is recoverable, or one that is not; all of it fails in one way."""
-    chance, share, which = random.unit(), random.within(given.share), random.unit()
-    failure, (least, most) = _failure(given.kinds, chance, share), bounds(given.count)
-    places = _places(given, craft, int(most), chance, which)
-    if least < 2 <= most:
-        alone, = _places(given, craft, 1, chance, which)
-        places = where(count > 1.0, places[0], alone), places[1]
-    return [(place, failure) for place in places]
-
-
-def _places(given: FaultConditions, craft: Spacecraft, count: int, chance: Field,
-            which: Field) -> tuple[Field, ...]:
-    """The thrusters of a set of so many, of the kind that ``chance`` chooses."""
-    found: dict[tuple[tuple[int, ...], ...], tuple[Field, ...]] = {}
-    result: tuple[Field, ...] = ()
-    for k, kind in enumerate(given.kinds):
-        sets = sets_among(craft, count, kind, bounds(given.share), given.among == "recoverable")
-        new = found.setdefault(sets, _member(sets, which))
-        result = new if k == 0 or new is result else tuple(
-            where(chance >= k / len(given.kinds), a, b) for a, b in zip(new, result, strict=True))
-    return result
-
-
-def _member(sets: Sequence[tuple[int, ...]], which: Field) -> tuple[Field, ...]:
-    """One of these sets, each as likely as the next.
-
-    Their last thrusters mostly rise by one from set to set: what is looked up is where they do not.
-    """
-    k, ends = floor(which * float(len(sets))), range(1, len(sets))
-    *first, last = ([float(x) for x in column] for column in zip(*sets, strict=True))
-    rise = [x - at for at, x in enumerate(last)]
-    return *(piecewise(column, ends, k) for column in first), piecewise(rise, ends, k) + k
-
-
-def _failure(kinds: Sequence[FaultKind], chance: Field, share: Field) -> tuple[Field, Field]:
-    """Gain and leak of a kind that a number in [0, 1) chooses."""
-    none, one = chance * 0.0, chance * 0.0 + 1.0
-    of: dict[FaultKind, tuple[Field, Field]] = {
-        "dead": (none, none), "stuck-open": (none, one), "stuck": (none, share), "weak": (share, none)}
-    gain, leak = of[kinds[0]]
-    for k, kind in enumerate(kinds[1:], 1):
-        later = chance >= k / len(kinds)
-        gain, leak = where(later, of[kind][0], gain), where(later, of[kind][1], leak)
-    return gain, leak
 
 
 def _lag(conditions: Conditions, random: Random) -> Lag | None:
@@ -291,7 +229,3 @@ def _kick(conditions: Conditions, steps: int, random: Random) -> Kick:
     given = conditions.disturbances
     return Kick(floor(random.unit() * float(steps)),
                 Wrench(random.vector(given.kick), random.turn(given.kick_spin)))
-
-
-def _total(wrenches: Sequence[Wrench]) -> Wrench:
-    return reduce(lambda a, b: map_leaves(operator.add, a, b), wrenches)

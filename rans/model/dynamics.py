@@ -13,32 +13,18 @@ from __future__ import annotations
 
 import math
 import operator
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import Any, Self, TypeVar
 
 from rans.model.accuracy import chosen
 from rans.model.body import Body
 from rans.model.drift import FREE, Drift
-from rans.model.fields import (
-    Attitude,
-    Field,
-    Heading,
-    Quat,
-    Vec2,
-    Vec3,
-    Vector,
-    at_least,
-    cos,
-    map_leaves,
-    sin,
-)
+from rans.model.fields import Attitude, Field, Heading, Quat, Vec2, Vec3, Vector, at_least, map_leaves
 from rans.model.rotation import Rotation, at, exponential, spin_series, turned
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.model.translation import RULES, moved
-from rans.model.valves import Jump, Lag, pieces
 
 NODES = 6
 """Of the Gauss-Legendre rule for planar motion. Over one control period its error, as a share of the
@@ -129,10 +115,10 @@ def _is(field: Field, number: float) -> bool:
 
 def wrench(craft: Spacecraft, command: Sequence[Field], body: Body | None = None) -> Wrench:
     """Sum of the thrusters' forces and torques on B, about the true centre of mass; arguments as `thrust`."""
-    return _wrench(craft, thrust(craft, command, body), body)
+    return wrench_of(craft, thrust(craft, command, body), body)
 
 
-def _wrench(craft: Spacecraft, shares: Sequence[Field], body: Body | None) -> Wrench:
+def wrench_of(craft: Spacecraft, shares: Sequence[Field], body: Body | None) -> Wrench:
     """That of thrusters which give these shares of their force; linear in them."""
     total = [_dot(shares, column) for column in zip(*craft.wrench_map, strict=True)]
     planar = craft.dimension == 2
@@ -151,51 +137,28 @@ def _dot(shares: Sequence[Field], coefficients: Sequence[float]) -> Field:
     return sum(terms[1:], start=terms[0]) if terms else shares[0] * 0.0
 
 
+Piece = tuple[Field, Wrench, Wrench | None]
+"""A part of a control period, s, with the thrusters' wrench at its beginning and at its end, a straight line
+over time between; None: it stays."""
+
+
 def held(state: AnyState, craft: Spacecraft, body: Body, command: Sequence[Field], timing: Timing,
-         drift: Drift = FREE, nodes: int = NODES, disturbance: Wrench | None = None, lag: Lag | None = None,
-         earlier: Sequence[Sequence[Field]] = ()) -> AnyState:
+         drift: Drift = FREE, nodes: int = NODES, disturbance: Wrench | None = None,
+         late: Iterable[Piece] | None = None) -> AnyState:
     """The state after a command was held for one control period, heading or quaternion normalised.
 
-    The craft's actuators say how they take commands, one field of 0 to 1 per thruster. Valves may lag: then
-    earlier commands, the last one first, are still felt. A piece of a command whose share of the period is a
-    plain number takes that share of the substeps; the rest is as for `advance`.
+    The craft's actuators say how they take commands, one field of 0 to 1 per thruster; ``late`` is instead
+    what valves that answer late make of it (`rans.model.valves.pieces`). A piece whose share of the period is
+    a plain number takes that share of the substeps; the rest is as for `advance`.
     """
     substeps, period = timing.substeps or chosen(craft, timing).substeps or 1, timing.control_period
-    if lag is None:
-        parts: Any = ((share * period, wrench(craft, part, body), None)
-                      for share, part in craft.actuators.pulses(command))
-    else:
-        told = _told(craft, body, (command, *earlier), period, lag.fall is not None)
-        parts = pieces(*told, lag, period)
-    for duration, first, last in parts:
+    at_once = ((share * period, wrench(craft, part, body), None)
+               for share, part in craft.actuators.pulses(command))
+    for duration, first, last in at_once if late is None else late:
         plain = type(duration) is float  # not of NumPy
         steps = max(1, math.ceil(duration / period * substeps - 1e-9)) if plain else substeps
         state = advance(state, first, body, duration, steps, nodes, disturbance, drift, last)
     return state.normalised()
-
-
-def _told(craft: Spacecraft, body: Body, commands: Sequence[Sequence[Field]], period: float,
-          apart: bool) -> tuple[Wrench, list[Jump]]:
-    """The wrench of the oldest command at its beginning, and every later change; newest command first.
-
-    What opens and what shuts are kept apart if they are not felt alike.
-    """
-    when, thrusts = [], []
-    for age, command in reversed(list(enumerate(commands))):
-        time: Field = -age * period
-        for share, part in craft.actuators.pulses(command):
-            when.append(time)
-            thrusts.append(thrust(craft, part, body))
-            time = time + share * period
-    jumps = []
-    for time, (old, new) in zip(when[1:], pairwise(thrusts), strict=True):
-        change = [b - a for a, b in zip(old, new, strict=True)]
-        if not apart:
-            jumps.append(Jump(time, _wrench(craft, change, body), None))
-            continue
-        up, down = [at_least(x, 0.0) for x in change], [-at_least(-x, 0.0) for x in change]
-        jumps.append(Jump(time, _wrench(craft, up, body), _wrench(craft, down, body)))
-    return _wrench(craft, thrusts[0], body), jumps
 
 
 def advance(state: AnyState, applied: Wrench, body: Body, duration: Field, substeps: int = 1,
@@ -263,8 +226,7 @@ def _advance_planar(state: PlanarState, load: _Load, h: Field, nodes: int) -> Pl
         return state.attitude.angle + t * (state.w + (0.5 * t) * mean)
 
     def turn(node: float) -> Vec2:
-        heading = angle(node * h, node)
-        return Vec2(cos(heading), sin(heading))
+        return Vec2(*Heading(angle(node * h, node)).columns())
 
     def times(u: Vec2, a: Any) -> Vec2:
         return Vec2(u.x * a.x - u.y * a.y, u.y * a.x + u.x * a.y)

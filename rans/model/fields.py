@@ -17,7 +17,7 @@ import math
 import operator
 import sys
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial, reduce
 from typing import Any, Self, TypeVar
@@ -72,6 +72,16 @@ def at_least(x: Field, bound: float) -> Field:
     if type(x).__module__.startswith("torch"):
         return x.clamp(min=bound)
     return _function("maximum", x)(x, bound)
+
+
+def ascending(values: Sequence[Field]) -> list[Field]:
+    """Fields of the same numbers, the smallest first (a bubble sort, which never branches)."""
+    result = list(values)
+    for last in range(len(result) - 1, 0, -1):
+        for k in range(last):
+            a, b = result[k], result[k + 1]
+            result[k], result[k + 1] = where(a < b, a, b), where(a < b, b, a)
+    return result
 
 
 def wrap(angle: Field) -> Field:

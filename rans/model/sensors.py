@@ -45,16 +45,24 @@ def drawn_sensors(given: SensorsConditions, random: Random) -> Sensors | None:
     return result if largest(given.delay) >= 1 or len(leaves(result)) > 1 else None
 
 
-def reading(state: State, sensors: Sensors, random: Callable[[int], Random], last: State | None) -> State:
+_FIRST = 2**25
+"""The first block of random numbers that sensors draw, behind all that is drawn once an episode."""
+
+
+def reading(states: Sequence[State], sensors: Sensors, random: Callable[[int], Random],
+            last: State | None) -> State:
     """What sensors tell of a state.
 
     Args:
-        state: the true one, as old as readings are.
+        states: the true one, and those before it, the last one first.
         sensors: what is wrong with them.
-        random: gives the random numbers of a quantity in this control period.
+        random: gives the random numbers of a block in this control period.
         last: the reading before, which stands where one drops out; None: there was none.
     """
-    streams = [random(k) for k in range(4)]
+    state, streams = states[0], [random(_FIRST + quantity * 4) for quantity in range(4)]
+    for age, old in enumerate(states[1:], 1):
+        late = sensors.delay >= age
+        state = map_leaves(lambda new, old, late=late: where(late, old, new), state, old)
     p, attitude, v, w = state.p, state.attitude, state.v, state.w
     for errors in (sensors.bias, _noise(state, sensors, streams)):
         if errors is not None:

@@ -9,9 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from itertools import pairwise
+from typing import NamedTuple
 
-from rans.model.fields import Field, at_least, map_leaves, where
+from rans.model.body import Body
+from rans.model.dynamics import Piece, Wrench, thrust, wrench_of
+from rans.model.fields import Field, ascending, at_least, map_leaves, where
+from rans.model.spacecraft import Spacecraft
 
 
 @dataclass(frozen=True)
@@ -25,37 +29,29 @@ class Lag:
     """None: as the rise."""
 
 
-class Piece(NamedTuple):
-    """A part of a control period in which the wrench is a straight line over time."""
-
-    duration: Field
-    """s."""
-    first: Any
-    """`Wrench` at its beginning."""
-    last: Any
-    """At its end; None: as at its beginning."""
-
-
 class Jump(NamedTuple):
     """A change of the wrench that was told at a time."""
 
     time: Field
     """s from the start of the control period."""
-    up: Any
-    """`Wrench` of what opens."""
-    down: Any
+    up: Wrench
+    """Of what opens."""
+    down: Wrench | None
     """Of what shuts; None: it is in ``up`` too."""
 
 
-def pieces(before: Any, jumps: Sequence[Jump], lag: Lag, period: float) -> Iterator[Piece]:
+def pieces(craft: Spacecraft, body: Body, commands: Sequence[Sequence[Field]], lag: Lag,
+           period: float) -> Iterator[Piece]:
     """The wrench in one control period.
 
     Args:
-        before: the wrench of the oldest command that is still felt.
-        jumps: what every later one changed.
+        craft: whose valves.
+        body: mass and faults.
+        commands: this period's and those before it that are still felt, the newest first.
         lag: of all valves.
         period: s.
     """
+    before, jumps = _told(craft, body, commands, period, lag.fall is not None)
     ramps = [] if lag.rise is None else [lag.rise] if lag.fall is None else [lag.rise, lag.fall]
     edges = [jump.time + lag.latency + ramp for jump in jumps for ramp in (0.0, *ramps)]
     edges = ascending([_within(edge, period) for edge in edges])
@@ -63,15 +59,39 @@ def pieces(before: Any, jumps: Sequence[Jump], lag: Lag, period: float) -> Itera
         if isinstance(end, float) and isinstance(begin, float) and begin == end:
             continue
         if not ramps:
-            yield Piece(end - begin, _at(0.5 * (begin + end), before, jumps, lag), None)
+            yield end - begin, _at(0.5 * (begin + end), before, jumps, lag), None
             continue
         # A straight line through two points inside, where nothing jumps.
         a, b = (_at(begin + share * (end - begin), before, jumps, lag) for share in (0.25, 0.75))
-        yield Piece(end - begin, map_leaves(lambda x, y: 1.5 * x - 0.5 * y, a, b),
-                    map_leaves(lambda x, y: 1.5 * y - 0.5 * x, a, b))
+        first, last = (map_leaves(lambda x, y: 1.5 * x - 0.5 * y, *ends) for ends in ((a, b), (b, a)))
+        yield end - begin, first, last
 
 
-def _at(time: Field, before: Any, jumps: Sequence[Jump], lag: Lag) -> Any:
+def _told(craft: Spacecraft, body: Body, commands: Sequence[Sequence[Field]], period: float,
+          apart: bool) -> tuple[Wrench, list[Jump]]:
+    """The wrench of the oldest command at its beginning, and every later change.
+
+    What opens and what shuts are kept apart if they are not felt alike.
+    """
+    when, thrusts = [], []
+    for age, command in reversed(list(enumerate(commands))):
+        time: Field = -age * period
+        for share, part in craft.actuators.pulses(command):
+            when.append(time)
+            thrusts.append(thrust(craft, part, body))
+            time = time + share * period
+    jumps = []
+    for time, (old, new) in zip(when[1:], pairwise(thrusts), strict=True):
+        change = [b - a for a, b in zip(old, new, strict=True)]
+        if not apart:
+            jumps.append(Jump(time, wrench_of(craft, change, body), None))
+            continue
+        up, down = [at_least(x, 0.0) for x in change], [-at_least(-x, 0.0) for x in change]
+        jumps.append(Jump(time, wrench_of(craft, up, body), wrench_of(craft, down, body)))
+    return wrench_of(craft, thrusts[0], body), jumps
+
+
+def _at(time: Field, before: Wrench, jumps: Sequence[Jump], lag: Lag) -> Wrench:
     """The wrench at a time."""
     for jump in jumps:
         gone = time - jump.time - lag.latency
@@ -92,13 +112,3 @@ def _share(gone: Field, ramp: Field | None) -> Field:
 
 def _within(time: Field, period: float) -> Field:
     return period - at_least(period - at_least(time, 0.0), 0.0)
-
-
-def ascending(values: Sequence[Field]) -> list[Field]:
-    """Fields of the same numbers, the smallest first (a bubble sort, which never branches)."""
-    result = list(values)
-    for last in range(len(result) - 1, 0, -1):
-        for k in range(last):
-            a, b = result[k], result[k + 1]
-            result[k], result[k + 1] = where(a < b, a, b), where(a < b, b, a)
-    return result

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 
 from rans.environment import Environment
-from rans.episode import Influences, Mover
+from rans.episode import Mover
 from rans.flight import Controller, Flight, fly
 from rans.model.body import Body
+from rans.model.case import Influences
 from rans.model.conditions import Conditions
 from rans.model.drift import FREE, Drift
 from rans.model.dynamics import State

@@ -8,7 +8,8 @@ from typing import Any
 
 from rans.errors import ConfigError
 from rans.registry import Registry
-from rans.tasks.base import SingleTask, Task, observation, observation_columns, observation_width
+from rans.tasks.base import SingleTask, Task, observation
+from rans.tasks.derived import observation_columns, observation_width
 from rans.tasks.go_to_pose import GoToPose
 from rans.tasks.go_to_position import GoToPosition
 from rans.tasks.multi_task import MultiTask

@@ -7,18 +7,15 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import reduce
-from typing import ClassVar, NamedTuple
-
-import numpy as np
+from typing import ClassVar
 
 from rans.model.drift import FREE, Drift
 from rans.model.dynamics import State
 from rans.model.fields import Field
 from rans.model.random import Random
-from rans.model.trace import UNTRACEABLE, Symbol
 from rans.tasks.rewards import Prices, Transition
-from rans.tasks.settings import check_settings, map_settings
-from rans.tasks.sight import Column, Dimension, Entry, Layout, OwnAttitude, Scalar, Spin, VectorInW
+from rans.tasks.settings import check_settings
+from rans.tasks.sight import Entry, OwnAttitude, Scalar, Sight, Spin, VectorInW
 
 UNITS = {"position": "m", "attitude": "rad", "velocity": "m/s", "spin": "rad/s"}
 """Units of the errors a task may name."""
@@ -122,29 +119,6 @@ class SingleTask(Prices, Task):
                 if name.endswith("_tolerance")}
 
 
-class Sight(NamedTuple):
-    """All that a policy sees of one moment (paper, section 3.2)."""
-
-    entries: tuple[Entry, ...]
-    """Attitude, velocity, spin and task flag, then the task's data, filled up with zeros to the paper's."""
-
-    def columns(self) -> tuple[Field, ...]:
-        """The observation."""
-        return tuple(x for entry in self.entries for x in entry.columns())
-
-    def table(self) -> tuple[Column, ...]:
-        """What each column holds."""
-        return tuple(row for entry in self.entries for row in entry.table())
-
-    def bounds(self) -> tuple[float, ...]:
-        """Of each column's absolute value."""
-        return tuple(entry.bound for entry in self.entries for _ in entry.columns())
-
-    def layout(self) -> Layout:
-        """Which columns are what."""
-        return Layout(tuple(entry.block() for entry in self.entries))
-
-
 def sight(task: Task, state: State, goal: State) -> Sight:
     """All that a policy sees of this state, with this goal."""
     flag = state.attitude.columns()[0] * 0.0 + task.flag_of(goal)
@@ -157,48 +131,5 @@ def sight(task: Task, state: State, goal: State) -> Sight:
 
 
 def observation(task: Task, state: State, goal: State) -> tuple[Field, ...]:
-    """The columns of `sight`, which `observation_columns` names."""
+    """The columns of `sight`, which `rans.tasks.observation_columns` names."""
     return sight(task, state, goal).columns()
-
-
-def example(task: Task, dimension: Dimension) -> Sight:
-    """What the task shows at the start of an episode, whose entries have the types that all have."""
-    try:
-        return sight(*symbolic(task, dimension))
-    except UNTRACEABLE:  # only torch or NumPy can follow this task
-        return sight(task, *task.sample(Random(dimension, 0, 0, np.zeros(1, dtype=np.int32), np.float64)))
-
-
-def symbolic(task: Task, dimension: Dimension) -> tuple[Task, State, State]:
-    """The task with symbols for its settings in memory, and start and goal of an episode of symbols.
-
-    Raises:
-        TypeError: the task's functions do more than arithmetic on fields.
-    """
-    def fixed(name: str, value: Field) -> Field:
-        return value if isinstance(value, int | float) else Symbol.input(name)
-
-    task = map_settings(fixed, task)
-    low, high, episode = (Symbol.input(name, "int") for name in ("low", "high", "episode"))
-    return task, *task.sample(Random(dimension, low, high, episode, None))
-
-
-def layout(task: Task, dimension: Dimension) -> Layout:
-    """Which columns of the task's observation are what."""
-    return example(task, dimension).layout()
-
-
-def observation_width(task: Task, dimension: Dimension) -> int:
-    """Columns of the task's observation: 10 in the plane and 22 in space (paper, section 3.2), or more."""
-    return layout(task, dimension).width
-
-
-def observation_columns(task: Task, dimension: Dimension) -> tuple[Column, ...]:
-    """What each column of `observation` holds."""
-    return example(task, dimension).table()
-
-
-def residual(task: Task, state: State, goal: State) -> tuple[Field, ...]:
-    """How far the task's data are from where they are at the goal, column by column."""
-    return tuple(x - target for entry in task.sight(state, goal)
-                 for x, target in zip(entry.columns(), entry.target(), strict=True))

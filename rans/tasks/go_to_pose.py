@@ -48,6 +48,15 @@ class GoToPose(SingleTask):
     """Weight of what is lost at the goal's place in a wrong attitude, nearness in position times what is
     missing of nearness in attitude, both narrow: for agents that should not turn away from the goal's
     attitude to correct their position, though it would save thrust."""
+    arrived_weight: float = 0.0
+    """Weight of what only those get who are in the tolerances and at rest, in all four at once: for agents
+    that should be there soon, not merely near."""
+    arrived_fine_weight: float = 0.0
+    """Weight of the narrow rewards of position and attitude, for those only; with `arrived_weight`."""
+    arrived_speed: float = 0.05
+    """Speed that counts as rest for it, m/s."""
+    arrived_spin: float = math.radians(5.0)
+    """Rate that counts as rest for it, rad/s."""
     rest_position: float = 0.0
     """Distance below which no reward is left to gain by firing, m."""
     rest_attitude: float = 0.0
@@ -90,16 +99,27 @@ class GoToPose(SingleTask):
         distance, angle = self.errors(transition.state, transition.goal).values()
         near = partial(nearness, distance, rest=self.rest_position)
         aligned = partial(nearness, angle, rest=self.rest_attitude)
+        closest = near(self.fine_position_scale), aligned(self.fine_attitude_scale)
         return {"position": near(self.position_scale),
                 "attitude": aligned(self.attitude_scale),
                 "approach": near(self.approach_scale) * self.approach_weight,
                 "turn": aligned(self.turn_scale) * self.approach_weight,
-                **({"fine position": near(self.fine_position_scale) * self.fine_weight,
-                    "fine attitude": aligned(self.fine_attitude_scale) * self.fine_weight}
-                   if is_used(self.fine_weight) else {}),
-                **({"misaligned": near(self.fine_position_scale) * (aligned(self.fine_attitude_scale) - 1.0)
-                    * self.misaligned_weight} if is_used(self.misaligned_weight) else {}),
+                **({"fine position": closest[0] * self.fine_weight,
+                    "fine attitude": closest[1] * self.fine_weight} if is_used(self.fine_weight) else {}),
+                **({"misaligned": closest[0] * (closest[1] - 1.0) * self.misaligned_weight}
+                   if is_used(self.misaligned_weight) else {}),
+                **({"arrived": self._arrived(transition.state, distance, angle)
+                    * (sum(closest) * self.arrived_fine_weight + self.arrived_weight)}
+                   if is_used(self.arrived_weight) else {}),
                 **self.prices(transition)}
+
+    def _arrived(self, state: State, distance: Field, angle: Field) -> Field:
+        """1 within the set, 0.5 in the middle of each of its sides, 0 outside; smooth."""
+        shares = (distance / self.position_tolerance, angle / self.attitude_tolerance,
+                  state.v.norm() / self.arrived_speed, speed(state.spin()) / self.arrived_spin)
+        squares = [share * share for share in shares]
+        fourths = [square * square for square in squares]
+        return 1.0 / (1.0 + sum(fourth * fourth for fourth in fourths))
 
     def failed(self, state: State, goal: State) -> Field:
         """Too far away, or in space spinning too fast."""

@@ -242,6 +242,29 @@ class Layout(NamedTuple):
         return [x for block, mine in blocks for x in block.mirrored(mine, view, hand, flag)]
 
 
+class Sight(NamedTuple):
+    """All that a policy sees of one moment (paper, section 3.2)."""
+
+    entries: tuple[Entry, ...]
+    """Attitude, velocity, spin and task flag, then the task's data, filled up with zeros to the paper's."""
+
+    def columns(self) -> tuple[Field, ...]:
+        """The observation."""
+        return tuple(x for entry in self.entries for x in entry.columns())
+
+    def table(self) -> tuple[Column, ...]:
+        """What each column holds."""
+        return tuple(row for entry in self.entries for row in entry.table())
+
+    def bounds(self) -> tuple[float, ...]:
+        """Of each column's absolute value."""
+        return tuple(entry.bound for entry in self.entries for _ in entry.columns())
+
+    def layout(self) -> Layout:
+        """Which columns are what."""
+        return Layout(tuple(entry.block() for entry in self.entries))
+
+
 def to_body(attitude: Columns) -> Turned:
     """What takes vectors from W to B, from the columns of R_WB."""
     if len(attitude) == 2:

@@ -83,7 +83,7 @@ def test_what_a_simulator_knows(craft: Spacecraft) -> None:
     rest = (*moments, 0.1, *[-0.5] * (axes - 1), *gain, *leak)
     # Masses were given in float32; moments are worked out to seven digits.
     np.testing.assert_allclose(engine.privileged(), [(0.5, *rest), (2.0, *rest)], rtol=1e-6, atol=1e-7)
-    assert engine.privileged_width == 1 + len(rest)
+    assert engine.known.width == 1 + len(rest)
 
 
 def test_a_shifted_centre_of_mass_turns_where_none_did() -> None:

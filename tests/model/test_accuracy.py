@@ -9,10 +9,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rans.episode import Influences, World
+from rans.episode import World
 from rans.fast.engine import Engine
 from rans.model.accuracy import MOST, chosen, fastest, spin_up
 from rans.model.body import Body
+from rans.model.case import Influences
 from rans.model.conditions import Conditions, FaultConditions, ThrusterConditions
 from rans.model.fields import Vec3, map_leaves
 from rans.model.spacecraft import Spacecraft, Thruster

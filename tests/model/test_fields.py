@@ -15,7 +15,19 @@ from scipy.spatial.transform import Rotation
 
 from rans.model import fields
 from rans.model.dynamics import PlanarState
-from rans.model.fields import Heading, Quat, Vec2, Vec3, at_least, leaves, map_leaves, unflatten, where, wrap
+from rans.model.fields import (
+    Heading,
+    Quat,
+    Vec2,
+    Vec3,
+    ascending,
+    at_least,
+    leaves,
+    map_leaves,
+    unflatten,
+    where,
+    wrap,
+)
 
 numbers = st.floats(-10, 10, allow_subnormal=False)
 angles = st.floats(-50, 50, allow_subnormal=False)
@@ -225,3 +237,8 @@ def test_single_precision_stays_single(library: str) -> None:
     ):
         assert {x.dtype for x in leaves(tree)} == {expected}
     assert {x.dtype for x in (*heading.columns(), *q.columns())} == {expected}
+
+
+def test_fields_in_ascending_order() -> None:
+    columns = np.random.default_rng(0).integers(0, 9, (6, 50)).astype(float)
+    assert np.array_equal(ascending(list(columns)), np.sort(columns, axis=0))

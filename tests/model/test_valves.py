@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any
@@ -16,10 +17,18 @@ from rans.model.dynamics import PlanarState, Wrench, held
 from rans.model.fields import Heading, Vec2, leaves
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.timing import Timing
-from rans.model.valves import Lag, ascending
+from rans.model.valves import Lag, pieces
 from tests.crafts import nasty_planar
 
 PERIOD = 0.2
+
+
+def after(start: PlanarState, craft: Spacecraft, lag: Lag, newest: Any, earlier: Sequence[Any],
+          disturbance: Wrench | None = None) -> PlanarState:
+    """The state one period after a start, with earlier commands on their way."""
+    body = Body.of(craft)
+    late = pieces(craft, body, (newest, *earlier), lag, PERIOD)
+    return held(start, craft, body, newest, Timing(PERIOD), disturbance=disturbance, late=late)
 
 
 def nozzle(told: list[tuple[float, float]], lag: Lag, t: float) -> float:
@@ -72,8 +81,7 @@ def test_one_period_is_that_of_scipy(kind: Any, lag: Lag) -> None:
     for begin, end in pairwise(kinks):
         y = solve_ivp(derivative, (begin, end), y, method="DOP853", rtol=1e-12, atol=1e-13).y[:, -1]
     newest, *earlier = [tuple(row) for row in commands[::-1].tolist()]
-    found = held(start, craft, Body.of(craft), newest, Timing(PERIOD),
-                 disturbance=Wrench(Vec2(0.2, -0.1), 0.03), lag=lag, earlier=earlier)
+    found = after(start, craft, lag, newest, earlier, disturbance=Wrench(Vec2(0.2, -0.1), 0.03))
     np.testing.assert_allclose(leaves(found), y, rtol=0, atol=1e-11)  # SciPy's tolerance, a few pieces of it
 
 
@@ -101,7 +109,7 @@ ALONG, NONE = (1.0, *[0.0] * 5), (0.0,) * 6
 ])
 def test_impulses_by_hand(lag: Lag, told: Any, earlier: Any, speed: float) -> None:
     rest = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
-    found = held(rest, ROD, Body.of(ROD), told, Timing(PERIOD), lag=lag, earlier=earlier)
+    found = after(rest, ROD, lag, told, earlier)
     assert (found.v.x, found.v.y) == pytest.approx((speed, 0.0), abs=1e-15)
 
 
@@ -109,10 +117,5 @@ def test_a_pulse_as_long_as_the_period_does_not_end_with_it() -> None:
     """Two valves open all the time stay open, however slowly valves shut and quickly they open."""
     craft = replace(ROD, actuators=Pulsed(100))
     rest, both = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0), (1.0, 0.0, 1.0, *[0.0] * 3)
-    found = held(rest, craft, Body.of(craft), both, Timing(PERIOD), lag=Lag(0.0, 0.01, 0.1), earlier=[both])
+    found = after(rest, craft, Lag(0.0, 0.01, 0.1), both, [both])
     assert (found.v.x, found.v.y) == pytest.approx((0.1, 0.1), abs=1e-15)
-
-
-def test_fields_in_ascending_order() -> None:
-    columns = np.random.default_rng(0).integers(0, 9, (6, 50)).astype(float)
-    assert np.array_equal(ascending(list(columns)), np.sort(columns, axis=0))

@@ -14,6 +14,7 @@ import torch
 
 import rans.episode
 import rans.model.dynamics
+import rans.model.valves
 from rans.fast import Engine
 from rans.flight import Flight, fly
 from rans.model.actuators import Pulsed, Throttle
@@ -248,9 +249,9 @@ def disturbance_in_body(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def change_lag(change: Callable[[Lag], Lag]) -> Callable[[pytest.MonkeyPatch], None]:
     def patch(monkeypatch: pytest.MonkeyPatch) -> None:
-        true = rans.model.dynamics.pieces
-        monkeypatch.setattr(rans.model.dynamics, "pieces", lambda before, jumps, lag, period: true(
-            before, jumps, change(lag), period))
+        true = rans.episode.pieces
+        monkeypatch.setattr(rans.episode, "pieces", lambda craft, body, commands, lag, period: true(
+            craft, body, commands, change(lag), period))
 
     return patch
 
@@ -262,28 +263,29 @@ swapped.__name__ = "rise_and_fall_exchanged"
 
 
 def earlier_commands_in_the_wrong_order(monkeypatch: pytest.MonkeyPatch) -> None:
-    true = rans.model.dynamics._told
-    monkeypatch.setattr(rans.model.dynamics, "_told", lambda craft, body, commands, *rest: true(
+    true = rans.episode.pieces
+    monkeypatch.setattr(rans.episode, "pieces", lambda craft, body, commands, *rest: true(
         craft, body, (commands[0], *reversed(commands[1:])), *rest))
 
 
+def change_thrust(monkeypatch: pytest.MonkeyPatch, name: str, change: Callable[[Any], Any]) -> None:
+    """A function of thrusters and a body, wherever it is called, for a body that is changed."""
+    true = getattr(rans.model.dynamics, name)
+    for module in (rans.model.dynamics, rans.model.valves):
+        monkeypatch.setattr(module, name, lambda craft, told, body: true(craft, told, change(body)))
+
+
 def fault_on_the_next_nozzle(monkeypatch: pytest.MonkeyPatch) -> None:
-    true = rans.model.dynamics.thrust
-    monkeypatch.setattr(rans.model.dynamics, "thrust", lambda craft, command, body: true(
-        craft, command, replace(body, gain=(*body.gain[1:], body.gain[0]),
-                                leak=(*body.leak[1:], body.leak[0]))))
+    change_thrust(monkeypatch, "thrust", lambda body: replace(
+        body, gain=(*body.gain[1:], body.gain[0]), leak=(*body.leak[1:], body.leak[0])))
 
 
 def supply_never_gives_way(monkeypatch: pytest.MonkeyPatch) -> None:
-    true = rans.model.dynamics.thrust
-    monkeypatch.setattr(rans.model.dynamics, "thrust", lambda craft, command, body: true(
-        craft, command, replace(body, droop=0.0)))
+    change_thrust(monkeypatch, "thrust", lambda body: replace(body, droop=0.0))
 
 
 def centre_to_the_other_side(monkeypatch: pytest.MonkeyPatch) -> None:
-    true = rans.model.dynamics._wrench
-    monkeypatch.setattr(rans.model.dynamics, "_wrench", lambda craft, shares, body: true(
-        craft, shares, replace(body, centre=tuple(-x for x in body.centre))))
+    change_thrust(monkeypatch, "wrench_of", lambda body: replace(body, centre=tuple(-x for x in body.centre)))
 
 
 def noise_in_the_reward(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -22,7 +22,8 @@ from rans.tasks import (
     observation_columns,
     observation_width,
 )
-from rans.tasks.base import UNITS, residual
+from rans.tasks.base import UNITS
+from rans.tasks.derived import residual
 from rans.tasks.rewards import Transition
 from tests.tasks.conftest import COUNT
 

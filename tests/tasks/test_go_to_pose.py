@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -67,6 +68,27 @@ def test_reward() -> None:
     far = GoToPose(position_scale=3.0, attitude_scale=2 * math.pi / 3)
     terms = far.reward(Transition(SPATIAL, SPATIAL_GOAL, (1.0,), (0.0,)))
     assert [terms["position"], terms["attitude"]] == pytest.approx([0.3678794] * 2, abs=1e-7)
+
+
+def test_only_those_who_have_arrived_in_all_four_get_that_reward() -> None:
+    """Half of it in the middle of a side of the set, 1 / (1 + 4) in its corner, next to none at twice."""
+    task = GoToPose(arrived_weight=6.0, position_tolerance=0.04, attitude_tolerance=0.1, arrived_speed=0.2,
+                    arrived_spin=0.3)
+    def arrived(task: GoToPose, x: float, angle: float, v: float, spin: float) -> float:
+        goal = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
+        state = PlanarState(Vec2(0.0, x), Heading(angle), Vec2(v, 0.0), spin)
+        return task.reward(Transition(state, goal, (0.0,), (0.0,)))["arrived"]
+    assert arrived(task, 0.0, 0.0, 0.0, 0.0) == 6.0
+    for side in ((0.04, 0.0, 0.0, 0.0), (0.0, -0.1, 0.0, 0.0), (0.0, 0.0, 0.2, 0.0), (0.0, 0.0, 0.0, -0.3)):
+        assert arrived(task, *side) == pytest.approx(3.0)
+        assert arrived(task, *(2.0 * x for x in side)) == pytest.approx(6.0 / 257.0)  # 2^8 + 1
+    assert arrived(task, 0.04, 0.1, 0.2, 0.3) == pytest.approx(1.2)
+    fine = replace(task, arrived_fine_weight=4.0, fine_position_scale=0.04 / math.log(2.0),
+                   fine_attitude_scale=0.1 / math.log(2.0))
+    # Half of 6 + 4 (1/2 + 1), then half of 6 + 4 (1 + 1).
+    assert arrived(fine, 0.04, 0.0, 0.0, 0.0) == pytest.approx(6.0)
+    assert arrived(fine, 0.0, 0.0, 0.2, 0.0) == pytest.approx(7.0)
+    assert "arrived" not in GoToPose().reward(Transition(PLANAR, PLANAR_GOAL, (1.0,), (0.0,)))
 
 
 def test_a_wrong_attitude_costs_at_the_goals_place_only() -> None:

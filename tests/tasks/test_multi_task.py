@@ -13,7 +13,7 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import scenarios
 from rans.tasks import TASKS, GoToPose, MultiTask, TrackVelocity, observation
-from rans.tasks.base import residual
+from rans.tasks.derived import residual
 from rans.tasks.rewards import Transition
 from tests.crafts import random_states
 

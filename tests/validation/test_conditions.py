@@ -7,6 +7,7 @@ from dataclasses import replace
 import pytest
 
 import rans.model.dynamics
+import rans.model.valves
 from rans.errors import ConfigError
 from rans.model.conditions import (
     BodyConditions,
@@ -45,9 +46,10 @@ def test_groups_leave_nothing_out() -> None:
 
 
 def test_an_error_shows_in_its_group_and_in_all_together(monkeypatch: pytest.MonkeyPatch) -> None:
-    true = rans.model.dynamics._wrench
-    monkeypatch.setattr(rans.model.dynamics, "_wrench", lambda craft, shares, body: true(
-        craft, shares, replace(body, centre=tuple(-x for x in body.centre))))
+    true = rans.model.dynamics.wrench_of
+    for module in (rans.model.dynamics, rans.model.valves):
+        monkeypatch.setattr(module, "wrench_of", lambda craft, shares, body: true(
+            craft, shares, replace(body, centre=tuple(-x for x in body.centre))))
     checks = [c for c in condition_checks(CRAFT, load_conditions("roboran"), 1, 2) if isinstance(c, Check)]
     failed = {check.name for check in checks if not check.passed}
     assert failed == {f"{group}: {what}" for group in ("body", "all together")

@@ -22,7 +22,7 @@ from rans.model.conditions_file import load_conditions
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.tasks import Task
-from rans.tasks.base import layout
+from rans.tasks.derived import layout
 
 
 class Agent:

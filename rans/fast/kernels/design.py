@@ -38,16 +38,17 @@ class Design:
     shared: int
     """Bytes."""
     most_warps: int | None = None
-    """Of 32 flights each, in a block; one block lives on a multiprocessor. None: as many as find registers."""
+    """Of 32 flights each, in a block, of which a multiprocessor has one; None: as many as find registers."""
 
     def __post_init__(self) -> None:
         given = self.given
         if given.units:
             raise DoesNotFit("a recurrent policy")
         if not given.layers or max(given.layers) > WIDEST:
-            raise DoesNotFit(f"a policy with layers of {given.layers} units, where 1 to {WIDEST} are possible")
+            raise DoesNotFit(f"a policy with layers of {given.layers} units; it has up to {WIDEST}")
         if self.warps < 1:
-            raise DoesNotFit(f"a policy that takes {self.per_warp:,} bytes for 32 flights, of {self.shared:,}")
+            raise DoesNotFit(f"a policy that takes {self.per_warp:,} bytes for 32 flights; it has "
+                             f"{self.shared:,}")
 
     @property
     def columns(self) -> int:
@@ -87,7 +88,7 @@ class Design:
 
     @cached_property
     def places(self) -> dict[str, int]:
-        """First byte of every part of `packed`, by name; "end" and "small" are the ends of all, of numbers."""
+        """First byte of every part of `packed`; "small" is the end of single numbers, "end" that of all."""
         sizes = {"mean": self.given.seen, "scale": self.given.seen, "zoom": self.given.seen,
                  **{f"bias_{i}": width for i, width in enumerate(self.widths[1:])}, "constant": self.outputs}
         found, at = {}, 0
@@ -103,8 +104,10 @@ class Design:
 
     @cached_property
     def kept(self) -> int:
-        """Bytes of `packed` in shared memory: whole parts, as many as leave room for all warps; else they are
-        read through the caches."""
+        """Bytes of `packed` in shared memory: as many parts as leave room for all warps.
+
+        The others are read through the caches.
+        """
         room = self.shared - self.warps * self.per_warp
         ends = sorted(place for name, place in self.places.items() if place >= self.places["small"])
         return max(end for end in ends if end <= room)
@@ -181,5 +184,6 @@ def _up(number: int, step: int) -> int:
 
 def _padded(x: Tensor, shape: Sequence[int]) -> Tensor:
     """With zeros at the ends of all axes."""
-    gaps = [n for have, want in zip(reversed(x.shape), reversed(shape), strict=True) for n in (0, want - have)]
+    missing = [want - have for have, want in zip(x.shape, shape, strict=True)]
+    gaps = [gap for n in reversed(missing) for gap in (0, n)]
     return functional.pad(x, gaps)

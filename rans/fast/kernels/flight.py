@@ -62,8 +62,8 @@ class FlightKernel:
             kernel = cls(world, network, device, chip.shared_memory_per_block_optin, products)
             _ = kernel.function
         except DoesNotFit as error:
-            warnings.warn(f"these flights are stepped, which is slower: their kernel has no place for {error}.",
-                          stacklevel=4)
+            warnings.warn("these flights are stepped, which is slower: their kernel has no place for "
+                          f"{error}.", stacklevel=4)
         # No compiler, or a task that does more than arithmetic on fields.
         except (OSError, CudaError, *UNTRACEABLE) as error:
             warnings.warn(f"these flights are stepped, which is slower: {error}", stacklevel=4)
@@ -90,12 +90,14 @@ class FlightKernel:
         self._launch([x.data_ptr() for x in tensors], (low, high, first, count, listed))
         met = min(int(failed), listed)
         order = torch.argsort(numbers[:met])
-        total = sums.view(-1, 2).cpu().numpy() * self._scales()
+        totals = sums.view(-1, 2).cpu().numpy() * self._scales()
         ended = counts.cpu().numpy()
+        failures = dict(zip(Failure, ended[:len(Failure)].tolist(), strict=True))
         return Verdicts(
-            count, steps, ended[len(Failure):], dict(zip(Failure, ended[:len(Failure)].tolist(), strict=True)),
+            count, steps, ended[len(Failure):], failures,
             numbers[:met][order].cpu().numpy().astype(np.int64), kinds[:met][order].cpu().numpy(),
-            {name: Sums(*row.tolist(), count) for name, row in zip(QUANTITIES, total, strict=True)}, listed,
+            {name: Sums(float(total), float(squares), count)
+             for name, (total, squares) in zip(QUANTITIES, totals, strict=True)}, listed,
             frozenset({f"flight kernel, {self._products}"}))
 
     def _launch(self, pointers: list[int], numbers: tuple[int, ...]) -> None:

@@ -17,6 +17,8 @@ from rans.model.random import Draws
 from rans.model.trace import Kind, Symbol
 from rans.tasks.sight import Layout
 
+_Row = tuple[Symbol, ...]
+
 
 @dataclass(frozen=True)
 class Carried:
@@ -66,26 +68,27 @@ def trace_flight(world: World, given: Architecture) -> FlightProgram:
     first = world.begin(*world.scenario(clock, draws), clock, draws)
     begun = (first, Tally.of(world, first))
     commands = tuple(Symbol.input(f"command_{i}") for i in range(len(world.craft.thrusters)))
-    kinds: dict[int, Kind] = {}
+    kinds = dict[int, Kind]()
     while True:
         # What begins as a number is carried only if some step changes it.
         inputs = [_carried(place, value, kinds.get(place)) for place, value in enumerate(leaves(begun))]
         now, tally = unflatten(begun, inputs)
         outcome = step(world, now, commands, draws)
         after = leaves((outcome.episode, tally.after(world, outcome)))
-        found = {place: new.kind for place, (new, old) in enumerate(zip(map(Symbol.constant, after), inputs,
-                                                                        strict=True))
-                 if not isinstance(old, Symbol) and new is not Symbol.constant(old)}
-        if not found:
+        known = len(kinds)
+        for place, (new, old) in enumerate(zip(map(Symbol.constant, after), inputs, strict=True)):
+            if not isinstance(old, Symbol) and new is not Symbol.constant(old):
+                kinds[place] = new.kind
+        if len(kinds) == known:
             break
-        kinds |= found
     carried = tuple(Carried(symbol, Symbol.constant(old), Symbol.constant(new))
                     for symbol, old, new in zip(inputs, leaves(begun), after, strict=True)
                     if isinstance(symbol, Symbol))
-    return FlightProgram(carried, *_shown(world, now, draws, given), tally.going,
-                         Symbol.constant(tally.failure()), tally.going & tally.inside,
-                         Symbol.constant(tally.settled),
-                         tuple(map(Symbol.constant, (tally.gained, tally.impulse, tally.opened))))
+    columns, seen, then, view = _shown(world, now, draws, given)
+    return FlightProgram(
+        carried, columns, seen, then, view, tally.going, Symbol.constant(tally.failure()),
+        tally.going & tally.inside, Symbol.constant(tally.settled),
+        tuple(map(Symbol.constant, (tally.gained, tally.impulse, tally.opened))))
 
 
 def _carried(place: int, value: Any, kind: Kind | None) -> Any:
@@ -96,7 +99,8 @@ def _carried(place: int, value: Any, kind: Kind | None) -> Any:
     return Symbol.input(f"carried_{place}", kind or symbol.kind)  # type: ignore[union-attr]
 
 
-def _shown(world: World, now: Episode, draws: Draws, given: Architecture) -> Sequence[Any]:
+def _shown(world: World, now: Episode, draws: Draws, given: Architecture
+           ) -> tuple[_Row, _Row, _Row, Symbol]:
     """Columns in the body frame, those and earlier ones as they are seen, and from which side."""
     columns = tuple(map(Symbol.constant, given.layout.in_body(world.observe(now, draws))))
     body, then = given.layout.body, tuple(Symbol.input(f"then_{i}") for i in range(len(columns)))
@@ -104,7 +108,7 @@ def _shown(world: World, now: Episode, draws: Draws, given: Architecture) -> Seq
     if given.symmetries is None or way is None:
         return columns, columns, then, Symbol.constant(0)
     which, turn, hand = _side(given.symmetries, way)
-    return columns, *(_viewed(body, x, turn, hand) for x in (columns, then)), which
+    return columns, _viewed(body, columns, turn, hand), _viewed(body, then, turn, hand), which
 
 
 def _side(views: Symmetries, way: Sequence[Field]) -> tuple[Symbol, list[list[Field]], Field]:
@@ -119,7 +123,8 @@ def _side(views: Symmetries, way: Sequence[Field]) -> tuple[Symbol, list[list[Fi
             best, turn, hand = ahead, matrix, mirror
             continue
         nearer = ahead > best
-        best, which, hand = where(nearer, ahead, best), where(nearer, number, which), where(nearer, mirror, hand)
+        best, which = where(nearer, ahead, best), where(nearer, number, which)
+        hand = where(nearer, mirror, hand)
         turn = [[where(nearer, matrix[i][j], turn[i][j]) for j in axes] for i in axes]
     return which, turn, hand
 

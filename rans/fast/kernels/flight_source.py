@@ -62,17 +62,17 @@ class _Writer(Lines):
 
     def _memory(self) -> Iterator[str]:
         """The policy, and where each warp puts what its network is given and answers."""
-        design, inside = self._design, "shared" if self._design.kept else "policy"
+        design, threads = self._design, 32 * self._design.warps
         yield "extern __shared__ uint4 shared[];"
-        yield f"for (int i = threadIdx.x; i < {design.kept // 16}; i += {32 * design.warps}) shared[i] = policy[i];"
-        yield f"for (int i = threadIdx.x; i < {(design.warps * design.per_warp) // 16}; i += {32 * design.warps})"
+        yield f"for (int i = threadIdx.x; i < {design.kept // 16}; i += {threads}) shared[i] = policy[i];"
+        yield f"for (int i = threadIdx.x; i < {(design.warps * design.per_warp) // 16}; i += {threads})"
         yield f"  shared[{design.kept // 16} + i] = uint4{{0, 0, 0, 0}};"
         yield "__syncthreads();"
         yield "const int warp = threadIdx.x / 32;"
         for name, place in design.places.items():
             if name not in ("small", "end"):
                 kind = "float" if place < design.places["small"] else "uint2" if name == "head" else "uint4"
-                base = inside if place < design.kept else "policy"
+                base = "shared" if place < design.kept else "policy"
                 yield f"const {kind}* {name} = reinterpret_cast<const {kind}*>({base} + {place // 16});"
         own = f"shared + {design.kept // 16} + warp * {design.per_warp // 16}"
         yield (f"const Inputs<{design.parts}> inputs = {{reinterpret_cast<unsigned short*>({own}), "
@@ -122,7 +122,7 @@ class _Writer(Lines):
         if given.zoom:
             yield f"for (int i = 0; i < {width}; ++i)"
             yield f"  shown[{width} + i] = activated<{self._design.parts}, Tanh>(seen[i] * zoom[i]);"
-        yield f"inputs.show(0, shown);"
+        yield "inputs.show(0, shown);"
         if given.recalled:
             yield from self._recalled()
 
@@ -177,8 +177,8 @@ class _Writer(Lines):
             yield "  }"
         for i, units in enumerate(widths[1:-1]):
             yield f"  Rows<{parts}, {tiles}, {units}> rows_{i};"
-            yield (f"  layer<{activation}, {parts}, {tiles}, {widths[i]}, {units}>({name}, layer_{i}, bias_{i}, "
-                   f"rows_{i});")
+            yield (f"  layer<{activation}, {parts}, {tiles}, {widths[i]}, {units}>({name}, layer_{i}, "
+                   f"bias_{i}, rows_{i});")
             name = f"rows_{i}"
         last = len(widths) - 2
         yield (f"  answer<{activation}, {parts}, {tiles}, {widths[-2]}, {widths[-1]}, {design.outputs // 8}>("
@@ -206,8 +206,8 @@ class _Writer(Lines):
         yield f"const real told[] = {{{told}}};"
         for row, kept in enumerate(given.averages):
             for count, source, start in ((given.seen, "newest", 0), (given.thrusters, "told", given.seen)):
-                at = f"memory[{row * width + start} + i]"
-                yield f"for (int i = 0; i < {count}; ++i) {at} = {source}[i] + {kept}f * ({at} - {source}[i]);"
+                at, new = f"memory[{row * width + start} + i]", f"{source}[i]"
+                yield f"for (int i = 0; i < {count}; ++i) {at} = {new} + {kept}f * ({at} - {new});"
         if given.history:
             start, end = averages * width, (given.recalled - 1) * width
             yield f"for (int i = {start}; i < {end}; ++i) memory[i] = memory[i + {width}];"

@@ -199,6 +199,7 @@ def _expression(symbol: Symbol, args: list[str]) -> str:
 
 
 def indented(lines: Iterable[str]) -> Iterator[str]:
+    """Lines of a block."""
     return (f"  {line}" for line in lines)
 
 

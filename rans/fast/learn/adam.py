@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import torch
 from torch import Tensor
 
@@ -20,7 +18,7 @@ _PIECE = 32
 class Adam:
     """Steps of a network's weights, which become views of one row (K, P): few kernels change them all.
 
-    The step sizes, `rate` (K,), begin with those given.
+    The step sizes, `rate` (K,), begin with those given. Both `moments` are tensors like the weights.
     """
 
     def __init__(self, network: Network, rate: Tensor) -> None:
@@ -38,12 +36,12 @@ class Adam:
                     for start, value in zip(starts, tensors.values(), strict=True)]
 
         weights, self._gradients = views(self._row), views(self._gradient)
-        self._moments = views(self._first), views(self._second)
+        self.moments = views(self._first), views(self._second)
         for weight, value in zip(weights, tensors.values(), strict=True):
             weight.copy_(value)
         self._leaves = [weight.detach().requires_grad_() for weight in weights]
         network.adopt(dict(zip(tensors, self._leaves, strict=True)))
-        self._steps = rate.new_zeros(())
+        self.steps = rate.new_zeros(())
         self._step = fused(_step, rate.device)
 
     def descend(self, loss: Tensor, max_norm: Tensor, world: Processes) -> Tensor:
@@ -55,32 +53,16 @@ class Adam:
             gradients = torch.autograd.grad(loss, self._leaves)
             torch._foreach_copy_(self._gradients, gradients)  # type: ignore[attr-defined]  # torch hides it
             return self._step(self._row, world.average(self._gradient), self._first, self._second,
-                              self._steps, self.rate, max_norm)
+                              self.steps, self.rate, max_norm)
 
     def state(self) -> dict[str, Tensor]:
         """Everything needed to go on."""
-        return {"first": self._first, "second": self._second, "steps": self._steps, "rate": self.rate}
+        return {"first": self._first, "second": self._second, "steps": self.steps, "rate": self.rate}
 
     def load(self, saved: dict[str, Tensor]) -> None:
         """Go on from what `state` gave."""
         for name, tensor in self.state().items():
             tensor.copy_(saved[name])
-
-    def member(self, number: int) -> dict[Any, Any]:
-        """One member's memory as the state of torch's Adam."""
-        lone, steps = len(self.rate) == 1, self._steps.detach().cpu().float()
-        first, second = ([(x if lone else x[number]).detach().cpu().clone() for x in moments]
-                         for moments in self._moments)
-        return {place: {"step": steps.clone(), "exp_avg": a, "exp_avg_sq": b}
-                for place, (a, b) in enumerate(zip(first, second, strict=True))}
-
-    def restore(self, saved: dict[Any, Any], rate: float) -> None:
-        """Go on, with one member, from what `member` gave; without anything, with empty memory."""
-        self.rate.fill_(rate)
-        for place, moments in saved.items():
-            for memory, name in zip(self._moments, ("exp_avg", "exp_avg_sq"), strict=True):
-                memory[place].copy_(moments[name])
-            self._steps.copy_(moments["step"])
 
 
 @torch.no_grad()

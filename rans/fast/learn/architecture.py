@@ -15,7 +15,7 @@ from torch.nn import functional
 from rans.fast.engine import Engine
 from rans.fast.learn.config import PPOSettings
 from rans.fast.symmetry import Symmetries, symmetries
-from rans.tasks.base import example
+from rans.tasks.derived import example
 from rans.tasks.sight import Block, Drawn, Layout, OwnAttitude, Scalar, Spin, Turn, VectorInW
 
 ACTIVATIONS: dict[str, type[nn.Module]] = {"tanh": nn.Tanh, "elu": nn.ELU, "relu": nn.ReLU}
@@ -83,8 +83,8 @@ class Architecture:
                    craft.actuators.is_continuous, settings.history if settings.memory == "history" else 0,
                    tuple(settings.averages) if settings.memory == "history" else (),
                    settings.recurrent_units if settings.memory == "recurrent" else 0,
-                   engine.privileged_width if settings.privileged_critic else 0,
-                   engine.nominal if settings.privileged_critic else (),
+                   engine.known.width if settings.privileged_critic else 0,
+                   engine.known.nominal if settings.privileged_critic else (),
                    bounds=example(engine.task, craft.dimension).bounds())
 
     @property

@@ -14,7 +14,8 @@ from rans.fast.engine import Engine
 from rans.fast.envs.sb3 import SB3VecEnv
 from rans.fast.learn.config import PPOSettings
 from rans.fast.learn.member import begin, statistics
-from rans.fast.policy import predict, write_policy
+from rans.fast.learn.policy_file import adopt, write_learner
+from rans.fast.policy import predict
 from rans.fast.saved import read_policy
 
 _KNOWN = PPOSettings.__dataclass_fields__.keys() - {"n_envs"}
@@ -80,9 +81,7 @@ class PPO:
 
     def save(self, file: str | Path) -> None:
         """Write ``policy.zip``; ConfigError where the disk refuses."""
-        adam = self.learner.adam
-        write_policy(Path(file), self.network.architecture, self.network.member(0), self.settings,
-                     self.num_timesteps, adam.member(0), float(adam.rate))
+        write_learner(Path(file), self.learner, self.settings, self.num_timesteps)
 
     @classmethod
     def load(cls, file: str | Path, env: Engine | SB3VecEnv, **settings: Any) -> PPO:
@@ -103,10 +102,7 @@ class PPO:
         model = cls(env, **kept | network | settings)
         model.num_timesteps = saved.steps
         try:
-            with torch.no_grad():
-                for name, tensor in model.network.tensors.items():
-                    tensor.copy_(saved.network.tensors[name])
-                model.learner.adam.restore(saved.adam, saved.rate)
+            adopt(model.learner, saved)
         except (RuntimeError, KeyError) as error:
             raise ConfigError(f"{file} is not an agent for {model.engine.craft.name} with these settings: "
                               f"{' '.join(str(error).split())}.") from error

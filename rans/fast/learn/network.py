@@ -12,7 +12,7 @@ from torch.nn import functional
 
 from rans.fast.distributed import ALONE, Processes
 from rans.fast.learn.architecture import ACTIVATIONS, EXTRACTOR, Architecture, Duty, OnOff
-from rans.fast.symmetry import Symmetries
+from rans.fast.learn.memory import continued, recurrent, viewed
 
 
 class Output(NamedTuple):
@@ -37,12 +37,9 @@ class Network:
         self._activation = ACTIVATIONS[architecture.activation]()
         self.adopt(tensors)
         self._nominal = self._mean.new_tensor(architecture.nominal or (1.0,) * architecture.privileged)
-        device, views = self._mean.device, architecture.symmetries
-        kept = self._mean.new_tensor(architecture.averages)
+        kept, views = self._mean.new_tensor(architecture.averages), architecture.symmetries
         self._kept = kept.repeat_interleave(architecture.seen + architecture.thrusters)
-        self._views = None if views is None else Symmetries(*(
-            torch.as_tensor(table, device=device).to(self._mean.dtype if at < 2 else torch.int64)
-            for at, table in enumerate(views)))
+        self._views = None if views is None else views.tensors_like(self._mean)
 
     def adopt(self, tensors: Mapping[str, Tensor]) -> None:
         """Use these tensors from now on, in the place of those of the same names."""
@@ -115,11 +112,7 @@ class Network:
         place, seen = views.place[which], torch.stack(views.viewed(layout, fields, which), dim=1)
         if memory is None or not given.recalled:
             return seen, memory, place
-        each = which.repeat_interleave(given.recalled)
-        then, told = memory.reshape(len(each), -1).tensor_split([given.seen], dim=1)
-        then = torch.stack(views.viewed(layout, then.unbind(dim=1), each), dim=1)
-        told = torch.empty_like(told).scatter(1, views.place[each], told)
-        return seen, torch.cat((then, told), dim=1).reshape(len(memory), -1), place
+        return seen, viewed(memory, given.recalled, layout, views, which), place
 
     def evaluate_seen(self, seen: Tensor, memory: Tensor | None = None, privileged: Tensor | None = None,
                       going_on: Tensor | None = None) -> Output:
@@ -149,11 +142,7 @@ class Network:
         """The memory (N, m) after a command (N, thrusters) to columns (N, k) in the body frame."""
         if memory is None or self.architecture.units:
             return memory if memory is None else output.core
-        given, newest = self.architecture, torch.cat((columns, command), dim=1)
-        averages, moments = memory.tensor_split([len(given.averages) * newest.shape[1]], dim=1)
-        if given.averages:
-            averages = torch.lerp(newest.repeat(1, len(given.averages)), averages, self._kept)
-        return torch.cat((averages, moments[:, newest.shape[1]:], newest), dim=1)
+        return continued(memory, torch.cat((columns, command), dim=1), self._kept)
 
     def _recalled(self, memory: Tensor) -> Tensor:
         """A history (N, m) by member, its columns normalised as those seen now are."""
@@ -197,17 +186,13 @@ class Network:
         return x.to(dtype)
 
     def _core(self, x: Tensor, memory: Tensor, going_on: Tensor | None) -> Tensor:
-        """A gated recurrent unit (Cho et al., 2014), torch's `GRUCell`; (..., units) after every step."""
-        (given, given_bias), (kept, kept_bias) = ([self.tensors[f"{EXTRACTOR}core.{kind}_{of}"] for kind in
-                                                   ("weight", "bias")] for of in ("ih", "hh"))
-        steps = 1 if going_on is None else len(going_on)
-        inputs = product(x, given, given_bias).unflatten(-2, (steps, -1))
-        state, states = self._rows(memory).unflatten(-2, (steps, -1)).select(-3, 0), []
-        for t in range(steps):
-            if going_on is not None and t > 0:
-                state = state * self._rows(going_on[t])[..., None]
-            states.append(state := _gated(inputs.select(-3, t), product(state, kept, kept_bias), state))
-        return torch.stack(states, dim=-3).flatten(-3, -2)
+        """What the recurrent core makes of features (..., T n, i): (..., T n, units)."""
+        given, kept = ([self.tensors[f"{EXTRACTOR}core.{kind}_{of}"] for kind in ("weight", "bias")]
+                       for of in ("ih", "hh"))
+        begins = None if going_on is None else [self._rows(row)[..., None] for row in going_on]
+        steps = (1 if begins is None else len(begins), -1)
+        inputs, state = (rows.unflatten(-2, steps) for rows in (product(x, *given), self._rows(memory)))
+        return recurrent(inputs, state.select(-3, 0), begins, lambda x: product(x, *kept)).flatten(-3, -2)
 
     def _heads(self, features: Tensor, critic: Tensor) -> Output:
         """Actor and critic, in one product where they share features.
@@ -261,11 +246,3 @@ def product(x: Tensor, weight: Tensor, bias: Tensor) -> Tensor:
     # Not baddbmm, which copies the bias to every row first: compiled, the activation adds it.
     x = torch.bmm(x, weight.mT)
     return x + bias[:, None].to(x.dtype)
-
-
-def _gated(inputs: Tensor, recalled: Tensor, state: Tensor) -> Tensor:
-    reset, update, fresh = inputs.chunk(3, dim=-1)
-    old_reset, old_update, old = recalled.chunk(3, dim=-1)
-    update = torch.sigmoid(update + old_update)
-    fresh = torch.tanh(fresh + torch.sigmoid(reset + old_reset) * old)
-    return fresh + update * (state - fresh)

@@ -48,6 +48,8 @@ _SHARP = replace(_PLANE, zoom=16.0)
 """For goals that are held to millimetres."""
 _STILL = replace(_SHARP, initial_duty=0.12)
 """With shut valves."""
+_SOON = replace(_SHARP, gamma=0.98, initial_duty=0.2, reward_scale=0.03)
+"""For what is worth most to those who are there, at rest."""
 _ADAPTIVE = replace(_SHARP, gamma=0.98, initial_duty=0.2, memory="history", history=8,
                     averages=(0.5, 0.8, 0.9, 0.95))
 """For a world that is not as designed, which only what has happened tells, and noise hides."""
@@ -60,6 +62,7 @@ millimetre off as well, and are judged in motion that is not."""
 _HOLD = {"fine_weight": 1.0, "rest_position": 0.006}
 _LARGE: dict[str, Any] = {"n_envs": 4096, "n_steps": 32, "batch_size": 32768, "layers": (256, 256)}
 _ADAPTIVE_LARGE = {"n_envs": 16384, "n_steps": 16, "n_epochs": 2, "matmul": "bf16"}
+_SOON_LARGE = {**_ADAPTIVE_LARGE, "layers": (512, 256)}
 _LONGER = 16  # on a GPU
 _PLATFORM, _SHARED, _FLYER, _FLYER_SHARED = (
     "floating-platform", "floating-platform-shared", "free-flyer", "free-flyer-shared")
@@ -71,7 +74,10 @@ RECIPES: dict[str, Recipe] = {
         "go-to-pose", _PLATFORM, {**_HOLD, "rest_attitude": 0.035, "thrust_weight": 0.13}, _SHARP,
         25_000_000, (Ramp("thrust_weight", 0.05, 15_000_000, shape="geometric"),)),
     "go-to-pose-2d-fast": Recipe(
-        "go-to-pose", _PLATFORM, {**_HOLD, "rest_attitude": 0.035}, _SHARP, 8_000_000),
+        "go-to-pose", _PLATFORM,
+        {"spawn_distance": (1.5, 4.5), "arrived_weight": 15.0, "arrived_fine_weight": 5.0,
+         "rest_position": 0.004, "rest_attitude": 0.035, "thrust_weight": 0.6}, _SOON, 75_000_000,
+        (Ramp("thrust_weight", 0.2, 15_000_000, shape="geometric"),), large=_SOON_LARGE),
     "go-to-pose-2d-thrifty": Recipe(
         "go-to-pose", _PLATFORM,
         {"spawn_distance": (2.0, 4.3), "fine_weight": 2.5, "fine_position_scale": 0.015,
@@ -103,16 +109,19 @@ RECIPES: dict[str, Recipe] = {
     "multi-task-2d": Recipe("multi-task", _PLATFORM, {}, replace(_PLANE, symmetric=False, layers=_WIDE),
                             24_000_000),
     "go-to-pose-3d": Recipe(
-        "go-to-pose", _FLYER, {"fine_weight": 1.5, "rest_position": 0.01, "rest_attitude": 0.02,
-                               "thrust_weight": 0.04}, replace(_SHARP, layers=_WIDE), 20_000_000),
+        "go-to-pose", _FLYER,
+        {"fine_weight": 1.5, "arrived_weight": 4.0, "arrived_fine_weight": 4.0, "rest_position": 0.01,
+         "rest_attitude": 0.02, "thrust_weight": 0.2, "spin_weight": 0.1},
+        replace(_SOON, layers=_WIDE, reward_scale=0.1), 60_000_000,
+        (Ramp("thrust_weight", 0.04, 12_000_000, shape="geometric"),), large=_SOON_LARGE),
     "go-to-pose-3d-robust": Recipe(
         "go-to-pose", _FLYER, {**_LOOSE, "thrust_weight": 0.06}, replace(_ADAPTIVE, layers=_WIDE), 10_000_000,
         (Ramp("thrust_weight", 0.02, 5_000_000, 625_000, "geometric"),), robust,
-        {**_ADAPTIVE_LARGE, "layers": (512, 256)}, _COARSE),
+        _SOON_LARGE, _COARSE),
     "go-to-pose-3d-faults": Recipe(
         "go-to-pose", _FLYER, {**_LOOSE, "thrust_weight": 0.04}, replace(_ADAPTIVE, layers=_WIDE), 12_000_000,
         (Ramp("thrust_weight", 0.02, 5_000_000, 625_000, "geometric"),), failing,
-        {**_ADAPTIVE_LARGE, "layers": (512, 256)}, _COARSE),
+        _SOON_LARGE, _COARSE),
     "go-to-position-3d": Recipe(
         "go-to-position", _FLYER,
         {"fine_weight": 0.5, "rest_position": 0.007, "rest_spin": 0.03, "thrust_weight": 0.05,

@@ -16,10 +16,10 @@ from rans.fast.engine import Engine
 from rans.fast.learn.config import TrainConfig
 from rans.fast.learn.curriculum import Curriculum
 from rans.fast.learn.member import Member, begin, statistics
+from rans.fast.learn.policy_file import write_learner
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.selection import Selection
 from rans.fast.packed import pack
-from rans.fast.policy import write_policy
 from rans.fast.step import field_dtype
 from rans.files import replace_file
 from rans.model.spacecraft import Spacecraft
@@ -196,9 +196,7 @@ class Trainer:
             return
         self.run.save_checkpoint(state)
         if len(self.members) == 1:
-            network, adam = self.learner.network, self.learner.adam
-            write_policy(self.run.policy_file, network.architecture, network.member(0), self.config.ppo,
-                         self.steps, adam.member(0), float(adam.rate))
+            write_learner(self.run.policy_file, self.learner, self.config.ppo, self.steps)
 
     def _checkpoint(self) -> dict[str, Any]:
         cuda = torch.cuda.get_rng_state() if self.config.device.startswith("cuda") else None

@@ -10,7 +10,8 @@ import numpy as np
 
 from rans.model.dynamics import State
 from rans.model.fields import leaves, map_leaves
-from rans.tasks.base import Task, residual
+from rans.tasks.base import Task
+from rans.tasks.derived import residual
 
 Ending = Literal["exact", "set", "free"]
 """At the goal; within the task's tolerances of it; or anywhere."""

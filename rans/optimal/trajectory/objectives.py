@@ -15,7 +15,8 @@ from rans.model.fields import leaves, map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.optimal.trajectory.arrival import Ending, rounded
 from rans.scenario import scenario
-from rans.tasks.base import Task, residual
+from rans.tasks.base import Task
+from rans.tasks.derived import residual
 from rans.tasks.rewards import Transition
 
 

@@ -51,7 +51,8 @@ class HostFlights(FlightKernel):
         headers = "".join(f'#include "{here.with_name(name)}"\n' for name in ("host.cuh", "host_warp.cuh"))
         file.write_text(headers + self.source + _RUN)
         made = file.with_suffix(".so")
-        subprocess.run([COMPILER, "-std=c++17", "-O1", "-w", "-shared", "-fPIC", "-o", made, file], check=True)
+        options = ("-std=c++17", "-O1", "-w", "-shared", "-fPIC")
+        subprocess.run([COMPILER, *options, "-o", made, file], check=True)
         self._library = CDLL(str(made))
 
     def _launch(self, pointers: list[int], numbers: tuple[int, ...]) -> None:

@@ -9,6 +9,7 @@ from rans.fast.distributed import ALONE
 from rans.fast.learn.adam import EPSILON, Adam
 from rans.fast.learn.architecture import Architecture, paper_layout
 from rans.fast.learn.network import Network
+from rans.fast.learn.policy_file import moments, remember
 
 GIVEN = Architecture(paper_layout(10), 2, (5, 3))
 RATES = torch.tensor([1e-2, 3e-3], dtype=torch.float64)
@@ -54,10 +55,10 @@ def test_every_member_steps_as_with_torchs_adam() -> None:
                 torch.testing.assert_close(x[k], y, rtol=0, atol=1e-14)
     for k, optimizer in enumerate(theirs):
         kept = optimizer.state_dict()["state"]
-        for place, moments in adam.member(k).items():
-            assert moments["step"] == kept[place]["step"] == 4
+        for place, memory in moments(adam, k).items():
+            assert memory["step"] == kept[place]["step"] == 4
             for name in ("exp_avg", "exp_avg_sq"):
-                torch.testing.assert_close(moments[name], kept[place][name], rtol=1e-12, atol=1e-16)
+                torch.testing.assert_close(memory[name], kept[place][name], rtol=1e-12, atol=1e-16)
 
 
 def test_it_goes_on_from_what_it_gave() -> None:
@@ -70,7 +71,7 @@ def test_it_goes_on_from_what_it_gave() -> None:
     with torch.no_grad():
         for x, y in zip(learnt(other), learnt(network), strict=True):
             x.copy_(y)
-    again.restore(adam.member(0), float(RATES[0]))
+    remember(again, moments(adam, 0), float(RATES[0]))
     for optimizer, own in ((adam, network), (again, other)):
         descend(optimizer, own, 3, norms)
     for x, y in zip(learnt(other), learnt(network), strict=True):

@@ -1,0 +1,54 @@
+"""What networks remember from step to step: a history of what was seen and told, or a recurrent state.
+
+A history (N, m) has rows of columns in the body frame and the command they were answered with: first
+exponential moving averages of all of them, then the last ones, the oldest first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import torch
+from torch import Tensor
+
+from rans.fast.symmetry import Symmetries
+from rans.tasks.sight import Layout
+
+
+def continued(history: Tensor, newest: Tensor, kept: Tensor) -> Tensor:
+    """A history after a new row (N, k); ``kept``, (averages k,), is the share that each average keeps."""
+    averages, moments = history.tensor_split([len(kept)], dim=1)
+    if len(kept):
+        averages = torch.lerp(newest.repeat(1, len(kept) // newest.shape[1]), averages, kept)
+    return torch.cat((averages, moments[:, newest.shape[1]:], newest), dim=1)
+
+
+def viewed(history: Tensor, rows: int, layout: Layout, views: Symmetries, which: Tensor) -> Tensor:
+    """A history of so many rows from the sides (N,) of the spacecraft that ``which`` names."""
+    each = which.repeat_interleave(rows)
+    then, told = history.reshape(len(each), -1).tensor_split([layout.width], dim=1)
+    then = torch.stack(views.viewed(layout, then.unbind(dim=1), each), dim=1)
+    told = torch.empty_like(told).scatter(1, views.place[each], told)
+    return torch.cat((then, told), dim=1).reshape(len(history), -1)
+
+
+def recurrent(inputs: Tensor, state: Tensor, going_on: Sequence[Tensor] | None,
+              recalled: Callable[[Tensor], Tensor]) -> Tensor:
+    """The states (..., T, n, units) of a gated recurrent unit (Cho et al., 2014), torch's `GRUCell`.
+
+    Args:
+        inputs: (..., T, n, 3 units), what a linear layer makes of each step's features.
+        state: (..., n, units) before the first step.
+        going_on: of each step, (..., n, 1), zero where an episode began with it; None: nowhere.
+        recalled: a linear layer from states to 3 units.
+    """
+    states = list[Tensor]()
+    for t in range(inputs.shape[-3]):
+        if going_on is not None and t > 0:
+            state = state * going_on[t]
+        reset, update, fresh = inputs.select(-3, t).chunk(3, dim=-1)
+        old_reset, old_update, old = recalled(state).chunk(3, dim=-1)
+        update = torch.sigmoid(update + old_update)
+        fresh = torch.tanh(fresh + torch.sigmoid(reset + old_reset) * old)
+        states.append(state := fresh + update * (state - fresh))
+    return torch.stack(states, dim=-3)

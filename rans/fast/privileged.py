@@ -1,0 +1,64 @@
+"""What a simulator knows of every spacecraft and a robot does not, for a critic that may know it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from operator import truediv
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+
+from rans.episode import Episode, World
+from rans.model.body import Body
+from rans.model.case import examples
+from rans.model.fields import leaves
+from rans.model.spacecraft import Spacecraft
+
+
+class Known:
+    """The body's numbers over the craft's own; under conditions everything that episodes draw from them."""
+
+    def __init__(self, world: World, body: Body) -> None:
+        self._body, self._craft, self._drawn = body, world.craft, quantities(world)
+        self.width = len(self._drawn) or len(leaves(body))
+        """How many a spacecraft has."""
+        self.nominal = (0.0,) * len(self._drawn) or tuple(relative(Body.of(world.craft), world.craft))
+        """Those of the craft as designed, or under conditions of what is usual."""
+
+    def of(self, episode: Episode) -> Iterator[Any]:
+        """Each of them in N running episodes, which know their cases: (N,), or one number for all."""
+        if not self._drawn:
+            return relative(self._body, self._craft)
+        case = leaves(episode.case)
+        return ((torch.as_tensor(case[one.place]) - one.mean) * (1.0 / one.spread) for one in self._drawn)
+
+
+class Quantity(NamedTuple):
+    """A number that differs from episode to episode, told with zero mean and unit variance."""
+
+    place: int
+    """Among the leaves of `rans.model.case.Case`."""
+    mean: float
+    """Over many episodes."""
+    spread: float
+    """Standard deviation."""
+
+
+def quantities(world: World) -> list[Quantity]:
+    """Everything that episodes draw from their conditions, but for their number; none in a perfect world."""
+    if world.conditions is None:
+        return []
+    drawn = leaves(examples(world.conditions, world.craft, world.timing.episode_steps))
+    return [Quantity(place, float(x.mean()), float(x.std()))
+            for place, x in enumerate(drawn) if isinstance(x, np.ndarray) and place and x.std() > 0.0]
+
+
+def relative(body: Body, craft: Spacecraft) -> Iterator[Any]:
+    """A body's numbers over the craft's own, or over the largest of their kind where those may be zero."""
+    nominal = Body.of(craft)
+    scales = replace(nominal, inertia=(max(nominal.inertia),) * len(nominal.inertia),
+                     centre=(craft.radius,) * len(nominal.centre), leak=(1.0,) * len(nominal.leak))
+    for x in map(truediv, leaves(body), leaves(scales)):
+        yield x if isinstance(x, int | float) else torch.as_tensor(x)

@@ -1,0 +1,99 @@
+"""What one episode draws of failing thrusters, written over fields."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from rans.model.body import Body
+from rans.model.conditions import FaultConditions, FaultKind, bounds, largest, piecewise
+from rans.model.faults import sets_among
+from rans.model.fields import Field, floor, where
+from rans.model.random import Random
+from rans.model.spacecraft import Spacecraft
+
+
+@dataclass(frozen=True)
+class Fault:
+    """The thrusters' health from a moment on."""
+
+    begins: Field
+    """s from the start of the episode."""
+    gain: tuple[Field, ...]
+    leak: tuple[Field, ...]
+
+
+def drawn_fault(given: FaultConditions, craft: Spacecraft, body: Body, random: Random) -> Fault | None:
+    """What failing thrusters of one episode do, the others stay as they are; None: none fails."""
+    thrusters = len(body.gain)
+    if largest(given.count) < 1:
+        return None
+    count, begins = random.whole(given.count), random.within(given.time)
+    lost = (_scattered(given, thrusters, random) if given.among == "any" else
+            _alike(given, craft, count, random))
+    gain, leak = list(body.gain), list(body.leak)
+    for slot, (place, (fault_gain, fault_leak)) in enumerate(lost):
+        for i in range(thrusters):
+            hit = (place == float(i)) & (count > float(slot))
+            gain[i] = where(hit, fault_gain * body.gain[i], gain[i])
+            leak[i] = where(hit, fault_leak * body.gain[i], leak[i])
+    return Fault(begins, tuple(gain), tuple(leak))
+
+
+Lost = list[tuple[Field, tuple[Field, Field]]]
+"""Thrusters by number, with the gain and leak that they have left."""
+
+
+def _scattered(given: FaultConditions, thrusters: int, random: Random) -> Lost:
+    """Any: the second takes its place among the others."""
+    places = [floor(random.unit() * float(thrusters - k)) for k in range(int(largest(given.count)))]
+    if len(places) == 2:
+        places[1] = places[1] + where(places[1] >= places[0], places[1] * 0.0 + 1.0, places[1] * 0.0)
+    return [(place, _failure(given.kinds, random.unit(), random.within(given.share))) for place in places]
+
+
+def _alike(given: FaultConditions, craft: Spacecraft, count: Field, random: Random) -> Lost:
+    """A set that is recoverable, or one that is not; all of it fails in one way."""
+    chance, share, which = random.unit(), random.within(given.share), random.unit()
+    failure, (least, most) = _failure(given.kinds, chance, share), bounds(given.count)
+    places = _places(given, craft, int(most), chance, which)
+    if least < 2 <= most:
+        alone, = _places(given, craft, 1, chance, which)
+        places = where(count > 1.0, places[0], alone), places[1]
+    return [(place, failure) for place in places]
+
+
+def _places(given: FaultConditions, craft: Spacecraft, count: int, chance: Field,
+            which: Field) -> tuple[Field, ...]:
+    """The thrusters of a set of so many, of the kind that ``chance`` chooses."""
+    found: dict[tuple[tuple[int, ...], ...], tuple[Field, ...]] = {}
+    result: tuple[Field, ...] = ()
+    for k, kind in enumerate(given.kinds):
+        sets = sets_among(craft, count, kind, bounds(given.share), given.among == "recoverable")
+        new = found.setdefault(sets, _member(sets, which))
+        result = new if k == 0 or new is result else tuple(
+            where(chance >= k / len(given.kinds), a, b) for a, b in zip(new, result, strict=True))
+    return result
+
+
+def _member(sets: Sequence[tuple[int, ...]], which: Field) -> tuple[Field, ...]:
+    """One of these sets, each as likely as the next.
+
+    Their last thrusters mostly rise by one from set to set: what is looked up is where they do not.
+    """
+    k, ends = floor(which * float(len(sets))), range(1, len(sets))
+    *first, last = ([float(x) for x in column] for column in zip(*sets, strict=True))
+    rise = [x - at for at, x in enumerate(last)]
+    return *(piecewise(column, ends, k) for column in first), piecewise(rise, ends, k) + k
+
+
+def _failure(kinds: Sequence[FaultKind], chance: Field, share: Field) -> tuple[Field, Field]:
+    """Gain and leak of a kind that a number in [0, 1) chooses."""
+    none, one = chance * 0.0, chance * 0.0 + 1.0
+    of: dict[FaultKind, tuple[Field, Field]] = {
+        "dead": (none, none), "stuck-open": (none, one), "stuck": (none, share), "weak": (share, none)}
+    gain, leak = of[kinds[0]]
+    for k, kind in enumerate(kinds[1:], 1):
+        later = chance >= k / len(kinds)
+        gain, leak = where(later, of[kind][0], gain), where(later, of[kind][1], leak)
+    return gain, leak

@@ -1,0 +1,177 @@
+"""Very many flights, against flights of the evaluation and against stepping."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Iterator
+from concurrent.futures import Future
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from rans.errors import ConfigError, RansError
+from rans.evaluation.fly.agent import Agent
+from rans.evaluation.fly.judge import flown
+from rans.evaluation.fly.protocols import Setup
+from rans.evaluation.measure import metrics
+from rans.fast import flights as module
+from rans.fast.cpu_flights import CpuFlights
+from rans.fast.flights import Flights, fly_many
+from rans.fast.step import Place
+from rans.fast.verdicts import QUANTITIES, Failure, Verdicts
+from rans.model.actuators import Throttle
+from rans.model.spacecraft import Spacecraft
+from rans.tasks import GoToPose
+from tests.fast.engines import FLYER, PLATFORM, both_crafts
+from tests.fast.flying import WIDE, policy, setup
+from tests.worlds import EFFECTS
+
+COUNT = 300
+
+
+def alike(a: Verdicts, b: Verdicts, different: int = 0, share: float = 1e-5) -> None:
+    """The same flights failed, but for so many, and means agree."""
+    assert a.flights == b.flights
+    failed = [set(zip(found.numbers, found.kinds, strict=True)) for found in (a, b)]
+    assert len(failed[0] ^ failed[1]) <= different
+    assert np.abs(a.settled_at - b.settled_at).sum() <= 2 * different
+    for name in QUANTITIES:
+        np.testing.assert_allclose(a.sums[name].mean, b.sums[name].mean, rtol=share, err_msg=name)
+
+
+@both_crafts
+def test_they_are_the_evaluations_flights(craft: Spacecraft) -> None:
+    """Scenario by scenario, in float64 there; no task of these ends a flight."""
+    task = replace(WIDE, fail_distance=1e3, fail_spin=1e3)
+    network, given = policy(craft, task), Setup(*setup(craft, task))
+    found = Flights(network, given).fly(7, COUNT, 3)
+    flight = flown(Agent(network, ""), given, 3, COUNT, first=7).flight
+    failed = 7 + np.flatnonzero(~metrics.solved(flight))
+    # float32 and float64 may differ in a command, and in a state within rounding of a bound.
+    assert len(set(found.numbers.tolist()) ^ set(failed.tolist())) <= COUNT // 100
+    assert 0 < len(failed) < COUNT
+    expected = {"return": metrics.returns(flight), "impulse": metrics.impulses(flight),
+                "duty at rest": flight.commands[-2:].mean(axis=(0, 2))}
+    for name, values in expected.items():
+        assert found.sums[name].mean == pytest.approx(values.mean(), rel=2e-3)
+        assert found.sums[name].squares == pytest.approx(np.square(values).sum(), rel=2e-3)
+    times = metrics.settling_times(flight)
+    at = np.bincount(np.round(times[np.isfinite(times)] / 0.2).astype(int), minlength=13)
+    assert np.abs(found.settled_at - at).sum() <= COUNT // 100
+
+
+KINDS: dict[str, tuple[Spacecraft, Any]] = {
+    "zoom": (PLATFORM, {"zoom": 8.0}), "relu, one layer": (FLYER, {"layers": (24,), "activation": "relu"}),
+    "elu, three layers": (PLATFORM, {"layers": (16, 16, 16), "activation": "elu", "sided": False}),
+    "throttle": (replace(PLATFORM, actuators=Throttle()), {}),
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_program_does_what_stepping_does(kind: str) -> None:
+    craft, settings = KINDS[kind]
+    network, given = policy(craft, **settings), setup(craft)
+    program, stepped = Flights(network, given), Flights(network, given, generated=False)
+    assert isinstance(program._whole, CpuFlights)
+    a, b = program.fly(0, COUNT, 2**40 + 5), stepped.fly(0, COUNT, 2**40 + 5)
+    alike(a, b, different=2, share=1e-3)
+    assert (a.ways, b.ways) == ({"CPU, float32"}, {"stepping, cpu"})
+    assert sum(count > 0 for count in a.failures.values()) >= 3
+
+
+def test_conditions_are_flown() -> None:
+    network, given = policy(PLATFORM), setup(PLATFORM, conditions=EFFECTS["swing"])
+    found = Flights(network, given).fly(0, COUNT, 1)
+    alike(found, Flights(network, given, generated=False).fly(0, COUNT, 1), different=2, share=1e-3)
+    perfect = Flights(network, setup(PLATFORM)).fly(0, COUNT, 1)
+    assert perfect.sums["return"] != found.sums["return"]
+
+
+@pytest.mark.parametrize("memory", [{"history": 2, "averages": (0.5,)}, {"units": 8}])
+def test_a_policy_with_a_memory_is_stepped(memory: Any) -> None:
+    flights = Flights(policy(PLATFORM, sided=False, **memory), setup(PLATFORM))
+    found = flights.fly(0, 20, 1)
+    assert found.ways == {"stepping, cpu"}
+    assert found.flights == 20
+
+
+def test_stepping_on_torch_is_stepping_on_numpy() -> None:
+    """As on a GPU, where nothing is compiled."""
+    network, given = policy(PLATFORM, history=1), setup(PLATFORM, conditions=EFFECTS["body"])
+    numpy, torches = (Flights(network, given, generated=False) for _ in range(2))
+    torches._place = Place(torch.device("cpu"), torch.float32)
+    alike(torches.fly(0, COUNT, 5), numpy.fly(0, COUNT, 5), different=2, share=1e-3)
+
+
+def test_parts_add_up_to_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
+    network, given = policy(PLATFORM, zoom=8.0), setup(PLATFORM)
+    whole = Flights(network, given).fly(0, COUNT, 1)
+    monkeypatch.setitem(module.BATCH, "cpu", 64)
+    told: list[int] = []
+    parts = Flights(network, given).fly(0, COUNT, 1, told.append)
+    assert sum(told) == COUNT
+    assert len(told) == 5
+    alike(parts, whole)
+    two = fly_many(network, given, 0, 100, 1) + fly_many(network, given, 100, COUNT - 100, 1)
+    alike(two, whole)
+
+
+@contextmanager
+def here(function: Any, jobs: Any, workers: int, prepare: Any, arguments: Any) -> Iterator[list[Future[Any]]]:
+    """As `rans.processes.submitted`, without processes."""
+    prepare(*arguments)
+    futures = []
+    for job in jobs:
+        futures.append(Future[Any]())
+        futures[-1].set_result(pickle.loads(pickle.dumps(function(*job))))
+    yield futures
+
+
+def test_many_are_divided_among_processes(monkeypatch: pytest.MonkeyPatch) -> None:
+    network, given = policy(PLATFORM), setup(PLATFORM)
+    whole = Flights(network, given).fly(5, COUNT, 1)
+    monkeypatch.setattr(module, "submitted", here)
+    monkeypatch.setattr(module, "_MANY", 200)
+    monkeypatch.setattr(module, "_SHARE", 128)
+    told: list[int] = []
+    alike(Flights(network, given).fly(5, COUNT, 1, told.append), whole)
+    assert sorted(told) == [44, 128, 128]
+
+
+def test_a_process_that_died_is_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    @contextmanager
+    def dying(_: Any, jobs: Any, *rest: Any) -> Iterator[list[Future[Any]]]:
+        futures = [Future[Any]() for _ in jobs]
+        for future in futures:
+            future.set_exception(BrokenProcessPool())
+        yield futures
+
+    monkeypatch.setattr(module, "submitted", dying)
+    monkeypatch.setattr(module, "_MANY", 2)
+    with pytest.raises(RansError, match="a process that flew died; the usual cause is too little memory"):
+        Flights(policy(PLATFORM), setup(PLATFORM)).fly(0, 10, 1)
+
+
+def test_a_state_that_is_not_finite_ends_its_flight() -> None:
+    """Starts so far away that float32 squares of them overflow."""
+    task = GoToPose(spawn_distance=(1.0, 1e31), fail_distance=1e38)
+    for how in (True, False):
+        found = Flights(policy(PLATFORM, task), setup(PLATFORM, task), generated=how).fly(0, 50, 1)
+        assert found.failures[Failure.NOT_FINITE] > 0
+        assert np.isfinite([found.sums["impulse"].total, found.sums["duty at rest"].total]).all()
+
+
+@pytest.mark.parametrize(("first", "count"), [(-1, 5), (0, 0), (2**31 - 4, 5)])
+def test_scenarios_there_are_none_of(first: int, count: int) -> None:
+    with pytest.raises(ConfigError, match="scenarios have numbers from 0 to 2147483647: there are none from"):
+        Flights(policy(PLATFORM), setup(PLATFORM)).fly(first, count, 1)
+
+
+def test_a_device_that_is_not_here() -> None:
+    with pytest.raises(ConfigError, match="device must be cpu or cuda"):
+        Flights(policy(PLATFORM), setup(PLATFORM), "abacus")
