@@ -52,7 +52,7 @@ def test_numbers_a_page_and_commands_that_show_failures_again(monkeypatch: pytes
 
 def test_ctrl_c_keeps_what_was_flown_and_the_same_command_goes_on(monkeypatch: pytest.MonkeyPatch,
                                                                   capsys: pytest.CaptureFixture[str]) -> None:
-    monkeypatch.setattr(campaign, "BATCH", {"cpu": 256})
+    monkeypatch.setattr(campaign, "_PIECES", {"cpu": 1024})
     fly, calls = Flights.fly, []
 
     def interrupted(*given: Any) -> Any:

@@ -10,12 +10,12 @@ from typing import Any
 from rans.errors import ConfigError
 from rans.evaluation.assure.bounds import Bound, Decision, Plan, lower, upper
 from rans.evaluation.fly.protocols import Setup
-from rans.fast.flights import BATCH, Flights
+from rans.fast.flights import Flights
 from rans.fast.learn.network import Network
 from rans.fast.verdicts import Failure, Verdicts
 
-_PIECES = {"cpu": 4, "cuda": 16}
-"""Batches between two moments at which what was flown is kept."""
+_PIECES = {"cpu": 2**17, "cuda": 2**26}
+"""Flights between two moments at which what was flown is kept: from so many on all processors fly."""
 LISTED = 10_000
 """Failed flights whose numbers are kept."""
 
@@ -78,7 +78,7 @@ class Campaign:
             keep: called now and then, and at every look.
         """
         fleet = Flights(network, setup, device, listed=LISTED)
-        piece = BATCH[fleet.device.type] * _PIECES[fleet.device.type]
+        piece = _PIECES[fleet.device.type]
         while not self.over:
             look = next(one for one in self.plan.looks if one.flights > self.flights)
             began = time.monotonic()

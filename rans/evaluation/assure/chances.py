@@ -19,11 +19,10 @@ from scipy.special import ndtr
 
 from rans.episode import World, step
 from rans.evaluation.fly.protocols import Setup
-from rans.fast.engine import FLOAT32_NODES
 from rans.fast.flights import BATCH
 from rans.fast.learn.network import Network
 from rans.fast.learn.selection import likeliest
-from rans.fast.step import Place, field_dtype
+from rans.fast.step import Place
 from rans.fast.verdicts import last_fifth
 from rans.model.conditions import bounds
 from rans.model.fields import Field, finite, floor, leaves, where
@@ -153,7 +152,7 @@ class Chances:
         infinite where the task declared the flight failed or its state is not finite. The network is of one
         member on the device.
         """
-        place, batch = Place(device, field_dtype(device)), BATCH[device.type]
+        place, batch = Place.of(device, torch.float32, None), BATCH[device.type]
         workers = (os.cpu_count() or 1) if place.on_numpy else 1
 
         def score(z: np.ndarray, number: np.ndarray, size: np.ndarray | None = None) -> np.ndarray:
@@ -173,7 +172,7 @@ class Chances:
     @torch.no_grad()
     def _score(self, network: Network, place: Place, draws: Chosen) -> np.ndarray:
         craft, task, timing, conditions = self.setup
-        world, steps = World(craft, task, timing, FLOAT32_NODES, conditions), timing.episode_steps
+        world, steps = World(craft, task, timing, place.nodes, conditions), timing.episode_steps
         clock = draws.first * 0
         zero, tolerances = draws.real(clock), task.tolerances()
         with np.errstate(all="ignore"):  # what fails may well overflow

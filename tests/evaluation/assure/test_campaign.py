@@ -38,6 +38,7 @@ class Fleet:
 @pytest.fixture
 def fleet(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("rans.evaluation.assure.campaign.Flights", Fleet)
+    monkeypatch.setattr("rans.evaluation.assure.campaign._PIECES", {"cpu": 20_000})
 
 
 def _flown(campaign: Campaign, until: int | None = None) -> Campaign:
