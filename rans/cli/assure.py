@@ -70,7 +70,7 @@ class Assure:
         """Fly, fly again what failed, write and print."""
         from rans.evaluation.assure.assurance import made
         from rans.evaluation.assure.bounds import plan
-        from rans.evaluation.fly.contestants import output_folder
+        from rans.evaluation.fly.contestants import output_folder, picked_task
 
         check_count("--episodes", self.episodes)
         for name, value in (("--worst", self.worst), ("--rare", self.rare)):
@@ -84,8 +84,8 @@ class Assure:
             _print_plan(assurance)
             return 0
         folder = ready_folder(self.output or output_folder(self.agent))
-        suffix = f"-{Path(self.conditions).stem}" if self.conditions else ""
-        self._fly(assurance, folder / f"assurance{suffix}.json")
+        names = "assurance", picked_task(self.agent), Path(self.conditions or "").stem
+        self._fly(assurance, folder / f"{'-'.join(filter(None, names))}.json")
         return 0 if self.failure_below is None or assurance.campaign.decision == "below" else 1
 
     def _fly(self, assurance: Assurance, file: Path) -> None:

@@ -23,7 +23,8 @@ from rans.evaluation.fly.agent import Agent, LoadedRun
 from rans.evaluation.fly.contestants import contestant, judged_separately
 from rans.fast.learn.network import Network
 from rans.fast.verdicts import Failure
-from rans.files import environment, read_json
+from rans.files import environment as this_environment
+from rans.files import read_json
 from rans.model.conditions import Conditions
 from rans.model.conditions_file import conditions_text, load_conditions
 
@@ -45,7 +46,8 @@ class Assurance:
     """For the worst case; None: not asked for."""
     command: str = ""
     """That made it."""
-    environment: dict[str, str] = field(default_factory=environment)
+    environment: dict[str, str] = field(default_factory=this_environment)
+    """Of the machine that flew last; another may fly the failures again."""
 
     @cached_property
     def run(self) -> LoadedRun:
@@ -114,6 +116,8 @@ class Assurance:
         if not isinstance(before, dict) or before.get("about") != self.about:
             return False
         self.campaign.go_on_from(before.get("campaign", {}))
+        if self.campaign.over:
+            self.environment = before["environment"]
         return True
 
     def to_json(self) -> dict[str, Any]:
