@@ -118,18 +118,9 @@ class World:
         """What a policy sees now."""
         return observation(self.task, self.sensed(episode, draws), episode.goal)
 
-    @property
-    def step_mask(self) -> int:
-        """Ones in the bits of a clock that hold its control periods."""
-        return 2**self.timing.episode_steps.bit_length() - 1
-
-    def next_episode(self, clock: Field) -> Field:
-        """The clock at the start of the next episode."""
-        return (clock | self.step_mask) + 1
-
     def number(self, clock: Field, draws: Draws) -> Field:
         """Number of the episode, which with the seed decides all that it draws."""
-        return draws.first + (clock >> self.step_mask.bit_length()) * draws.stride
+        return draws.first + self.timing.episode(clock) * draws.stride
 
     def scenario(self, clock: Field, draws: Draws) -> tuple[Any, Any]:
         """Start and goal of the episodes that begin at these clocks."""
@@ -179,7 +170,7 @@ class World:
         case, period = episode.case, self.timing.control_period
         if case is None or draws is None:
             return Influences(episode.body or Body.of(self.craft), (command,))
-        step = draws.real(episode.clock & self.step_mask)
+        step = draws.real(self.timing.step(episode.clock))
         earlier = (tuple(map(draws.real, told)) for told in episode.commands[:self._memory.felt])
         return Influences(case.body_at(step * period), (command, *earlier), case.lag,
                           case.disturbance(step, period))
@@ -193,7 +184,7 @@ class World:
         case = episode.case
         if case is None or case.sensors is None or draws is None:
             return episode.state
-        step = episode.clock & self.step_mask
+        step = self.timing.step(episode.clock)
         return reading((episode.state, *episode.past), case.sensors, lambda block: draws.random(
             self.craft.dimension, case.number, step * 16 + block), last)
 
@@ -226,7 +217,7 @@ def step(world: World, episode: Episode, command: Command, draws: Draws | None =
         command=command,
         terms=task.reward(Transition(state, goal, command, previous)),
         terminated=terminated,
-        truncated=((clock & world.step_mask) >= world.timing.episode_steps) & ~terminated,
+        truncated=(world.timing.step(clock) >= world.timing.episode_steps) & ~terminated,
         reached=task.reached(state, goal))
 
 
@@ -238,6 +229,6 @@ def restart(world: World, outcome: Outcome, draws: Draws) -> Episode:
         never_varies = new is old or isinstance(old, int | float)
         return old if never_varies else where(ended, new, old)
 
-    clock = world.next_episode(arrived.clock)
+    clock = world.timing.next_episode(arrived.clock)
     begun = world.begin(*world.scenario(clock, draws), clock, draws, arrived.body)
     return map_leaves(choose, begun, arrived)

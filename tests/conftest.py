@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterable
+from pathlib import Path
 
 import pytest
 from hypothesis import settings
@@ -14,6 +16,29 @@ from tests.crafts import nasty_planar, nasty_spatial
 # The same examples in every run, and no deadline: the machine may be busy.
 settings.register_profile("rans", derandomize=True, deadline=None, database=None)
 settings.load_profile("rans")
+
+
+OPTIONAL = {"pydrake", "casadi"}
+"""Machines with a GPU often lack them, and run what has the mark gpu."""
+
+
+class Module(pytest.Module):
+    """A file of tests, passed over where a library that it needs is not installed."""
+
+    def collect(self) -> Iterable[pytest.Item | pytest.Collector]:
+        """See pytest."""
+        try:
+            return super().collect()
+        except self.CollectError as error:
+            missing = error.__cause__.name if isinstance(error.__cause__, ModuleNotFoundError) else None
+            if missing and missing.partition(".")[0] in OPTIONAL:
+                pytest.skip(f"needs {missing}", allow_module_level=True)
+            raise
+
+
+def pytest_pycollect_makemodule(module_path: Path, parent: pytest.Collector) -> pytest.Module:
+    """Every file of tests is a `Module`."""
+    return Module.from_parent(parent, path=module_path)
 
 
 @pytest.fixture(autouse=True)

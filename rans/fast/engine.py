@@ -106,7 +106,7 @@ class Engine:
         """
         world, now = self._world, self._episode
         if seed is None:
-            write([now.clock], [world.next_episode(now.clock)])
+            write([now.clock], [world.timing.next_episode(now.clock)])
         else:
             each = self.num_envs // self.members
             # Numbers go into memory without a copy from the CPU, which no CUDA graph could record.
@@ -126,7 +126,7 @@ class Engine:
         parts = generators or (None,)
         shape, clock = (everywhere // len(parts),), self._episode.clock
         steps = torch.cat([torch.randint(0, limit, shape, generator=own, dtype=torch.int32) for own in parts])
-        clock -= clock & self._world.step_mask
+        clock -= self.timing.step(clock)
         clock += self._place.put(self.processes.mine(steps), torch.int32)
 
     def privileged(self) -> Tensor:

@@ -2,6 +2,10 @@
 
 Written over fields (`rans.model.fields`). A drift is given by its exact motion, not by its accelerations, so
 that the thrust's quadrature stays exact in it (`rans.model.dynamics.advance`).
+
+W may be a turning frame, as that of Clohessy and Wiltshire. In the plane the spin is measured against it,
+which is exact. In space the attitude is held against it as if W did not turn: near the Earth (0.001 rad/s)
+that neglects 0.025 rad, or 1.4 degrees, in 25 s.
 """
 
 from __future__ import annotations

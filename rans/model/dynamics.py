@@ -3,10 +3,6 @@
 World frame W, body frame B at the centre of mass. Thrust is constant in B over one control period
 (zero-order hold) or in each of its pieces, disturbances are constant in W. Beside them a spacecraft moves as
 its drift says (`rans.model.drift`); there is no friction.
-
-W may be a turning frame, as that of Clohessy and Wiltshire. In the plane the spin is measured against it,
-which is exact. In space the attitude is held against it as if W did not turn: near the Earth (0.001 rad/s)
-that neglects 0.025 rad, or 1.4 degrees, in 25 s.
 """
 
 from __future__ import annotations

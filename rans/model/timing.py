@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 from rans.errors import ConfigError, brief
+from rans.model.fields import Field
 
 MOST_SUBSTEPS = 10_000
 """A hundred times what any craft needs: more is a slip, and takes for ever."""
@@ -44,3 +45,19 @@ class Timing:
             raise ConfigError(f"substeps must be <= {MOST_SUBSTEPS:,}, got {self.substeps:,}.")
         if self.episode_steps > MOST_STEPS:
             raise ConfigError(f"episode_steps must be <= {MOST_STEPS:,}, got {self.episode_steps:,}.")
+
+    def step(self, clock: Field) -> Field:
+        """Control periods since the episode's start: the low bits of a clock (`rans.episode.Episode`)."""
+        return clock & self._mask
+
+    def episode(self, clock: Field) -> Field:
+        """How many episodes of the same environment came before: the bits above them."""
+        return clock >> self._mask.bit_length()
+
+    def next_episode(self, clock: Field) -> Field:
+        """The clock at the start of the next episode."""
+        return (clock | self._mask) + 1
+
+    @property
+    def _mask(self) -> int:
+        return 2**self.episode_steps.bit_length() - 1

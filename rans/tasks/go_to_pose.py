@@ -45,18 +45,17 @@ class GoToPose(SingleTask):
     fine_attitude_scale: float = 0.02
     """Error at which the narrow attitude reward has fallen to 1/e, rad."""
     misaligned_weight: float = 0.0
-    """Weight of what is lost at the goal's place in a wrong attitude, nearness in position times what is
-    missing of nearness in attitude, both narrow: for agents that should not turn away from the goal's
-    attitude to correct their position, though it would save thrust."""
+    """Weight lost at the goal's place in a wrong attitude (narrow copies), which would save thrust there."""
     arrived_weight: float = 0.0
-    """Weight of what only those get who are in the tolerances and at rest, in all four at once: for agents
-    that should be there soon, not merely near."""
+    """Weight of what only those get who are at rest within the tolerances: for agents that should be soon."""
     arrived_fine_weight: float = 0.0
     """Weight of the narrow rewards of position and attitude, for those only; with `arrived_weight`."""
     arrived_speed: float = 0.05
     """Speed that counts as rest for it, m/s."""
     arrived_spin: float = math.radians(5.0)
     """Rate that counts as rest for it, rad/s."""
+    arrived_squarings: int = 2
+    """How sharp the edge is: errors over their bounds are squared so often."""
     rest_position: float = 0.0
     """Distance below which no reward is left to gain by firing, m."""
     rest_attitude: float = 0.0
@@ -117,9 +116,9 @@ class GoToPose(SingleTask):
         """1 within the set, 0.5 in the middle of each of its sides, 0 outside; smooth."""
         shares = (distance / self.position_tolerance, angle / self.attitude_tolerance,
                   state.v.norm() / self.arrived_speed, speed(state.spin()) / self.arrived_spin)
-        squares = [share * share for share in shares]
-        fourths = [square * square for square in squares]
-        return 1.0 / (1.0 + sum(fourth * fourth for fourth in fourths))
+        for _ in range(self.arrived_squarings):
+            shares = tuple(share * share for share in shares)
+        return 1.0 / (1.0 + sum(shares))
 
     def failed(self, state: State, goal: State) -> Field:
         """Too far away, or in space spinning too fast."""

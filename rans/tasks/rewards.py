@@ -36,8 +36,7 @@ class Transition(NamedTuple):
     goal: State
     """Of the episode."""
     command: tuple[Field, ...]
-    """That brought it here: one field per thruster, 0 (shut) to 1 (open), whatever share of the thrust each
-    got."""
+    """That brought it here: one field per thruster, 0 (shut) to 1 (open), however they share their gas."""
     previous: tuple[Field, ...]
     """The command before; all shut at the start of an episode."""
 
@@ -51,8 +50,7 @@ class Prices:
     """
 
     thrust_weight: float = 0.02
-    """Reward lost per step and open thruster, however they share their gas; it also stops the chatter
-    at the goal."""
+    """Reward lost per step and open thruster; it also stops the chatter at the goal."""
     switching_weight: float = 0.0
     """Reward lost per valve that opens or shuts; all are shut before an episode."""
     speed_weight: float = 0.0

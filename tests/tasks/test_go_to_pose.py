@@ -73,7 +73,7 @@ def test_reward() -> None:
 def test_only_those_who_have_arrived_in_all_four_get_that_reward() -> None:
     """Half of it in the middle of a side of the set, 1 / (1 + 4) in its corner, next to none at twice."""
     task = GoToPose(arrived_weight=6.0, position_tolerance=0.04, attitude_tolerance=0.1, arrived_speed=0.2,
-                    arrived_spin=0.3)
+                    arrived_spin=0.3, arrived_squarings=3)
     def arrived(task: GoToPose, x: float, angle: float, v: float, spin: float) -> float:
         goal = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
         state = PlanarState(Vec2(0.0, x), Heading(angle), Vec2(v, 0.0), spin)

@@ -159,6 +159,10 @@ class TrainConfig:
     """Name of a spacecraft, or a TOML file."""
     ppo: PPOSettings = field(default_factory=PPOSettings)
     timing: Timing = field(default_factory=Timing)
+    """Of the episodes that agents are judged in, and learn in if not said otherwise."""
+    episode_steps: int | None = None
+    """Length of the episodes they learn in: where the way to the goal is hard and rest is easy, shorter ones
+    show more of the way."""
     conditions: Conditions = field(default_factory=Conditions)
     """What episodes do not promise."""
     curriculum: tuple[Ramp, ...] = ()
@@ -181,6 +185,7 @@ class TrainConfig:
     def __post_init__(self) -> None:
         # What NumPy's generator takes, which Stable-Baselines3 seeds too.
         _require(self, "between 0 and 2^32 - 1", lambda x: 0 <= x < 2**32, "seed")
+        _require(self, ">= 1 and < 2^31, or null", lambda x: x is None or 1 <= x < 2**31, "episode_steps")
         _require(self, ">= 1 and < 2^63", lambda x: 1 <= x < 2**63, "total_timesteps", "report_interval")
         _require(self, ">= 1 and <= 1,024", lambda x: 1 <= x <= 1024, "threads")
         _require(self, "in (0, 1], or null", lambda x: x is None or 0 < x <= 1, "solved_share")

@@ -40,6 +40,8 @@ class Recipe:
     """Of the hyper-parameters, on a GPU, where they are not `_LARGE`."""
     timing: Timing = field(default_factory=Timing)
     """Of the training."""
+    episode_steps: int | None = None
+    """Of the training, if not the timing's."""
 
 
 _PLANE = PPOSettings(n_envs=256, n_steps=64, batch_size=4096, gamma=0.99, max_learning_rate=3e-3, anneal=0.7)
@@ -48,7 +50,7 @@ _SHARP = replace(_PLANE, zoom=16.0)
 """For goals that are held to millimetres."""
 _STILL = replace(_SHARP, initial_duty=0.12)
 """With shut valves."""
-_SOON = replace(_SHARP, gamma=0.98, initial_duty=0.2, reward_scale=0.03)
+_SOON = replace(_SHARP, gamma=0.98, initial_duty=0.2)
 """For what is worth most to those who are there, at rest."""
 _ADAPTIVE = replace(_SHARP, gamma=0.98, initial_duty=0.2, memory="history", history=8,
                     averages=(0.5, 0.8, 0.9, 0.95))
@@ -75,9 +77,10 @@ RECIPES: dict[str, Recipe] = {
         25_000_000, (Ramp("thrust_weight", 0.05, 15_000_000, shape="geometric"),)),
     "go-to-pose-2d-fast": Recipe(
         "go-to-pose", _PLATFORM,
-        {"spawn_distance": (1.5, 4.5), "arrived_weight": 15.0, "arrived_fine_weight": 5.0,
-         "rest_position": 0.004, "rest_attitude": 0.035, "thrust_weight": 0.6}, _SOON, 75_000_000,
-        (Ramp("thrust_weight", 0.2, 15_000_000, shape="geometric"),), large=_SOON_LARGE),
+        {"spawn_distance": (1.5, 4.5), "arrived_weight": 15.0, "arrived_fine_weight": 3.0,
+         "arrived_squarings": 3, "rest_position": 0.004, "rest_attitude": 0.02, "thrust_weight": 0.5},
+        replace(_SOON, reward_scale=0.03), 43_750_000,
+        (Ramp("thrust_weight", 0.15, 15_000_000, shape="geometric"),), large=_SOON_LARGE, episode_steps=60),
     "go-to-pose-2d-thrifty": Recipe(
         "go-to-pose", _PLATFORM,
         {"spawn_distance": (2.0, 4.3), "fine_weight": 2.5, "fine_position_scale": 0.015,
@@ -109,10 +112,13 @@ RECIPES: dict[str, Recipe] = {
     "multi-task-2d": Recipe("multi-task", _PLATFORM, {}, replace(_PLANE, symmetric=False, layers=_WIDE),
                             24_000_000),
     "go-to-pose-3d": Recipe(
+        "go-to-pose", _FLYER, {"fine_weight": 1.5, "rest_position": 0.01, "rest_attitude": 0.02,
+                               "thrust_weight": 0.04}, replace(_SHARP, layers=_WIDE), 20_000_000),
+    "go-to-pose-3d-quiet": Recipe(
         "go-to-pose", _FLYER,
         {"fine_weight": 1.5, "arrived_weight": 4.0, "arrived_fine_weight": 4.0, "rest_position": 0.01,
          "rest_attitude": 0.02, "thrust_weight": 0.2, "spin_weight": 0.1},
-        replace(_SOON, layers=_WIDE, reward_scale=0.1), 60_000_000,
+        replace(_SOON, layers=_WIDE), 62_500_000,
         (Ramp("thrust_weight", 0.04, 12_000_000, shape="geometric"),), large=_SOON_LARGE),
     "go-to-pose-3d-robust": Recipe(
         "go-to-pose", _FLYER, {**_LOOSE, "thrust_weight": 0.06}, replace(_ADAPTIVE, layers=_WIDE), 10_000_000,
@@ -152,8 +158,9 @@ def recipe(name: str, device: str) -> TrainConfig:
                   for ramp in given.curriculum)
     return TrainConfig(given.task, TASKS[given.task](**given.settings), given.spacecraft,
                        replace(given.ppo, **(_LARGE | given.large)) if large else given.ppo,
-                       timing=given.timing, conditions=given.conditions(), curriculum=ramps, device=device,
-                       solved_share=None, total_timesteps=given.total_timesteps * times, report_interval=64)
+                       timing=given.timing, episode_steps=given.episode_steps, conditions=given.conditions(),
+                       curriculum=ramps, device=device, solved_share=None,
+                       total_timesteps=given.total_timesteps * times, report_interval=64)
 
 
 def preset(task: str, dimension: int, device: str) -> PPOSettings:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -51,7 +52,8 @@ class Trainer:
         device, each = torch.device(first.device), processes.share("n_envs", first.ppo.n_envs)
         tasks, seeds = [config.settings for config in configs], [config.seed for config in configs]
         self.curriculum = Curriculum(tasks, first.curriculum, field_dtype(device), device, each)
-        self.engine = Engine(craft, self.curriculum.task, each * len(configs), first.timing, seed=seeds,
+        timing = replace(first.timing, episode_steps=first.episode_steps or first.timing.episode_steps)
+        self.engine = Engine(craft, self.curriculum.task, each * len(configs), timing, seed=seeds,
                              device=device, processes=processes, conditions=first.conditions.or_none,
                              remember=first.ppo.privileged_critic)
         self.learner = begin(self.engine, [config.ppo for config in configs], seeds)

@@ -25,6 +25,7 @@ from rans.model.conditions_file import load_conditions
 from rans.model.timing import Timing
 from rans.scenario import scenarios
 from rans.tasks import GoToPose
+from tests.fast.engines import SHORT
 from tests.fast.training import CONFIG, TINY, after, ignore, newest, resumed, tiny_trainer, weights
 from tests.processes import python
 
@@ -32,6 +33,7 @@ ROOT = Path(__file__).parents[2]
 EASY = GoToPose(spawn_distance=(0.5, 1.0), evaluation_distance=(0.5, 1.0), position_tolerance=9.0,
                 attitude_tolerance=4.0)
 """Solved by whoever does not fail."""
+WHOLE = replace(CONFIG, report_interval=4)
 
 
 def everything(trainer: Trainer) -> list[Any]:
@@ -44,10 +46,18 @@ def everything(trainer: Trainer) -> list[Any]:
     return [*flat, weights(trainer.learner.network).tolist(), repr(learner["adam"])]
 
 
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Trainer:
+    """A training that nobody stopped, with a report every four iterations."""
+    trainer = tiny_trainer(tmp_path_factory.mktemp("whole") / "run", WHOLE)
+    trainer.train(ignore)
+    return trainer
+
+
 def test_same_config_same_bits(tmp_path: Path) -> None:
     results = []
     for name, seed in (("a", 4), ("b", 4), ("c", 5)):
-        trainer = tiny_trainer(tmp_path / name, replace(CONFIG, seed=seed))
+        trainer = tiny_trainer(tmp_path / name, replace(CONFIG, seed=seed, total_timesteps=384))
         trainer.train(ignore)
         results.append(everything(trainer))
     assert results[0] == results[1]
@@ -72,31 +82,18 @@ def run_script(script: str, path: Path) -> contextlib.AbstractContextManager[sub
     return python("-c", script, str(path), cwd=ROOT)
 
 
-def test_another_process_gets_the_same_bits(tmp_path: Path) -> None:
-    RunFolder(tmp_path / "there").begin(CONFIG, "rans train")
-    with run_script(TRAIN, tmp_path / "there") as process:
-        trainer = tiny_trainer(tmp_path / "here")
-        trainer.train(ignore)
-        _, errors = process.communicate()
-    assert process.returncode == 0, errors
-    assert everything(resumed(tmp_path / "there")) == everything(trainer)
-
-
-@pytest.mark.parametrize("stop_at", [1, 5, 8])
-def test_a_resumed_training_ends_as_if_never_stopped(tmp_path: Path, stop_at: int) -> None:
-    """Wherever it was stopped; the same reports are made but for the one at the stop."""
-    config = replace(CONFIG, report_interval=4)
-    whole = tiny_trainer(tmp_path / "whole", config)
-    whole.train(ignore)
-    tiny_trainer(tmp_path / "cut", config).train(ignore, after(stop_at))
+@pytest.mark.parametrize("stop_at", [5, 8])
+def test_a_resumed_training_ends_as_if_never_stopped(whole: Trainer, tmp_path: Path, stop_at: int) -> None:
+    """Stopped between reports or at one; the same reports are made but for the one at the stop."""
+    tiny_trainer(tmp_path / "cut", WHOLE).train(ignore, after(stop_at))
     trainer = resumed(tmp_path / "cut")
     assert trainer.steps == stop_at * 128
     torch.manual_seed(99)  # what happens between stop and resume is of no account
     trainer.train(ignore)
     assert everything(trainer) == everything(whole)
-    rows = {name: [row["steps"] for row in RunFolder(tmp_path / name).metrics()] for name in ("whole", "cut")}
-    assert rows["whole"] == [512, 1024, 1536, 2048]
-    assert rows["cut"] == sorted({*rows["whole"], stop_at * 128})
+    reports = [row["steps"] for row in whole.run.metrics()]
+    assert reports == [512, 1024, 1536, 2048]
+    assert [row["steps"] for row in trainer.run.metrics()] == sorted({*reports, stop_at * 128})
     for ours, theirs in zip(trainer.run.metrics(), whole.run.metrics(), strict=False):
         if ours["steps"] == theirs["steps"] > stop_at * 128:
             assert ours["success"] == theirs["success"]
@@ -120,7 +117,7 @@ def test_rows_after_the_checkpoint_are_taken_again(tmp_path: Path) -> None:
 
 
 def test_killed_at_any_moment(tmp_path: Path) -> None:
-    """SIGKILL, with a checkpoint after every iteration; it ends as if nothing was."""
+    """SIGKILL, with a checkpoint after every iteration; another process ends it as if nothing was."""
     config = replace(CONFIG, total_timesteps=60 * 128, report_interval=2)
     whole = tiny_trainer(tmp_path / "whole", config)
     whole.train(ignore)
@@ -142,15 +139,13 @@ def test_killed_at_any_moment(tmp_path: Path) -> None:
     assert steps == [row["steps"] for row in whole.run.metrics()]
 
 
-def test_without_a_checkpoint_it_starts_over(tmp_path: Path) -> None:
-    whole = tiny_trainer(tmp_path / "whole")
-    whole.train(ignore)
-    RunFolder(tmp_path / "cut").begin(CONFIG, "rans train")
+def test_without_a_checkpoint_it_starts_over(whole: Trainer, tmp_path: Path) -> None:
+    RunFolder(tmp_path / "cut").begin(WHOLE, "rans train")
     RunFolder(tmp_path / "cut").append_metrics({"steps": 128, "seconds": 0.1, "success": 0.0})
     trainer = resumed(tmp_path / "cut")
     trainer.train(ignore)
     assert everything(trainer) == everything(whole)
-    assert [row["steps"] for row in trainer.run.metrics()] == [2048]
+    assert [row["steps"] for row in trainer.run.metrics()] == [512, 1024, 1536, 2048]
 
 
 def test_what_a_run_holds(tmp_path: Path) -> None:
@@ -225,11 +220,9 @@ def test_checkpoints_that_are_not_opened(tmp_path: Path, old: bool) -> None:
     assert not ran.exists()
 
 
-def test_a_run_of_before_goes_on_bit_by_bit(tmp_path: Path) -> None:
+def test_a_run_of_before_goes_on_bit_by_bit(whole: Trainer, tmp_path: Path) -> None:
     """With the checkpoint as torch saves it, which gives way to ours."""
-    whole = tiny_trainer(tmp_path / "whole")
-    whole.train(ignore)
-    tiny_trainer(tmp_path / "cut").train(ignore, after(3))
+    tiny_trainer(tmp_path / "cut", WHOLE).train(ignore, after(3))
     run = RunFolder(tmp_path / "cut")
     torch.save(run.load_checkpoint("cpu"), tmp_path / "cut" / "checkpoint.pt")
     run.checkpoint_file.unlink()
@@ -295,6 +288,16 @@ def test_an_agent_without_a_checkpoint_is_not_lost(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"agent without a checkpoint .* anew with --config .*config\.json"):
         resumed(tmp_path / "run")
     assert len(RunFolder(tmp_path / "run").metrics()) == 1
+
+
+def test_episodes_to_learn_in_may_be_shorter_than_those_to_be_judged_in(tmp_path: Path) -> None:
+    """Nobody fails, so that each of 16 begins anew four times in 20 steps, whenever its first one ends."""
+    config = replace(CONFIG, settings=EASY, episode_steps=5, ppo=replace(TINY, n_steps=4))
+    trainer = tiny_trainer(tmp_path / "run", config)
+    ends = torch.stack([trainer.engine.step(torch.zeros(16, 8)).truncated for _ in range(20)]).sum(dim=0)
+    assert ends.tolist() == [4] * 16
+    trainer.train(ignore)
+    assert load_agent(tmp_path / "run").judged.timing == SHORT
 
 
 def test_it_learns(tmp_path: Path) -> None:

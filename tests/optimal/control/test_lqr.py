@@ -21,13 +21,9 @@ from rans.reference.flight import fly_in_drake
 from rans.scenario import EVALUATION_SEED, Scenario, scenarios
 from rans.tasks import TASKS, GoToPose, TrackTwist
 from tests.crafts import nasty_spatial
+from tests.optimal.control.settling import NAMES, SLOWEST
 
 TASK = GoToPose().for_evaluation()
-NAMES = ["go-to-position", "go-to-pose", "track-velocity", "track-twist", "track-velocity-heading"]
-SLOWEST = {"go-to-position": 8.0, "go-to-pose": 8.0, "track-velocity": 2.0, "track-twist": 2.0,
-           "track-velocity-heading": 3.0}
-"""Bounds of the median settling time, s. Where a way is to be gone, 6.8 s are published of a baseline of
-this kind; 0.75 m/s take 1.5 s at full thrust and half a turn 2 s."""
 
 
 @pytest.mark.parametrize("craft", ["floating-platform", "floating-platform-shared", "free-flyer"])

@@ -25,7 +25,7 @@ from rans.optimal.control.regulator import Deadband, Regulator, Weights
 from rans.reference.flight import fly_in_drake
 from rans.scenario import scenarios
 from rans.tasks import TASKS, GoToPose
-from tests.optimal.control.test_lqr import NAMES, SLOWEST
+from tests.optimal.control.settling import NAMES, SLOWEST
 
 PLATFORM, FLYER = load_spacecraft("floating-platform"), load_spacecraft("free-flyer")
 SHARED = load_spacecraft("floating-platform-shared")

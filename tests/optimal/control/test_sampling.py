@@ -17,7 +17,7 @@ from rans.optimal.control.sampling import MPPI, Draws
 from rans.optimal.control.switching import Switching
 from rans.scenario import scenarios
 from rans.tasks import TASKS, GoToPose
-from tests.optimal.control.test_lqr import NAMES, SLOWEST
+from tests.optimal.control.settling import NAMES, SLOWEST
 
 PLATFORM, SHARED = load_spacecraft("floating-platform"), load_spacecraft("floating-platform-shared")
 TASK = GoToPose().for_evaluation()

@@ -28,7 +28,7 @@ from rans.reference.flight import fly_in_drake
 from rans.scenario import Scenario, scenarios
 from rans.tasks import TASKS, GoToPose
 from tests.crafts import nasty_spatial
-from tests.optimal.control.test_lqr import NAMES, SLOWEST
+from tests.optimal.control.settling import NAMES, SLOWEST
 
 PLATFORM, FLYER = load_spacecraft("floating-platform"), load_spacecraft("free-flyer")
 SHARED = load_spacecraft("floating-platform-shared")
