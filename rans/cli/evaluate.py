@@ -20,6 +20,11 @@ if TYPE_CHECKING:
     from rans.evaluation.fly.agent import LoadedRun
     from rans.flight import Flight
 
+_KEPT = 2**16
+"""So many flights are kept whole."""
+_LISTED = 1000
+"""Failed flights that a file lists."""
+
 
 @dataclass(frozen=True)
 class Evaluate:
@@ -38,7 +43,9 @@ class Evaluate:
     """What episodes do not promise: a name (see `rans list CONDITIONS`), perfect, or your own TOML file; by
     default those of its training."""
     episodes: int = 1024
-    """Number of flights."""
+    """Number of flights. More than 65,536 of an agent are judged as they fly, on a GPU if there is one: a
+    million take a blink there and a minute on two cores. Their table is shorter, and they are written to
+    evaluation-many.json without episodes and figures."""
     seed: int = EVALUATION_SEED
     """Of starts and goals."""
     engine: Literal["fast", "drake", "both"] = "fast"
@@ -63,6 +70,9 @@ class Evaluate:
 
         run = contestant(self.contestant, self.protocol).under(self.conditions)
         ready_folder(output_folder(self.contestant))
+        if self._many(run):
+            self._judge_many(run)
+            return True
         flights = self._fly(run)
         measured = {name: measure(flight) for name, flight in flights.items()}
         console = Terminal(room=ROOM)
@@ -78,6 +88,41 @@ class Evaluate:
             results["both"], passed = comparison.to_json(), comparison.passed
         print(f"Written to {self._write(run, results, next(iter(flights.values())))}.")
         return passed
+
+    def _many(self, run: LoadedRun) -> bool:
+        """Whether flights are too many to be kept, and can be judged without."""
+        from rans.evaluation.fly.agent import Agent
+
+        return (self.episodes > _KEPT and self.engine == "fast" and not self.trajectories
+                and isinstance(run.controller, Agent))
+
+    def _judge_many(self, run: LoadedRun) -> None:
+        """Print and write what verdicts tell."""
+        import torch
+
+        from rans.evaluation.fly.agent import Agent
+        from rans.evaluation.measure.aggregate import ROOM
+        from rans.evaluation.measure.many import measure_many
+        from rans.fast.flights import Flights
+        from rans.fast.verdicts import Failure
+
+        assert isinstance(run.controller, Agent)
+        device = "cuda" if torch.cuda.is_available() else "cpu"
+        flights = Flights(run.controller.network, run.judged, device, listed=_LISTED)
+        with progress() as bars:
+            step = partial(bars.advance, bars.add_task("fast engine", total=self.episodes))
+            verdicts = flights.fly(0, self.episodes, self.seed, step)
+        metrics, console = measure_many(verdicts, run.controller.name, run.judged), Terminal(room=ROOM)
+        if run.conditions is not None:
+            console.print(f"Conditions: {run.conditions.description or self.conditions}.")
+        console.print(metrics.table(console.width))
+        listed = [{"episode": int(number), "failure": Failure(kind).name}
+                  for number, kind in zip(verdicts.numbers, verdicts.kinds, strict=True)]
+        folder, suffix = self._place()
+        file = folder / f"evaluation-many{suffix}.json"
+        write_json(file, {"many": metrics.to_json(), "failures": listed, "conditions": self._conditions(run),
+                          "about": _about()})
+        print(f"Written to {file}.")
 
     def _fly(self, run: LoadedRun) -> dict[str, Flight]:
         """The flights by engine."""
@@ -100,23 +145,33 @@ class Evaluate:
 
     def _write(self, run: LoadedRun, results: dict[str, Any], flight: Flight) -> Path:
         """Write all files; results of the other engine under the same conditions are kept."""
-        from rans.evaluation.fly.contestants import output_folder, picked_task
         from rans.evaluation.measure.aggregate import save_episodes
         from rans.show.figures import save_flight_figures
 
-        folder, names = output_folder(self.contestant), (picked_task(self.contestant), self.protocol,
-                                                         Path(self.conditions or "own").stem)
-        suffix = "".join(f"-{name}" for name in names if name not in ("", "own"))
+        (folder, suffix), conditions = self._place(), self._conditions(run)
         file = folder / f"evaluation{suffix}.json"
-        conditions = {"contestant": self.contestant, "protocol": self.protocol, "episodes": self.episodes,
-                      "seed": self.seed}
-        if run.conditions is not None:
-            conditions["conditions"] = asdict(run.conditions)
         before = read_json(file) if file.exists() else {}
         if not isinstance(before, dict) or before.get("conditions") != conditions:
             before = {}
-        about = {"command": shlex.join(["rans", *sys.argv[1:]]), "environment": environment()}
-        write_json(file, before | results | {"conditions": conditions, "about": about})
+        write_json(file, before | results | {"conditions": conditions, "about": _about()})
         save_episodes(flight, folder / f"episodes{suffix}.npz", self.trajectories)
         save_flight_figures(flight, folder, suffix)
         return file
+
+    def _place(self) -> tuple[Path, str]:
+        """Folder of the results, and what their files' names end in."""
+        from rans.evaluation.fly.contestants import output_folder, picked_task
+
+        names = (picked_task(self.contestant), self.protocol, Path(self.conditions or "own").stem)
+        suffix = "".join(f"-{name}" for name in names if name not in ("", "own"))
+        return output_folder(self.contestant), suffix
+
+    def _conditions(self, run: LoadedRun) -> dict[str, Any]:
+        """Under which results are comparable."""
+        given = {"contestant": self.contestant, "protocol": self.protocol, "episodes": self.episodes,
+                 "seed": self.seed}
+        return given if run.conditions is None else given | {"conditions": asdict(run.conditions)}
+
+
+def _about() -> dict[str, Any]:
+    return {"command": shlex.join(["rans", *sys.argv[1:]]), "environment": environment()}

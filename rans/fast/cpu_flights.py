@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 import torch
@@ -12,8 +13,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from rans.episode import World
-from rans.fast.kernels.design import DoesNotFit
-from rans.fast.kernels.flight_program import trace_flight
+from rans.fast.kernels.flight_program import FlightProgram
 from rans.fast.learn.architecture import ACTIVATIONS, EXTRACTOR
 from rans.fast.learn.network import Network
 from rans.fast.straight import Memory, Straight
@@ -23,6 +23,10 @@ from rans.model.trace import Symbol
 
 _TRIED = 128
 """Flights that tell how far bfloat16 is off."""
+_BLOCK = 2048
+"""Flights whose activations stay in a core's own cache."""
+_PADDED = 64
+"""Doubtful flights come in multiples of so many."""
 _DEVIATIONS = 6.0
 """Errors beyond so many standard deviations: of 10^8 there was none beyond 9."""
 
@@ -32,18 +36,12 @@ class CpuFlights:
 
     Args:
         world: in float32; its task's settings are numbers.
-        network: of one member, in float32 on the CPU.
-
-    Raises:
-        DoesNotFit: the network remembers.
-        TypeError: the task does more than arithmetic on fields.
+        network: of one member that remembers nothing, in float32 on the CPU.
+        program: theirs.
     """
 
-    def __init__(self, world: World, network: Network) -> None:
-        if network.architecture.memory:
-            raise DoesNotFit("a policy with a memory")
-        self._world, self._own = world, threading.local()
-        self._program = program = trace_flight(world, network.architecture)
+    def __init__(self, world: World, network: Network, program: FlightProgram) -> None:
+        self._world, self._program, self._own = world, program, threading.local()
         words = [Symbol.input(name, "int") for name in ("low", "high", "number")]
         carried = [one.symbol for one in program.carried]
         self._moved = [one for one in program.carried if one.after is not one.symbol]
@@ -107,8 +105,8 @@ class _Answers:
         # A duty is nowhere in doubt: all its digits count.
         quick = _multiplies_bf16() and len(layers) > 1 and not given.continuous
         self._quick = [(w.bfloat16(), b.bfloat16()) for w, b in self._exact] if quick else []
-        self._places = None if given.symmetries is None else torch.as_tensor(given.symmetries.place)
-        self._layer = _layer(given.activation)
+        self._places = None if given.symmetries is None else np.array(given.symmetries.place).T.copy()
+        self._layer, self._linear = _layer(given.activation), _layer("")
         self._doubtful = math.inf
         self._errors = Sums()
 
@@ -118,26 +116,41 @@ class _Answers:
 
     def __call__(self, seen: Sequence[np.ndarray], view: np.ndarray) -> Sequence[np.ndarray]:
         """Commands, each (N,), to columns (N,) as they are seen from one side of the craft."""
-        x = self._layer(self._shown(seen), *self._first)
+        given, count, shown = self._given, len(seen[0]), self._shown(seen)
+        out = self._logits(shown).numpy()
+        command = np.clip(out, 0.0, 1.0) if given.continuous else (out > 0.0).astype(np.float32)
+        if self._places is None:
+            return tuple(command)
+        flat, own = command.reshape(-1), np.arange(count)
+        return [flat.take(place.take(view) * count + own) for place in self._places]
+
+    def _logits(self, shown: Tensor) -> Tensor:
+        """Log-odds or duties (thrusters, N)."""
         if not self._quick:
-            out = self._through(x, self._exact)
-        else:
-            out = self._through(x.bfloat16(), self._quick).float()
-            doubtful = (out.abs() < self._doubtful).any(dim=1).nonzero()[:, 0]
-            exact = self._through(x[doubtful], self._exact)
-            if self._doubtful == math.inf:
-                self._errors += Sums.of((out - exact).square().flatten().numpy())
-            out[doubtful] = exact
-        command = out.clamp(0.0, 1.0) if self._given.continuous else (out > 0).to(torch.uint8)
-        if self._places is not None:
-            command = command.gather(1, self._places[torch.from_numpy(view)])
-        return tuple(command.T.to(torch.float32).contiguous().numpy())
+            return self._blocks(shown, self._exact)
+        out = self._blocks(shown, self._quick)
+        doubtful = (out.abs() < self._doubtful).any(dim=0).nonzero()[:, 0]
+        # Of as many rows as before: for every new number oneDNN makes a new program.
+        padded = torch.zeros(-(-len(doubtful) // _PADDED) * _PADDED, shown.shape[1])
+        padded[:len(doubtful)] = shown[doubtful]
+        exact = self._blocks(padded, self._exact)[:, :len(doubtful)]
+        if self._doubtful == math.inf:
+            self._errors += Sums.of((out - exact).square().flatten().numpy())
+        out[:, doubtful] = exact
+        return out
+
+    def _blocks(self, shown: Tensor, layers: Sequence[tuple[Tensor, Tensor]]) -> Tensor:
+        """Block by block, after the first layer in the layers' dtype."""
+        out = torch.empty(self._given.thrusters, len(shown))
+        for rows, place in zip(shown.split(_BLOCK), out.split(_BLOCK, dim=1), strict=True):
+            place.copy_(self._through(self._layer(rows, *self._first).to(layers[0][0].dtype), layers).T)
+        return out
 
     def _through(self, x: Tensor, layers: Sequence[tuple[Tensor, Tensor]]) -> Tensor:
         *hidden, head = layers
         for weight, bias in hidden:
             x = self._layer(x, weight, bias)
-        return functional.linear(x, *head)
+        return self._linear(x, *head)
 
     def _shown(self, seen: Sequence[np.ndarray]) -> Tensor:
         """What the first layer is given, as `Network._looks`."""
@@ -153,15 +166,15 @@ class _Answers:
 
 
 def _layer(activation: str) -> Callable[[Tensor, Tensor, Tensor], Tensor]:
-    """A linear layer and its activation: at once where oneDNN knows it, which is twice as fast."""
+    """A linear layer and its activation, if any: at once where oneDNN knows it, which is twice as fast."""
+    act = ACTIVATIONS[activation]() if activation else lambda x: x
     try:
-        one = torch.ops.mkldnn._linear_pointwise
-        torch.testing.assert_close(one(torch.ones(1, 1), torch.ones(1, 1), torch.ones(1), activation, [], ""),
-                                   ACTIVATIONS[activation]()(torch.full((1, 1), 2.0)))
+        one = partial(torch.ops.mkldnn._linear_pointwise, attr=activation or "none", scalars=[], algorithm="")
+        torch.testing.assert_close(one(torch.ones(1, 1), torch.ones(1, 1), torch.ones(1)),
+                                   act(torch.full((1, 1), 2.0)))
     except (AttributeError, RuntimeError, AssertionError):
-        act = ACTIVATIONS[activation]()
         return lambda x, weight, bias: act(functional.linear(x, weight, bias))
-    return lambda x, weight, bias: one(x, weight, bias, activation, [], "")
+    return one
 
 
 def _multiplies_bf16() -> bool:

@@ -16,6 +16,7 @@ from rans.episode import World, step
 from rans.errors import ConfigError, RansError, brief
 from rans.fast.cpu_flights import CpuFlights
 from rans.fast.kernels.flight import FlightKernel, Products
+from rans.fast.kernels.flight_program import trace_flight
 from rans.fast.learn.network import Network
 from rans.fast.learn.selection import likeliest
 from rans.fast.step import Place
@@ -32,13 +33,13 @@ from rans.tasks.base import Task
 Given = tuple[Spacecraft, Task, Timing, Conditions | None]
 """What flies, what for, how long and under which conditions: a `rans.evaluation.fly.protocols.Setup`."""
 
-BATCH = {"cpu": 8192, "cuda": 2**20}
+BATCH = {"cpu": 4096, "cuda": 2**20}
 """Flights stepped together: what a processor's caches hold, and what keeps a GPU busy."""
 _LAUNCH = 2**26
 """Flights of one launch of the kernel, about a second's."""
 _MANY = 2**17
 """So many are divided among processes, which take seconds to start."""
-_SHARE = 4 * BATCH["cpu"]
+_SHARE = 8 * BATCH["cpu"]
 """Flights that a process flies before it tells."""
 LISTED = 100_000
 """Failed flights that are listed by number."""
@@ -74,11 +75,13 @@ class Flights:
         """What flies whole episodes, where that can be made; with a warning on a GPU where it cannot."""
         if self.device.type == "cuda":
             return FlightKernel.made(self.world, self._network, self.device, products)
+        given = self._network.architecture
         try:
-            with _one_thread():
-                return CpuFlights(self.world, self._network)
-        except UNTRACEABLE:  # a network with a memory, or a task that does more than arithmetic on fields
-            return None
+            program = None if given.memory else trace_flight(self.world, given)
+        except UNTRACEABLE:  # a task that does more than arithmetic on fields
+            program = None
+        with _one_thread():
+            return program and CpuFlights(self.world, self._network, program)
 
     def fly(self, first: int, count: int, seed: int,
             progress: Callable[[int], object] = lambda _: None) -> Verdicts:
