@@ -82,7 +82,7 @@ class Tally:
     def after(self, world: World, outcome: Outcome) -> Tally:
         """After one more step; flights that ended are left as they were."""
         craft, going = world.craft, self.going
-        step = outcome.episode.clock & world.step_mask
+        step = world.timing.step(outcome.episode.clock)
         late = step > world.timing.episode_steps - last_fifth(world.timing.episode_steps)
         lost = going & ~finite(*leaves(outcome.episode.state))
         inside = outcome.reached & going & ~outcome.terminated
