@@ -33,7 +33,8 @@ def test_figures(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
         assert part in text
     content = json.loads(file.read_text())
     measured = [row for row in content["measurements"] if not row["name"].startswith("ONNX")]
-    assert {row["kind"] for row in measured} == {"memory", "engine", "training", "optimal control", "policy"}
+    assert {row["kind"] for row in measured} == {"memory", "engine", "flights", "training",
+                                                  "optimal control", "policy"}
     assert all(row["value"] > 0 for row in measured)
     assert content["environment"]["device"] == "CPU"
     assert content["command"].startswith("rans")

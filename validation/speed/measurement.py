@@ -11,7 +11,7 @@ from typing import Literal
 
 import torch
 
-Kind = Literal["memory", "engine", "training", "optimal control", "policy"]
+Kind = Literal["memory", "engine", "flights", "training", "optimal control", "policy"]
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from rans.fast.learn.recipes import preset
 from rans.model.spacecraft import Spacecraft
 from rans.tasks import Task
 from validation.speed.engine import copy_bandwidth, engine_rate, memory_per_environment
+from validation.speed.flights import flight_rates
 from validation.speed.latency import latencies
 from validation.speed.measurement import Clock, Measurement
 from validation.speed.solving import solver_rate
@@ -26,18 +27,20 @@ class Effort:
     """Of optimal trajectories."""
     calls: int
     """Of an agent."""
+    flights: int
+    """In one call of many."""
 
 
 def effort(device: str, quick: bool) -> Effort:
     """Enough for figures that repeat within a few per cent on an idle machine, or as little as possible."""
     if quick:
-        return Effort(Clock(device, repeats=2, seconds=0.01), None, starts=1, calls=50)
-    return Effort(Clock(device), True, starts=8, calls=5000)
+        return Effort(Clock(device, repeats=2, seconds=0.01), None, starts=1, calls=50, flights=64)
+    return Effort(Clock(device), True, starts=8, calls=5000, flights=2**22 if device != "cpu" else 2**14)
 
 
 def measurements(crafts: Sequence[Spacecraft], task_name: str, task: Task, sizes: Sequence[int],
                  spend: Effort) -> Iterator[Measurement]:
-    """Memory, engine, training, optimal control, agents.
+    """Memory, engine, flights, training, optimal control, agents.
 
     Args:
         crafts: what flies.
@@ -56,6 +59,7 @@ def measurements(crafts: Sequence[Spacecraft], task_name: str, task: Task, sizes
             if clock.on_gpu:
                 yield engine_rate(craft, task, num_envs, clock, bandwidth.value, generated=False)
         yield memory_per_environment(craft, task, max(sizes), clock)
+    yield from flight_rates({craft.dimension for craft in crafts}, spend.flights, clock)
     for craft in crafts:
         yield trainer_rate(craft, task, preset(task_name, craft.dimension, clock.device), clock)
         if clock.on_gpu:

@@ -31,7 +31,7 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Any, ...]]:
 
     for name in ("copy_bandwidth", "engine_rate", "memory_per_environment", "trainer_rate"):
         monkeypatch.setattr(suite, name, stand_in(name))
-    for name in ("solver_rate", "latencies"):
+    for name in ("flight_rates", "solver_rate", "latencies"):
         monkeypatch.setattr(suite, name, stand_in(name, several=True))
     return calls
 
@@ -46,6 +46,7 @@ def test_on_a_cpu(asked: list[tuple[Any, ...]]) -> None:
         *(row for name in names for row in (
             *(("engine_rate", name, size, clock, 12.0, True) for size in (16, 64)),
             ("memory_per_environment", name, 64, clock))),
+        ("flight_rates", {2, 3}, 2**14, clock),
         *(("trainer_rate", name, agent, clock) for name, agent in zip(names, agents, strict=True)),
         *(("solver_rate", name, 8) for name in names),
         *(("latencies", name, agent, 5000) for name, agent in zip(names, agents, strict=True))]
@@ -60,7 +61,7 @@ def test_a_gpu_has_torchs_compiler_and_a_large_training_beside_it(asked: list[tu
     assert asked == [
         ("copy_bandwidth", clock), ("engine_rate", name, 16, clock, 12.0, None),
         ("engine_rate", name, 16, clock, 12.0, ("generated", False)),
-        ("memory_per_environment", name, 16, clock),
+        ("memory_per_environment", name, 16, clock), ("flight_rates", {2}, 64, clock),
         ("trainer_rate", name, preset("go-to-pose", 2, "cuda"), clock), ("trainer_rate", name, LARGE, clock),
         ("solver_rate", name, 1), ("latencies", name, preset("go-to-pose", 2, "cpu"), 50)]
 
