@@ -43,8 +43,8 @@ def verdict(assurance: Assurance) -> str:
     campaign, bound = assurance.campaign, assurance.campaign.bound()
     plan, sure = campaign.plan, f"{100.0 * campaign.plan.confidence:.6g} %"
     known = (f"{bound.events:,} of {bound.flights:,} flights failed: the probability of failure is at most "
-             f"{bound.high:.3g}" + (f" and at least {bound.low:.3g}" if bound.events else "")
-             + f", each at {sure} confidence.")
+             f"{bound.high:.3g}" + (f" and at least {bound.low:.3g}, each" if bound.events else "")
+             + f" at {sure} confidence.")
     if plan.below is not None:
         known = {"below": f"Shown: the probability of failure is below {plan.below:g}. ",
                  "above": f"Refuted: the probability of failure is above {plan.below:g}. ",
