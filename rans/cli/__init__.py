@@ -17,7 +17,7 @@ from rans.registry import trust_files
 STARTED = time.monotonic()
 """When this process began to work, s: commands state their wall time from here."""
 COMMANDS = ("train", "sweep", "evaluate", "follow", "view", "optimal", "compare",
-            "stress", "report", "export", "validate", "benchmark", "faults", "tune", "list")
+            "stress", "assure", "report", "export", "validate", "benchmark", "faults", "tune", "list")
 
 _ABOUT = """Train agents that fly thruster-driven spacecraft, verify them with Drake and bound them with
 optimal control. `rans COMMAND --help` explains a command, `rans --version` tells the version."""
