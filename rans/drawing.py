@@ -13,6 +13,7 @@ from matplotlib.patches import Circle
 from PIL import Image, ImageDraw, ImageFont
 
 from rans.errors import ConfigError
+from rans.files import replace_file
 from rans.model.fields import Vec2, Vec3
 from rans.model.spacecraft import Spacecraft
 from rans.tasks import Task
@@ -197,10 +198,7 @@ def save_picture(figure: Figure, file: Path) -> None:
     """
     if file.suffix not in (".png", ".svg", ".pdf"):
         raise ConfigError(f"a picture's name must end in .png, .svg or .pdf, got {str(file)!r}.")
-    try:
-        figure.savefig(file, dpi=150)
-    except OSError as error:
-        raise ConfigError(f"cannot write the picture {str(file)!r}: {error}.") from error
+    replace_file(file, lambda draft: figure.savefig(draft, dpi=150))
 
 
 def draw_layout(craft: Spacecraft) -> Figure:

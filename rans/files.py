@@ -39,6 +39,8 @@ def replace_file(file: Path, write: Callable[[Path], object]) -> None:
     """
     if file.is_dir():  # also without a name, which means the current folder
         raise ConfigError(f"cannot write {file}: it is a folder; give the name of a file.")
+    if file.exists() and not file.is_file():  # moving a file there would end a device
+        raise ConfigError(f"cannot write {file}: it is a pipe or a device; give the name of a file.")
     draft = file.with_name(f".{os.getpid()}.{file.name}")
     try:
         file.parent.mkdir(parents=True, exist_ok=True)

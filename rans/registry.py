@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import os
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from functools import cached_property, reduce
@@ -15,6 +16,14 @@ from rans.errors import ConfigError, brief, meant
 from rans.files import first_line
 
 T = TypeVar("T")
+
+_TRUST = "RANS_TRUST"
+"""In the environment, so that processes started from here know too: files may name code."""
+
+
+def trust_files() -> None:
+    """From now on a file may name any module's object, whose code then runs (``--trust``)."""
+    os.environ[_TRUST] = "1"
 
 
 class Registry(Mapping[str, T]):
@@ -69,6 +78,18 @@ class Registry(Mapping[str, T]):
             return found
 
         return keep
+
+    def check_file(self, name: object, file: object) -> None:
+        """Refuse (`ConfigError`) what a file that may be a stranger's names as MODULE:NAME.
+
+        To look for it would run the module's code, unless that was loaded already.
+        """
+        if not isinstance(name, str) or ":" not in name or os.environ.get(_TRUST):
+            return
+        if name.partition(":")[0] not in sys.modules:
+            raise ConfigError(f"{file} names the {self._what} {brief(name)}, and to use it would run that "
+                              "module's code. If you know who made it, add --trust; from Python, import the "
+                              "module first.")
 
     def package(self, name: str) -> str:
         """The installed package that offers this name; nothing for what comes with RANS or was registered."""

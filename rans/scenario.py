@@ -25,6 +25,8 @@ SELECTION_SEED = 2024
 """Scenarios that decide when a training may end."""
 TUNING_SEED = 2025
 """Scenarios that controllers without training are tuned on."""
+ASSURANCE_SEED = 2026
+"""Scenarios that `rans assure` counts failures in: nobody was trained, selected, tuned or judged on them."""
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import fcntl
 import json
 import os
+import stat
 import subprocess
 import sys
 import time
@@ -109,6 +110,13 @@ def test_what_is_no_file_is_not_waited_for(reader: Callable[[Path], object], kin
         reader(odd)
 
 
+def test_nothing_is_put_in_the_place_of_a_device(capsys: pytest.CaptureFixture[str]) -> None:
+    """Root may: a drawing saved as /dev/null would have ended it for everybody."""
+    os.mkfifo("odd.svg")
+    assert "it is a pipe or a device" in said(capsys, "list", "floating-platform", "--picture", "odd.svg")
+    assert stat.S_ISFIFO(os.stat("odd.svg").st_mode)
+
+
 @pytest.mark.parametrize("command", [
     ["list", "odd.toml"], ["evaluate", "lqr:go-to-pose-2d@odd.toml"],
     ["follow", "lqr:track-velocity-2d", "--path", "odd.csv"],
@@ -137,12 +145,15 @@ def test_metrics_that_say_nothing(capsys: pytest.CaptureFixture[str], row: str) 
         assert "metrics.jsonl is damaged: line 1" in said(capsys, *command)
 
 
-def test_a_task_of_pythons_own_library_is_not_imported(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_task_of_pythons_own_library_is_not_imported(capsys: pytest.CaptureFixture[str],
+                                                       monkeypatch: pytest.MonkeyPatch) -> None:
     """A run folder may name any module as its task; one of these opens a browser when it is imported."""
     tiny_trainer(Path("run")).train(ignore, after(1))
     table = json.loads(Path("run/config.json").read_text())
     Path("run/config.json").write_text(json.dumps(table | {"task": "antigravity:Task"}))
-    assert "of Python's own library" in said(capsys, "evaluate", "run")
+    monkeypatch.setenv("RANS_TRUST", "")  # as --trust sets it for the rest of the process
+    assert "would run that module's code" in said(capsys, "evaluate", "run")
+    assert "of Python's own library" in said(capsys, "evaluate", "run", "--trust")
     assert "antigravity" not in sys.modules
 
 
@@ -216,6 +227,12 @@ def test_the_picture_of_a_spacecraft_fits_however_far_its_thrusters_are(
     write_text(Path("far.toml"), f"{head}position = [{distance}, {tail.partition(',')[2].lstrip()}")
     assert main(["list", "far.toml"]) == 0
     assert len(capsys.readouterr().out) < 10_000
+
+
+@pytest.mark.parametrize("command", [["list", "\x1b[31m"], ["optimal", "go-to-pose", "--objective", "\x9b2J"],
+                                     ["\x1b[2J"]])
+def test_options_do_not_command_the_terminal(capsys: pytest.CaptureFixture[str], command: list[str]) -> None:
+    assert "has characters that command terminals" in said(capsys, *command)
 
 
 def test_names_are_neither_mark_up_nor_commands_anywhere(capsys: pytest.CaptureFixture[str]) -> None:

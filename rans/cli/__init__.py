@@ -6,16 +6,18 @@ import importlib
 import os
 import sys
 import time
+import unicodedata
 import warnings
 from typing import Any
 
-from rans.errors import ConfigError, RansError, legible
+from rans.errors import ConfigError, RansError, brief, legible
 from rans.files import first_line
+from rans.registry import trust_files
 
 STARTED = time.monotonic()
 """When this process began to work, s: commands state their wall time from here."""
 COMMANDS = ("train", "sweep", "evaluate", "follow", "view", "optimal", "compare",
-            "stress", "report", "export", "validate", "benchmark", "faults", "tune", "list")
+            "stress", "assure", "report", "export", "validate", "benchmark", "faults", "tune", "list")
 
 _ABOUT = """Train agents that fly thruster-driven spacecraft, verify them with Drake and bound them with
 optimal control. `rans COMMAND --help` explains a command, `rans --version` tells the version."""
@@ -69,7 +71,13 @@ def _run(arguments: list[str]) -> int:
 
         print(f"rans {version('rans')}")
         return 0
-    return _parse(arguments or ["--help"]).run()
+    for word in arguments:
+        if any(unicodedata.category(c) == "Cc" and c not in "\n\t" for c in word):  # which tyro would repeat
+            raise ConfigError(f"an option has characters that command terminals: {brief(word)}.")
+    command = _parse(arguments or ["--help"])
+    if getattr(command, "trust", False):
+        trust_files()
+    return command.run()
 
 
 def _parse(arguments: list[str]) -> Any:

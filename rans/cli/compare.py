@@ -50,7 +50,8 @@ class Compare:
     output: Path | None = None
     """Folder of the results; by default that of the first contestant."""
     trust: bool = False
-    """Open sb3: files that RANS did not write. They are pickles, which run whatever code is in them."""
+    """Open sb3: files that RANS did not write, pickles that run whatever code is in them; run the module of a
+    task that a run folder names as MODULE:NAME. Only if you know their authors."""
 
     def run(self) -> int:
         """Print the table of scores."""

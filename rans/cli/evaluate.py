@@ -51,6 +51,8 @@ class Evaluate:
     side, with exit code 1 if they disagree."""
     trajectories: bool = False
     """Write all states and commands into episodes.npz too."""
+    trust: bool = False
+    """Run the module of a task that a run folder names as MODULE:NAME; only if you know its author."""
 
     def run(self) -> int:
         """Print the tables of metrics; a multi-task agent is judged on each of its tasks."""

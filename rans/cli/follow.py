@@ -36,6 +36,8 @@ class Follow:
     """Of the starts."""
     engine: Literal["fast", "drake"] = "fast"
     """What computes the motion."""
+    trust: bool = False
+    """Run the module of a task that a run folder names as MODULE:NAME; only if you know its author."""
 
     def run(self) -> int:
         """Print a table of how well the flights followed."""

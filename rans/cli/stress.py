@@ -51,6 +51,8 @@ class Stress:
     """Processes; by default one per processor."""
     output: Path | None = None
     """Folder of the results; by default that of the first contestant."""
+    trust: bool = False
+    """Run the module of a task that a run folder names as MODULE:NAME; only if you know its author."""
 
     def run(self) -> int:
         """Print what each bears."""

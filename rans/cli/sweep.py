@@ -57,6 +57,8 @@ class Sweep:
     """Start from the config.json of a run instead of the task's preset."""
     resume: Path | None = None
     """Continue the sweep in this folder from its last checkpoints."""
+    trust: bool = False
+    """Run the module that --resume or --config names as MODULE:NAME; only if you know its author."""
 
     def run(self) -> int:
         """Train with progress and print a table; 130 when it was stopped early."""
@@ -88,7 +90,7 @@ class Sweep:
         from rans.fast.learn.trainer import unused_path
 
         if self.resume is not None:
-            if replace(self, resume=None) != Sweep():
+            if replace(self, resume=None, trust=False) != Sweep():
                 raise ConfigError("--resume takes everything from the sweep's folder; give nothing else.")
             configs, command = read_configs(self.resume)
             return Trainings(configs, self.resume, command, join(configs[0].device))

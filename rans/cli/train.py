@@ -21,8 +21,9 @@ from rans.cli import STARTED
 from rans.cli.progress import TrainingProgress
 from rans.errors import ConfigError, RansError, brief, meant
 from rans.files import command_line, write_text
-from rans.model.spacecraft_file import load_spacecraft
+from rans.model.spacecraft_file import SPACECRAFT, load_spacecraft
 from rans.processes import beside
+from rans.registry import trust_files
 from rans.terminal import Terminal
 
 if TYPE_CHECKING:
@@ -67,6 +68,8 @@ class Train:
     """Tell the return by the terms of the reward too."""
     log: Annotated[tuple[Literal["hparams", "wandb", "mlflow"], ...], arg(metavar="NAME...")] = ()
     """Tell others too: TensorBoard's table of hyper-parameters, Weights & Biases, MLflow."""
+    trust: bool = False
+    """Run the module that --resume or --config names as MODULE:NAME; only if you know its author."""
 
     def _trainer(self) -> Trainer:
         """Ready to train; a new run folder is begun only once its config has proved to work."""
@@ -75,7 +78,7 @@ class Train:
         from rans.fast.learn.trainer import Trainer, run_path
 
         if self.resume is not None:
-            if replace(self, resume=None, view=False, terms=False, log=()) != Train():
+            if replace(self, resume=None, view=False, terms=False, log=(), trust=False) != Train():
                 raise ConfigError("--resume takes everything from the run folder; give nothing else.")
             run = RunFolder(self.resume)
             config = run.config()
@@ -104,6 +107,8 @@ class Train:
         begun = (read_config(self.config) if self.config else
                  training(str(self.task), self.spacecraft or "floating-platform", self.device))
         table = json.loads(json.dumps(to_table(begun)))
+        if self.config is not None and self.spacecraft is None:
+            SPACECRAFT.check_file(table["spacecraft"], self.config)
         for name in ("spacecraft", "seed", "device", "total_timesteps"):
             if (given := getattr(self, name)) is not None:
                 table[name] = given
@@ -184,6 +189,7 @@ def _watched(run: Path) -> contextlib.AbstractContextManager[None]:
 
 def _watch(run: Path, port: int) -> None:
     os.nice(19)
+    trust_files()  # it was checked before training began
     from rans.show.watch import watch
 
     try:

@@ -44,6 +44,8 @@ class View:
     """Write a page that replays the flights anywhere, without RANS and offline, and return."""
     frames: Path | None = None
     """Write ten rendered frames of the first flight of all as one picture, and return."""
+    trust: bool = False
+    """Run the module of a task that a run folder names as MODULE:NAME; only if you know its author."""
 
     def run(self) -> int:
         """Serve the page, or write what was asked for."""

@@ -1,55 +1,98 @@
-"""Agents to share: a run folder without what only training needs, and a card with what it is worth."""
+"""Agents to share: in a form that flies, with a contract to fly them by and a card of what they are worth."""
 
 from __future__ import annotations
 
+import json
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
+from rans.deploy.contract import contract, golden, observed
+from rans.deploy.numpy_file import write_numpy
+from rans.deploy.onnx_file import write_onnx
+from rans.deploy.program import agent_program
 from rans.errors import ConfigError
 from rans.evaluation.fly.agent import load_agent
 from rans.evaluation.fly.contestants import contestant, judged_separately
 from rans.evaluation.fly.judge import flown
-from rans.evaluation.fly.protocols import ProtocolName, fitting_protocols
+from rans.evaluation.fly.protocols import ProtocolName, Setup, fitting_protocols
 from rans.evaluation.measure.aggregate import measure
-from rans.fast.learn.config import to_table
+from rans.fast.learn.config import PPOSettings, to_table
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.policy import write_policy
-from rans.fast.saved import read_policy
-from rans.files import read_json, write_json, write_text
+from rans.fast.saved import SavedPolicy, read_policy
+from rans.files import plain, read_json, write_json, write_text
 from rans.scenario import EVALUATION_SEED
 
+Form = Literal["sb3", "onnx", "numpy"]
 
-def export(run: Path, folder: Path, episodes: int = 1024, seed: int = EVALUATION_SEED) -> dict[str, Any]:
-    """Write policy.zip, config.json, spacecraft.toml and card.json of a run into a folder of its own.
 
-    The archive is written anew, so that nothing which was hidden in the run's is handed on, and without what
-    only training needs.
+def export(run: Path, folder: Path, form: Form = "sb3", episodes: int = 1024,
+           seed: int = EVALUATION_SEED) -> dict[str, Any]:
+    """Write an agent into a folder of its own, to fly it here or elsewhere, and return its card.
 
-    `load_agent` and ``stable_baselines3.PPO.load`` open it as they open the run. The folder's name is the
-    agent's. For the card, which is returned, so many episodes are flown from starts of the seed under each of
-    `fitting_protocols` and, by a multi-task agent, with each of its tasks.
+    "sb3": policy.zip and config.json, which `load_agent` and ``stable_baselines3.PPO.load`` open; "onnx":
+    agent.onnx, for any runtime; "numpy": agent.py and agent.npz, which need NumPy only. Beside them
+    spacecraft.toml, contract.json (`rans.deploy.contract`), golden.json and card.json, the same for every
+    form, so that several may share a folder, whose name is the agent's. Everything is written anew: nothing
+    that was hidden in the run's files is handed on.
+
+    For the card so many episodes are flown from starts of the seed under each of `fitting_protocols` and, by
+    a multi-task agent, with each of its tasks. An agent that was exported before keeps its card.
 
     Raises:
-        ConfigError: the run holds no agent, the folder is the run, or the disk refused.
+        ConfigError: the run holds no agent, the folder is the run, a package is missing, or the disk refused.
     """
     if folder.resolve() == run.resolve():
         raise ConfigError(f"{folder} is the run itself: export it into another folder.")
     load_agent(run)  # says what is wrong with it, if anything
-    source, target = RunFolder(run), RunFolder(folder)
-    craft, config, training = source.spacecraft(), source.config(), _training(source)
+    source, target, name = RunFolder(run), RunFolder(folder), folder.resolve().name
+    craft, config, card = source.spacecraft(), source.config(), _card(source)
     saved = read_policy(source.policy_file, craft, config.settings)
-    network = saved.network
-    write_policy(target.policy_file, network.architecture, network.member(0), config.ppo, saved.steps)
-    write_json(target.config_file, to_table(config) | {"spacecraft": craft.name})
-    write_text(target.spacecraft_file, source.spacecraft_file.read_text("utf-8"))
-    evaluations = {protocol: _judged(str(folder), protocol, episodes, seed)
-                   for protocol in fitting_protocols(craft)}
-    card = {"name": folder.resolve().name, "task": config.task, "spacecraft": craft.name,
-            "training": training, "episodes": episodes, "evaluation_seed": seed,
-            "evaluation": evaluations, "date": datetime.now(UTC).date().isoformat()}
+    network, text = saved.network, source.spacecraft_file.read_text("utf-8")
+
+    seen = observed(network, Setup(craft, config.settings, config.timing, config.conditions.or_none))
+    about = contract(name, config, craft, text, network.architecture.memory, seen)
+    write_agent(folder, form, saved, config.ppo, f"{name}: flies {craft.name} by RANS's task {config.task}.",
+                json.dumps(plain(about)))
+    if form == "sb3":
+        write_json(target.config_file, to_table(config) | {"spacecraft": craft.name})
+    write_text(target.spacecraft_file, text)
+    write_json(folder / "contract.json", about)
+    write_text(folder / "golden.json", json.dumps(golden(network, seen)) + "\n")
+
+    if "evaluation" not in card:
+        card |= {"episodes": episodes, "evaluation_seed": seed, "date": datetime.now(UTC).date().isoformat(),
+                 "evaluation": {protocol: _judged(str(run), protocol, episodes, seed)
+                                for protocol in fitting_protocols(craft)}}
+    card = {"name": name, "task": config.task, "spacecraft": craft.name} | card
     write_json(folder / "card.json", card)
     return card
+
+
+def write_agent(folder: Path, form: Form, saved: SavedPolicy, settings: PPOSettings, title: str,
+                contract: str = "") -> None:
+    """The agent alone, in a form of `export`; the settings are those that SB3 would train it on with."""
+    network = saved.network
+    if form == "onnx":
+        about = {"what": title, "contract": contract}
+        write_onnx(folder / "agent.onnx", agent_program(network), network.architecture, about)
+    elif form == "numpy":
+        write_numpy(folder, agent_program(network), network.architecture, title)
+    else:
+        write_policy(folder / "policy.zip", network.architecture, network.member(0), settings, saved.steps)
+
+
+def _card(run: RunFolder) -> dict[str, Any]:
+    """What is known of an agent: all of one that was exported before, else how it was trained."""
+    if run.metrics_file.exists():
+        return {"training": _training(run)}
+    file = run.path / "card.json"
+    card = read_json(file) if file.exists() else None
+    if not isinstance(card, dict):
+        raise ConfigError(f"{run.path} has no metrics.jsonl and no card, so that a card could not say how "
+                          "the agent was trained: export the run itself.")
+    return {key: value for key, value in card.items() if key not in ("name", "task", "spacecraft")}
 
 
 def _judged(spec: str, protocol: ProtocolName, episodes: int, seed: int) -> dict[str, Any]:
@@ -67,8 +110,8 @@ def _training(run: RunFolder) -> dict[str, Any]:
     """How the agent came to be."""
     rows, config = run.metrics(), run.config()
     if not rows:
-        raise ConfigError(f"{run.path} has no metrics.jsonl, so that a card could not say how the agent was "
-                          "trained: export the run itself.")
+        raise ConfigError(f"{run.metrics_file} is empty, so that a card could not say how the agent was "
+                          "trained.")
     about = read_json(run.config_file).get("about", {})
     return {"seed": config.seed, "steps": rows[-1]["steps"], "seconds": rows[-1]["seconds"],
             "device": config.device, "environment": about.get("environment", {})}

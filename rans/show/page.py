@@ -7,14 +7,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import rich.table
 from jinja2 import Environment, PackageLoader, StrictUndefined
-from matplotlib.figure import Figure
 
 from rans.files import write_text
-from rans.show.figures import data_uri, svg
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True)
@@ -38,6 +39,8 @@ class Picture:
     @classmethod
     def of(cls, figure: Figure, caption: str) -> Picture:
         """A drawn one."""
+        from rans.show.figures import data_uri, svg  # a page without pictures needs no Matplotlib
+
         return cls(data_uri(svg(figure)), caption)
 
 
@@ -74,6 +77,8 @@ class Page:
     sections: Sequence[Section]
     header: Mapping[str, Any] = field(default_factory=dict)
     """How it was made: command, revision, versions, hardware, seeds."""
+    conclusion: str = ""
+    """The verdict in one sentence, where that is more than whether everything has passed."""
 
     @property
     def findings(self) -> list[Finding]:
@@ -90,7 +95,7 @@ class Page:
     @property
     def verdict(self) -> str:
         """In one sentence."""
-        return {True: "Everything checked has passed.", False: "Something has failed.",
+        return self.conclusion or {True: "Everything checked has passed.", False: "Something has failed.",
                 None: "Nothing was checked here."}[self.passed]
 
     def summary(self) -> rich.table.Table:

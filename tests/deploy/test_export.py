@@ -46,7 +46,7 @@ def test_it_is_the_same_agent_in_less(run: Path, shipped: Path) -> None:
     assert not model.policy.optimizer.state
     assert (after.craft, after.task, after.timing) == (before.craft, before.task, before.timing)
     assert {file.name for file in shipped.iterdir()} == {"policy.zip", "config.json", "spacecraft.toml",
-                                                         "card.json"}
+                                                         "card.json", "contract.json", "golden.json"}
     assert (shipped / "policy.zip").stat().st_size < 0.7 * (run / "policy.zip").stat().st_size
 
 
@@ -83,6 +83,11 @@ def test_it_comes_with_rans_by_name(shipped: Path, monkeypatch: pytest.MonkeyPat
     assert "settling time" in text
 
 
+def test_an_exported_agent_keeps_its_card(shipped: Path, tmp_path: Path) -> None:
+    before = json.loads((shipped / "card.json").read_text("utf-8"))
+    assert export(shipped, tmp_path / "again", "numpy", episodes=1) == before | {"name": "again"}
+
+
 def test_what_comes_with_the_package_is_exported_already(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["export", "pretrained:go-to-pose-2d", "--output", "again"]) == 2
     assert "go-to-pose-2d comes with RANS as an export writes it" in " ".join(capsys.readouterr().err.split())
@@ -91,8 +96,10 @@ def test_what_comes_with_the_package_is_exported_already(capsys: pytest.CaptureF
 def test_what_cannot_be_exported_is_one_sentence(run: Path, shipped: Path, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="is the run itself"):
         export(run, run)
-    with pytest.raises(ConfigError, match=r"has no metrics\.jsonl"):
-        export(shipped, tmp_path / "again")
+    odd = Path(shutil.copytree(shipped, tmp_path / "odd"))
+    (odd / "card.json").unlink()
+    with pytest.raises(ConfigError, match=r"has no metrics\.jsonl and no card"):
+        export(odd, tmp_path / "again")
     assert not (tmp_path / "again").exists()
     bare = Path(shutil.copytree(run, tmp_path / "bare"))
     (bare / "policy.zip").unlink()

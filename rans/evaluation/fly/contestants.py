@@ -50,9 +50,21 @@ def contestant(spec: str, protocol: ProtocolName = "own", lent: Setup | None = N
     if kind not in ("", "pretrained"):
         setup = under_protocol(protocol, _picked(_named_setup(name, spec), part, spec))
         return LoadedRun(controller(kind, setup), *setup)
-    run = load_agent(pretrained_folder(name) if kind == "pretrained" else Path(name))
+    run = load_agent(agent_folder(spec))
     own = _picked(Setup(run.craft, run.task, run.timing, run.conditions), part, spec)
     return LoadedRun(run.controller, *under_protocol(protocol, own))
+
+
+def agent_folder(spec: str) -> Path:
+    """The run folder behind a text.
+
+    Raises:
+        ConfigError: it names a controller without training, or an agent that does not come with the package.
+    """
+    kind, name, _ = _parse(spec)
+    if kind not in ("", "pretrained"):
+        raise ConfigError(f"{brief(spec)} is no trained agent: name a run folder, or pretrained:NAME.")
+    return pretrained_folder(name) if kind else Path(name)
 
 
 def judged_separately(spec: str) -> list[str]:

@@ -108,7 +108,9 @@ class UserPolicy:
         return user_policy, (self.name, self._craft, self._task, self._trust)
 
     def reset(self, count: int) -> None:
-        """See `rans.flight.Controller`; a function has no memory."""
+        """See `rans.flight.Controller`; most policies have no memory."""
+        if isinstance(self._policy, OnnxPolicy):
+            self._policy.memory = None
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
         """See `rans.flight.Controller` and `answered`; looks at the observation only."""
@@ -201,9 +203,12 @@ def _check_spaces(name: str, seen: Any, action: Any, craft: Spacecraft, task: Ta
 
 
 def _onnx(name: str, *_: object) -> Policy:
-    """A network with one input of observations, whose first output is the commands."""
+    """A network whose first input is the observation and whose first output the command.
+
+    It may have a second of each, (N, m): what it remembers.
+    """
     try:
-        from onnxruntime import InferenceSession  # pyright: ignore[reportMissingImports]: is optional
+        from onnxruntime import InferenceSession
     except ImportError as error:
         raise ConfigError(f"onnx:{name} needs the package onnxruntime: pip install 'rans[onnx]'.") from error
     _check_file(name)
@@ -212,9 +217,31 @@ def _onnx(name: str, *_: object) -> Policy:
     except Exception as error:  # onnxruntime's errors have no common class
         raise ConfigError(f"{name} is no ONNX network: {first_line(error)}.") from error
     inputs = [node.name for node in session.get_inputs()]
-    if len(inputs) != 1:
-        raise ConfigError(f"{name} must have one input, the observation, got {', '.join(inputs)}.")
-    return lambda observation: session.run(None, {inputs[0]: observation})[0]
+    if not 1 <= len(inputs) <= min(2, len(session.get_outputs())):
+        raise ConfigError(f"{name} must have one input, the observation, or besides a memory that is also "
+                          f"its second output, got {', '.join(inputs)}.")
+    return OnnxPolicy(session)
+
+
+class OnnxPolicy:
+    """A session of ONNX Runtime; what it remembers is None where episodes begin, which is zeros."""
+
+    def __init__(self, session: Any) -> None:
+        self._session = session
+        self.memory: np.ndarray | None = None
+        self._names = [node.name for node in session.get_inputs()]
+
+    def __call__(self, observation: np.ndarray) -> np.ndarray:
+        """The commands (N, thrusters) to observations (N, width)."""
+        given = {self._names[0]: observation}
+        if len(self._names) == 2:
+            if self.memory is None:
+                width = self._session.get_inputs()[1].shape[1]
+                self.memory = np.zeros((len(observation), width), np.float32)
+            given[self._names[1]] = self.memory
+        command, *after = self._session.run(None, given)
+        self.memory = after[0] if after else None
+        return command
 
 
 def _python(name: str, *_: object) -> Policy:

@@ -13,6 +13,7 @@ from rans.fast.packed import pack, unpack
 from rans.fast.pickled import read_tensors
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft, spacecraft_text
+from rans.tasks import TASKS
 
 CHECKPOINT = "checkpoint.safetensors"
 """What continues a training; older versions wrote ``checkpoint.pt``."""
@@ -115,10 +116,14 @@ class RunFolder:
 
 
 def read_config(file: Path) -> TrainConfig:
-    """The config in a JSON file, such as a run's ``config.json``; ConfigError where it holds none."""
+    """The config in a JSON file, such as a run's ``config.json``.
+
+    ConfigError where it holds none, or names a task that nobody vouched for (`Registry.check_file`).
+    """
     table = files.read_json(file)
     if isinstance(table, dict):
         table.pop("about", None)
+        TASKS.check_file(table.get("task"), file)
     try:
         return from_table(table)
     except ConfigError as error:

@@ -21,7 +21,8 @@ from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.trainer import Trainer, check_device
 from rans.fast.policy import write_policy
 from rans.files import read_json, write_json
-from rans.model.spacecraft_file import load_spacecraft
+from rans.model.spacecraft_file import SPACECRAFT, load_spacecraft
+from rans.tasks import TASKS
 
 _BATCHED = {"seed", *(f"ppo.{name}" for name in Coefficients._fields)}
 """Entries of a config in which members of a batch may differ, besides numbers among the task's settings."""
@@ -117,6 +118,9 @@ def read_configs(path: Path) -> tuple[list[TrainConfig], str]:
     table = read_json(file)
     if not isinstance(table, dict) or not isinstance(table.get("configs"), list):
         raise ConfigError(f"{file} is damaged: it lists no configs.")
+    for config in filter(lambda config: isinstance(config, dict), table["configs"]):
+        TASKS.check_file(config.get("task"), file)
+        SPACECRAFT.check_file(config.get("spacecraft"), file)
     return [from_table(config) for config in table["configs"]], str(table.get("command"))
 
 

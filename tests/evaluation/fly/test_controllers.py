@@ -232,7 +232,10 @@ class Session:
         self.inputs = ["a", "b"] if "two" in name else ["seen"]
 
     def get_inputs(self) -> list[SimpleNamespace]:
-        return [SimpleNamespace(name=name) for name in self.inputs]
+        return [SimpleNamespace(name=name, shape=["N", 1]) for name in self.inputs]
+
+    def get_outputs(self) -> list[None]:
+        return [None]
 
     def run(self, outputs: None, feed: dict[str, np.ndarray]) -> list[np.ndarray]:
         return [(feed["seen"][:, :8] > 0).astype(np.int64)]
@@ -248,7 +251,7 @@ def test_onnx_file(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     np.testing.assert_array_equal(policy.act(None, None, OBSERVATIONS), OBSERVATIONS[:, :8] > 0)
     with pytest.raises(ConfigError, match="damaged is no ONNX network: bad magic"):
         user_policy(f"onnx:{tmp_path / 'damaged'}", CRAFT, GoToPose())
-    with pytest.raises(ConfigError, match="must have one input, the observation, got a, b"):
+    with pytest.raises(ConfigError, match=r"must have one input, the observation, or besides .* got a, b"):
         user_policy(f"onnx:{tmp_path / 'two'}", CRAFT, GoToPose())
 
 

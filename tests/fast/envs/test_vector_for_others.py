@@ -147,7 +147,7 @@ WRAPPERS: dict[str, Any] = {
         env, gymnasium.wrappers.TransformObservation, func=lambda seen: -seen, observation_space=None),
     "VectorizeTransformReward": lambda env: wrappers.VectorizeTransformReward(
         env, gymnasium.wrappers.TransformReward, func=lambda reward: -reward),
-    "TransformAction": lambda env: wrappers.TransformAction(env, lambda action: 1 - action),
+    "TransformAction": lambda env: wrappers.TransformAction(env, lambda action: 1 - np.asarray(action)),
     "VectorizeTransformAction": lambda env: wrappers.VectorizeTransformAction(
         env, gymnasium.wrappers.TransformAction, func=lambda action: 1 - action, action_space=None),
 }

@@ -1,0 +1,164 @@
+"""``rans assure``: how surely an agent does not fail."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+import time
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from tyro.conf import Positional, arg
+
+from rans.cli import check_count
+from rans.errors import ConfigError
+from rans.files import ready_folder, write_json
+from rans.scenario import ASSURANCE_SEED
+from rans.terminal import Terminal, progress, table
+
+if TYPE_CHECKING:
+    from rans.evaluation.assure.assurance import Assurance
+
+_EPISODES = 100_000
+_MARKS = {True: "Pass: ", False: "FAIL: ", None: "Note: "}
+_KEPT = 10.0
+"""Seconds between two moments at which what was flown is written."""
+
+
+@dataclass(frozen=True)
+class Assure:
+    """Bound the probability that an agent fails, from very many flights: exactly, with what was found.
+
+    Writes assurance.json and assurance.html, a page to sign. Ctrl-C keeps what was flown, and the same
+    command goes on from there. Failed flights are flown again in NumPy and in Drake, and `rans view` shows
+    them. With --failure-below the exit code is 1 unless that was shown.
+    """
+
+    agent: Annotated[str, Positional, arg(metavar="AGENT")]
+    """A run folder, or pretrained:NAME."""
+    conditions: str | None = None
+    """What episodes do not promise: a name (see `rans list CONDITIONS`), perfect, or your own TOML file; by
+    default those of its training."""
+    episodes: int | None = None
+    """Number of flights, by default 100,000; with --failure-below the most that are flown."""
+    failure_below: float | None = None
+    """A bound on the probability of failure to be shown or refuted, such as 1e-4, by as many flights as that
+    takes."""
+    confidence: float = 0.99
+    """Of every bound."""
+    plan: bool = False
+    """Only say how many flights that takes."""
+    worst: int = 4
+    """Failed flights of each kind to fly again in Drake: so many of the worst, and as many of the first."""
+    rare: int = 0
+    """Also estimate the probability of failure by so many flights where failures are likely."""
+    search: str | None = None
+    """Also look for the smallest disturbance that breaks the agent, in units of these conditions, such as
+    lab."""
+    seed: int = ASSURANCE_SEED
+    """Of starts, goals and conditions."""
+    device: str = "auto"
+    """auto (a GPU if there is one), cpu or cuda."""
+    restart: bool = False
+    """Begin anew, though an equal campaign was interrupted."""
+    output: Path | None = None
+    """Folder of the results; by default the agent's."""
+
+    def run(self) -> int:
+        """Fly, fly again what failed, write and print."""
+        from rans.evaluation.assure.assurance import made
+        from rans.evaluation.assure.bounds import plan
+        from rans.evaluation.fly.contestants import output_folder, picked_task
+
+        check_count("--episodes", self.episodes)
+        for name, value in (("--worst", self.worst), ("--rare", self.rare)):
+            if value < 0:
+                raise ConfigError(f"{name} must be >= 0, got {value}.")
+        episodes = _EPISODES if self.episodes is None and self.failure_below is None else self.episodes
+        planned = plan(self.confidence, episodes, self.failure_below)
+        assurance = made(self.agent, self.conditions, planned, self.seed,
+                         shlex.join(["rans", *sys.argv[1:]]))
+        if self.plan:
+            _print_plan(assurance)
+            return 0
+        folder = ready_folder(self.output or output_folder(self.agent))
+        names = "assurance", picked_task(self.agent), Path(self.conditions or "").stem
+        self._fly(assurance, folder / f"{'-'.join(filter(None, names))}.json")
+        return 0 if self.failure_below is None or assurance.campaign.decision == "below" else 1
+
+    def _fly(self, assurance: Assurance, file: Path) -> None:
+        """Until the plan ends; whatever happens, what was flown is written and shown."""
+        import torch
+
+        device = ("cuda" if torch.cuda.is_available() else "cpu") if self.device == "auto" else self.device
+        campaign, kept = assurance.campaign, time.monotonic()
+
+        def keep() -> None:
+            nonlocal kept
+            if time.monotonic() - kept > _KEPT:
+                write_json(file, assurance.to_json())
+                kept = time.monotonic()
+
+        if not self.restart:
+            assurance.go_on(file)
+        try:
+            with progress() as bars:
+                bar = bars.add_task("flights", total=campaign.plan.flights, completed=campaign.flights)
+                assurance.fly(device, partial(bars.advance, bar), keep)
+                bars.update(bar, description="failed flights again", total=None)
+                assurance.replay(self.worst, self.worst)
+                if self.rare:
+                    bars.update(bar, description="rarer failures")
+                    assurance.sample(self.rare, device)
+                if self.search:
+                    bars.update(bar, description="the worst case")
+                    assurance.search(self.search, device)
+        finally:  # also after Ctrl-C: what was flown is kept
+            if campaign.flights:
+                _show(assurance, file)
+
+
+def _show(assurance: Assurance, file: Path) -> None:
+    from rans.evaluation.assure.replay import has_drake
+    from rans.fast.verdicts import Failure
+    from rans.show.assure_page import findings, page, verdict
+
+    write_json(file, assurance.to_json())
+    worst = ""
+    if assurance.searched and assurance.searched.breaking and has_drake():
+        from rans.show.view import View
+
+        view, worst = View(), f"{file.stem}-worst-case.html"
+        view.show([assurance.searched.breaking.flight])
+        view.save(file.with_name(worst))
+    page(assurance, worst).write(file.with_suffix(".html"))
+    console, campaign = Terminal(room=100), assurance.campaign
+    bounds = [("any failure", campaign.bound()), *((kind.meaning, campaign.bound(kind)) for kind in Failure)]
+    rows = [(name, f"{x.events:,}", f"{x.rate:.3g}", f"{x.low:.3g}", f"{x.high:.3g}") for name, x in bounds]
+    sure = f"{100.0 * campaign.plan.confidence:.6g} %"
+    console.print(table(f"{assurance.spec}: {campaign.flights:,} flights of seed {campaign.seed}",
+                        ("failure", "flights", "rate", f"at least ({sure})", f"at most ({sure})"), rows))
+    console.print(verdict(assurance), soft_wrap=True)
+    for finding in findings(assurance):
+        console.print(f"{_MARKS[finding.passed]}{finding.text}.", soft_wrap=True)
+    if assurance.searched:
+        console.print(f"In a search {assurance.searched.said}.", soft_wrap=True)
+    if assurance.rare:
+        console.print(f"By importance sampling {assurance.rare.said}.", soft_wrap=True)
+    if assurance.replays and assurance.replays.found:
+        most = max(assurance.replays.found, key=lambda one: one.excess)
+        console.print(f"The worst, at {most.excess:.3g} tolerances: {assurance.view(most.number)}",
+                      soft_wrap=True)
+    others = ", ".join(name for name in (file.with_suffix(".html").name, worst) if name)
+    console.print(f"Written to {file}, {others}.", soft_wrap=True)
+
+
+def _print_plan(assurance: Assurance) -> None:
+    plan = assurance.campaign.plan
+    rows = [(f"{look.flights:,}", f"at most {most:,}" if (most := plan.allowed(look)) >= 0 else "-",
+             f"{look.high_level:.2g}", f"{look.low_level:.2g}") for look in plan.looks]
+    Terminal(room=100).print(table(
+        f"At {plan.confidence:g} confidence", ("flights", "failures that show the bound", "chance of error, "
+                                               "at most", "chance of error, at least"), rows))

@@ -1,0 +1,261 @@
+"""An agent as a straight-line program over arrays: written down once, printed as ONNX and as NumPy."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from rans.errors import ConfigError
+from rans.fast.learn.architecture import EXTRACTOR, Architecture
+from rans.fast.learn.network import Network
+from rans.fast.symmetry import AIM, Symmetries
+from rans.model.trace import Symbol, ordered
+from rans.tasks.sight import Columns, Layout
+
+_LOWERED = {"+": "Add", "-": "Sub", "*": "Mul", "==": "Equal", "neg": "Neg", "where": "Where"}
+"""ONNX's names of what a layout does to columns."""
+_ACTIVATIONS = {"tanh": "Tanh", "elu": "Elu", "relu": "Relu"}
+
+
+@dataclass(frozen=True)
+class Step:
+    """One operation, by ONNX's name and with its meaning."""
+
+    operation: str
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    attributes: Mapping[str, int] = field(default_factory=dict)
+
+
+class Program:
+    """Steps in order, on values that have names; inputs are "observation" and "memory", if there is one."""
+
+    def __init__(self) -> None:
+        self.steps: list[Step] = []
+        self.constants: dict[str, np.ndarray] = {}
+
+    def constant(self, value: object, name: str = "", dtype: type = np.float32) -> str:
+        """A table or number that is the same for all observations."""
+        name = name or f"constant_{len(self.constants)}"
+        self.constants[name] = np.array(value, dtype)
+        return name
+
+    def apply(self, operation: str, *inputs: str, name: str = "", **attributes: int) -> str:
+        """The value of an operation; a name is for readers."""
+        output = name or f"x{len(self.steps)}"
+        self.steps.append(Step(operation, inputs, (output,), attributes))
+        return output
+
+    def split(self, value: str, widths: Sequence[int]) -> list[str]:
+        """The value's last axis in pieces of these widths; none for a piece without any."""
+        kept = [width for width in widths if width]
+        if len(kept) == 1:
+            return [value if width else "" for width in widths]
+        outputs = tuple(f"{value}_{place}" for place in range(len(kept)))
+        sizes = self.constant(kept, dtype=np.int64)
+        self.steps.append(Step("Split", (value, sizes), outputs, {"axis": -1}))
+        pieces = iter(outputs)
+        return [next(pieces) if width else "" for width in widths]
+
+    def joined(self, *values: str, name: str = "") -> str:
+        """Values side by side along the last axis; empty names are nothing."""
+        return self.apply("Concat", *filter(None, values), name=name, axis=-1)
+
+    def linear(self, value: str, weight: str, bias: str) -> str:
+        """A layer, (N, i) to (N, o)."""
+        return self.apply("Gemm", value, weight, bias, transB=1)
+
+    def lowered(self, results: Sequence[Symbol], given: Mapping[Symbol, str]) -> list[str]:
+        """The columns that these symbols are, of inputs that are columns.
+
+        Raises:
+            ConfigError: the layout does something else with its columns than turning and mirroring them.
+        """
+        values = dict(given)
+        for symbol in ordered(results, given):
+            if symbol.operation == "constant":
+                values[symbol] = self.constant(symbol.value)
+            elif symbol.operation in _LOWERED:
+                values[symbol] = self.apply(_LOWERED[symbol.operation], *(values[x] for x in symbol.args))
+            else:
+                raise ConfigError(f"the agent's layout takes {symbol.operation!r} of its columns, which no "
+                                  "export knows: only sums, products and choices by equality do.")
+        return [values[symbol] for symbol in results]
+
+
+def agent_program(network: Network) -> Program:
+    """What a network of one member answers: "command" (N, thrusters), and "memory_out" (N, m) if it has one.
+
+    The same as `rans.fast.learn.selection.likeliest`, of "observation" (N, width) and "memory" (N, m).
+    What the network sees of its columns is traced from the layout's own code.
+    """
+    given, program = network.architecture, Program()
+    weights = {name: program.constant(x.detach().numpy(), name.removeprefix(EXTRACTOR))
+               for name, x in _actors(network).items()}
+
+    # Columns in the body frame, and from the side of the craft that has the goal ahead.
+    body = _in_body(program, given.layout)
+    columns = program.joined(*body, name="body")
+    view = _View.chosen(program, given, body)
+    seen = columns if view is None else view.columns(program, given.layout.body, columns)
+
+    # What the trunk is given: columns now, and what is remembered of columns and commands.
+    x = _looks(program, network, seen)
+    recalled = _recalled(program, network, view) if given.recalled else ""
+    x = program.joined(x, recalled, name="shown") if recalled else x
+    layers = [name for name in weights if name.startswith(f"{EXTRACTOR}trunk.") and name.endswith("weight")]
+    for name in layers:
+        x = program.linear(x, weights[name], weights[name.removesuffix("weight") + "bias"])
+        x = program.apply(_ACTIVATIONS[given.activation], x)
+    if given.units:
+        x = _core(program, weights, x)
+
+    # Commands, each thruster's from its place in that view.
+    head = program.linear(x, weights["head.weight"], weights["head.bias"])
+    if view is not None:
+        head = program.apply("GatherElements", head, view.place, axis=1)
+    if given.continuous:
+        bounds = program.constant(0.0), program.constant(1.0)
+        command = program.apply("Clip", head, *bounds, name="command")
+    else:
+        opens = program.apply("Greater", head, program.constant(0.0))
+        command = program.apply("Cast", opens, name="command", to=1)  # to float32
+    if given.recalled:
+        _remembered(program, given, program.joined(columns, command))
+    return program
+
+
+def _actors(network: Network) -> dict[str, Tensor]:
+    """Weights without the critic's; the head of a choice is the difference of its two logits."""
+    kept = {name: x for name, x in network.tensors.items()
+            if name.startswith((f"{EXTRACTOR}trunk.", f"{EXTRACTOR}core."))}
+    for part in ("weight", "bias"):
+        rows = network.tensors[f"action_net.{part}"]
+        kept[f"head.{part}"] = rows if network.architecture.continuous else rows[1::2] - rows[0::2]
+    return kept
+
+
+def _in_body(program: Program, layout: Layout) -> list[str]:
+    symbols = _symbols("column", layout.width)
+    columns = program.split("observation", [1] * layout.width)
+    return program.lowered(layout.in_body(symbols), dict(zip(symbols, columns, strict=True)))
+
+
+def _symbols(name: str, count: int) -> list[Symbol]:
+    return [Symbol.input(f"{name} {k}") for k in range(count)]
+
+
+@dataclass(frozen=True)
+class _View:
+    """From which of its equivalent sides each spacecraft is seen (decision 009)."""
+
+    views: Symmetries
+    which: str
+    """(N,)."""
+    place: str
+    """(N, thrusters): index of each thruster's place in the view."""
+
+    @classmethod
+    def chosen(cls, program: Program, given: Architecture, body: Sequence[str]) -> _View | None:
+        """The view that has the goal most ahead; None without symmetries or a way to go."""
+        way, views = given.layout.body.ahead(body), given.symmetries
+        if views is None or way is None:
+            return None
+        aim = np.asarray(AIM[:len(way)], np.float32)
+        ahead = program.constant(np.einsum("i,sij->js", aim, views.turn), "ahead")
+        score = program.apply("MatMul", program.joined(*way), ahead)
+        which = program.apply("ArgMax", score, name="view", axis=1, keepdims=0)
+        places = program.constant(views.place, "places", np.int64)
+        return cls(views, which, program.apply("Gather", places, which, axis=0))
+
+    def columns(self, program: Program, layout: Layout, value: str, rows: bool = False) -> str:
+        """Columns (N, k), or several rows of them (N, rows, k), as the view shows them."""
+        count, size, _ = self.views.turn.shape
+        table = np.concatenate((self.views.turn.reshape(count, -1), self.views.hand[:, None]), axis=1)
+        told = program.apply("Gather", program.constant(table, "turns"), self.which, axis=0,
+                             name="" if rows else "turn")
+        if rows:
+            told = _shaped(program, told, 1, size * size + 1)
+        turn, hand = _symbols("turn", size * size), Symbol.input("hand")
+        symbols = _symbols("column", layout.width)
+
+        def turned(u: Columns) -> Columns:
+            return [sum(turn[size * i + j] * x for j, x in enumerate(u)) for i in range(size)]
+
+        known = dict(zip((*turn, hand), program.split(told, [1] * (size * size + 1)), strict=True))
+        known |= dict(zip(symbols, program.split(value, [1] * layout.width), strict=True))
+        return program.joined(*program.lowered(layout.mirrored(symbols, turned, hand), known))
+
+    def commands(self, program: Program, value: str, rows: int) -> str:
+        """Commands (N, rows, thrusters) as the view shows them."""
+        back = np.argsort(self.views.place, axis=1)
+        table = program.constant(np.tile(back, (1, rows)), "places_back", np.int64)
+        index = _shaped(program, program.apply("Gather", table, self.which, axis=0), rows, back.shape[1])
+        return program.apply("GatherElements", value, index, axis=2)
+
+
+def _shaped(program: Program, value: str, *shape: int) -> str:
+    return program.apply("Reshape", value, program.constant((-1, *shape), dtype=np.int64))
+
+
+def _looks(program: Program, network: Network, seen: str) -> str:
+    """Columns normalised and clipped, and a second time magnified and squashed (decision 008)."""
+    zoom, scale = network.architecture.zoom, _scale(network)
+    x = _normalised(program, network, seen)
+    if not zoom:
+        return x
+    magnified = program.apply("Mul", seen, program.constant((scale * zoom).numpy(), "zoom"))
+    return program.joined(x, program.apply("Tanh", magnified))
+
+
+def _scale(network: Network) -> Tensor:
+    return torch.rsqrt(network.tensors[f"{EXTRACTOR}variance"] + 1e-6)
+
+
+def _normalised(program: Program, network: Network, x: str) -> str:
+    mean = program.constant(network.tensors[f"{EXTRACTOR}mean"].numpy(), "mean")
+    shifted = program.apply("Sub", x, mean)
+    scaled = program.apply("Mul", shifted, program.constant(_scale(network).numpy(), "scale"))
+    clip = network.architecture.clip
+    return program.apply("Clip", scaled, program.constant(-clip), program.constant(clip))
+
+
+def _recalled(program: Program, network: Network, view: _View | None) -> str:
+    """What is remembered, (N, m), from the same side and with the columns normalised."""
+    given = network.architecture
+    rows = _shaped(program, "memory", given.recalled, given.seen + given.thrusters)
+    then, told = program.split(rows, (given.seen, given.thrusters))
+    if view is not None:
+        then = view.columns(program, given.layout.body, then, rows=True)
+        told = view.commands(program, told, given.recalled)
+    return _shaped(program, program.joined(_normalised(program, network, then), told), given.memory)
+
+
+def _remembered(program: Program, given: Architecture, newest: str) -> None:
+    """Averages that move towards the newest columns and command, then the last ones, oldest first."""
+    width, count = given.seen + given.thrusters, len(given.averages)
+    averages, _, others = program.split("memory", (count * width, width, (given.history - 1) * width))
+    if count:
+        kept = program.constant(np.repeat(np.asarray(given.averages, np.float32), width), "kept")
+        often = program.joined(*[newest] * count)
+        apart = program.apply("Mul", kept, program.apply("Sub", averages, often))
+        averages = program.apply("Add", often, apart)
+    program.joined(averages, others, newest, name="memory_out")
+
+
+def _core(program: Program, weights: Mapping[str, str], x: str) -> str:
+    """A gated recurrent unit, torch's `GRUCell`: what it says is what it remembers."""
+    given, kept = ([weights[f"{EXTRACTOR}core.{kind}_{of}"] for kind in ("weight", "bias")]
+                   for of in ("ih", "hh"))
+    units = program.constants[kept[0]].shape[1]
+    reset, update, fresh = program.split(program.linear(x, *given), [units] * 3)
+    old_reset, old_update, old = program.split(program.linear("memory", *kept), [units] * 3)
+    reset = program.apply("Sigmoid", program.apply("Add", reset, old_reset))
+    update = program.apply("Sigmoid", program.apply("Add", update, old_update))
+    fresh = program.apply("Tanh", program.apply("Add", fresh, program.apply("Mul", reset, old)))
+    apart = program.apply("Mul", update, program.apply("Sub", "memory", fresh))
+    return program.apply("Add", fresh, apart, name="memory_out")

@@ -1,0 +1,145 @@
+"""An assurance: who, in what, how often flown, what failed, and what that proves."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from rans.errors import ConfigError
+from rans.evaluation.assure.bounds import Bound, Plan
+from rans.evaluation.assure.campaign import Campaign
+from rans.evaluation.assure.chances import Chances
+from rans.evaluation.assure.evidence import hashes
+from rans.evaluation.assure.rare import Rare, rare
+from rans.evaluation.assure.replay import Replays, replays
+from rans.evaluation.assure.search import Searched, on_device, searched
+from rans.evaluation.fly.agent import Agent, LoadedRun
+from rans.evaluation.fly.contestants import contestant, judged_separately
+from rans.fast.learn.network import Network
+from rans.fast.verdicts import Failure
+from rans.files import environment as this_environment
+from rans.files import read_json
+from rans.model.conditions import Conditions
+from rans.model.conditions_file import conditions_text, load_conditions
+
+
+@dataclass
+class Assurance:
+    """Everything about one agent's campaign."""
+
+    spec: str
+    """Who, as for `rans.evaluation.fly.contestants.contestant`."""
+    conditions: str | None
+    """Name or file; None: those of the training."""
+    campaign: Campaign
+    replays: Replays | None = None
+    """Of failed flights; None: not yet flown."""
+    rare: Rare | None = None
+    """By importance sampling; None: not asked for."""
+    searched: Searched | None = None
+    """For the worst case; None: not asked for."""
+    command: str = ""
+    """That made it."""
+    environment: dict[str, str] = field(default_factory=this_environment)
+    """Of the machine that flew last; another may fly the failures again."""
+
+    @cached_property
+    def run(self) -> LoadedRun:
+        """The agent, and what it is judged in.
+
+        Raises:
+            ConfigError: there is no such agent, or it has several tasks, of which none was picked.
+        """
+        found = contestant(self.spec).under(self.conditions)
+        if not isinstance(found.controller, Agent):
+            raise ConfigError(f"{self.spec} is no trained agent: name a run folder, or pretrained:NAME.")
+        if len(parts := judged_separately(self.spec)) > 1:
+            raise ConfigError(f"{self.spec} has several tasks, and each is assured by itself: name one of "
+                              f"{', '.join(parts)}.")
+        return found
+
+    @cached_property
+    def hashes(self) -> dict[str, str]:
+        """See `rans.evaluation.assure.evidence.hashes`."""
+        return hashes(self.spec, self.run.judged)
+
+    @property
+    def about(self) -> dict[str, Any]:
+        """What a campaign must share with another to go on with it."""
+        plan = self.campaign.plan
+        return {"agent": self.spec, "conditions": conditions_text(self.run.conditions or Conditions()),
+                "seed": self.campaign.seed, "confidence": plan.confidence, "below": plan.below,
+                "looks": [[look.flights, look.high_level, look.low_level] for look in plan.looks],
+                "hashes": self.hashes}
+
+    def fly(self, device: str, told: Callable[[int], object], keep: Callable[[], object]) -> None:
+        """Count flights until the plan ends; see `Campaign.fly`."""
+        self.campaign.fly(self._network, self.run.judged, device, told, keep)
+
+    def replay(self, worst: int, sample: int) -> None:
+        """Fly failed flights again, see `rans.evaluation.assure.replay.replays`."""
+        numbers = {kind: some for kind in Failure if (some := self.campaign.numbers(kind))}
+        self.replays = replays(self.run.controller, self.run.judged, self.campaign.seed, numbers, worst,
+                               sample)
+
+    def sample(self, count: int, device: str) -> None:
+        """Estimate the probability of failure by so many flights where failures are likely."""
+        chances, network = Chances.of(self.run.judged), on_device(self._network, device)
+        self.rare = rare(chances.scores(network, torch.device(device)), len(chances.places), count,
+                         self.campaign.seed)
+
+    def search(self, world: str, device: str, told: Callable[[int], object] = lambda _: None) -> None:
+        """Look for the smallest disturbance that breaks the agent, see `rans.evaluation.assure.search`."""
+        self.searched = searched(world, load_conditions(world), self.run.controller,
+                                 on_device(self._network, device), self.run.judged, self.campaign.seed, told)
+
+    @property
+    def _network(self) -> Network:
+        agent: Any = self.run.controller
+        return agent.network
+
+    def view(self, number: int) -> str:
+        """The command that shows a flight again."""
+        given = ["--conditions", self.conditions] if self.conditions else []
+        return shlex.join(["rans", "view", self.spec, *given, "--episode", str(number),
+                           "--seed", str(self.campaign.seed)])
+
+    def go_on(self, file: Path) -> bool:
+        """Take over what an earlier, equal campaign wrote; whether there was one."""
+        before = read_json(file) if file.exists() else {}
+        if not isinstance(before, dict) or before.get("about") != self.about:
+            return False
+        self.campaign.go_on_from(before.get("campaign", {}))
+        if self.campaign.over:
+            self.environment = before["environment"]
+        return True
+
+    def to_json(self) -> dict[str, Any]:
+        """For `rans.files.write_json`."""
+        campaign, kinds = self.campaign, {"any": None, **{kind.name: kind for kind in Failure}}
+        return {"about": self.about, "campaign": campaign.to_json(), "decision": campaign.decision,
+                "bounds": {name: _bound(campaign.bound(kind)) for name, kind in kinds.items()},
+                "replays": self.replays and {
+                    "flown again": self.replays.tried, "failed again": self.replays.failed,
+                    "judged": [one.to_json() | {"see": self.view(one.number)} for one in self.replays.found]},
+                "rare": self.rare and self.rare.to_json(),
+                "searched": self.searched and self.searched.to_json(),
+                "command": self.command, "environment": self.environment}
+
+
+def _bound(bound: Bound) -> dict[str, float]:
+    return {"failures": bound.events, "flights": bound.flights, "rate": bound.rate,
+            "at least": bound.low, "at most": bound.high}
+
+
+def made(spec: str, conditions: str | None, plan: Plan, seed: int, command: str) -> Assurance:
+    """An assurance of which nothing is flown yet; `ConfigError` see `Assurance.run`."""
+    new = Assurance(spec, conditions, Campaign(plan, seed), command=command)
+    _ = new.run
+    return new

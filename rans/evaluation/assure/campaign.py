@@ -1,0 +1,118 @@
+"""Flights counted until a look of the plan ends it, kept when somebody interrupts, and gone on with."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from rans.errors import ConfigError
+from rans.evaluation.assure.bounds import Bound, Decision, Plan, lower, upper
+from rans.evaluation.fly.protocols import Setup
+from rans.fast.flights import Flights
+from rans.fast.learn.network import Network
+from rans.fast.verdicts import Failure, Verdicts
+
+_PIECES = {"cpu": 2**17, "cuda": 2**26}
+"""Flights between two moments at which what was flown is kept: from so many on all processors fly."""
+LISTED = 10_000
+"""Failed flights whose numbers are kept."""
+
+
+@dataclass
+class Campaign:
+    """What was flown of a plan: scenarios 0 to ``flights - 1`` of a seed."""
+
+    plan: Plan
+    seed: int
+    flights: int = 0
+    events: dict[Failure, int] = field(default_factory=lambda: dict.fromkeys(Failure, 0))
+    """How many flights failed, of every kind."""
+    listed: list[tuple[int, Failure]] = field(default_factory=list)
+    """Failed flights by number, rising, with their kinds; of many only the first."""
+    ways: set[str] = field(default_factory=set)
+    """What computed the flights."""
+    seconds: float = 0.0
+
+    @property
+    def failures(self) -> int:
+        """Of all kinds."""
+        return sum(self.events.values())
+
+    @property
+    def decision(self) -> Decision:
+        """At the last look that was reached."""
+        return self.plan.decision(self.failures, self.flights) if self.at_look else "open"
+
+    @property
+    def at_look(self) -> bool:
+        """Whether so many flights are a look of the plan, not where somebody interrupted."""
+        return any(look.flights == self.flights for look in self.plan.looks)
+
+    @property
+    def over(self) -> bool:
+        """Whether there is nothing left to fly."""
+        return self.flights >= self.plan.flights or self.decision != "open"
+
+    def bound(self, kind: Failure | None = None) -> Bound:
+        """Of the probability of one kind of failure, or of any, with the plan's confidence on either side.
+
+        An interrupted campaign has the levels of the look that it was on its way to: right where nobody
+        interrupted because of what they saw.
+        """
+        look, events = self.plan.look(self.flights), self.failures if kind is None else self.events[kind]
+        return Bound(events, self.flights, lower(events, self.flights, look.low_level),
+                     upper(events, self.flights, look.high_level))
+
+    def fly(self, network: Network, setup: Setup, device: str,
+            told: Callable[[int], object] = lambda _: None,
+            keep: Callable[[], object] = lambda: None) -> None:
+        """Fly on until the plan ends; whatever was flown before is kept, also when somebody interrupts.
+
+        Args:
+            network: of one member.
+            setup: what flies, with the starts to fly from.
+            device: torch device.
+            told: called with the number of flights that were flown since the last call.
+            keep: called now and then, and at every look.
+        """
+        fleet = Flights(network, setup, device, listed=LISTED)
+        piece = _PIECES[fleet.device.type]
+        while not self.over:
+            look = next(one for one in self.plan.looks if one.flights > self.flights)
+            began = time.monotonic()
+            self.add(fleet.fly(self.flights, min(piece, look.flights - self.flights), self.seed, told))
+            self.seconds += time.monotonic() - began
+            keep()
+
+    def add(self, flown: Verdicts) -> None:
+        """Take in the flights that come next."""
+        self.flights += flown.flights
+        for kind in Failure:
+            self.events[kind] += flown.failures[kind]
+        pairs = zip(flown.numbers.tolist(), map(Failure, flown.kinds.tolist()), strict=True)
+        self.listed = [*self.listed, *pairs][:LISTED]
+        self.ways |= flown.ways
+
+    def numbers(self, kind: Failure) -> list[int]:
+        """Of listed flights that failed in this way, rising."""
+        return [number for number, found in self.listed if found == kind]
+
+    def to_json(self) -> dict[str, Any]:
+        """For `rans.files.write_json`."""
+        return {"flights": self.flights, "seed": self.seed, "seconds": self.seconds,
+                "ways": sorted(self.ways),
+                "failures": {kind.name: count for kind, count in self.events.items()},
+                "listed": {kind.name: self.numbers(kind) for kind in Failure}}
+
+    def go_on_from(self, before: Mapping[str, Any]) -> None:
+        """Begin where `to_json` ended."""
+        try:
+            self.flights, self.seconds, self.ways = before["flights"], before["seconds"], set(before["ways"])
+            self.events = {kind: before["failures"][kind.name] for kind in Failure}
+            self.listed = sorted((n, kind) for kind in Failure for n in before["listed"][kind.name])
+        except (KeyError, TypeError) as error:
+            raise ConfigError(f"what was flown before is damaged: it lacks {error}; begin anew with "
+                              "--restart.") from error
+

@@ -1,0 +1,196 @@
+"""Flights whose draws are chosen, not drawn: what splitting and a search for the worst case move about in.
+
+Everything that an episode draws once (start, goal, body, push ...) is a function of some uniform numbers in
+[0, 1). Here they are given. What sensors draw anew in every step stays with the number of the episode.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, fields, is_dataclass, replace
+from functools import partial, reduce
+from typing import Any
+
+import numpy as np
+import torch
+from scipy.special import ndtr
+
+from rans.episode import World, step
+from rans.evaluation.fly.protocols import Setup
+from rans.fast.flights import BATCH
+from rans.fast.learn.network import Network
+from rans.fast.learn.selection import likeliest
+from rans.fast.step import Place
+from rans.fast.verdicts import last_fifth
+from rans.model.conditions import bounds
+from rans.model.fields import Field, finite, floor, leaves, where
+from rans.model.random import Draws, Random
+
+Slot = tuple[int, int]
+"""A uniform number by the block that it is drawn from and its place in it."""
+_PER_STEP = 2**25
+"""The first block of what is drawn in every step (`rans.episode`)."""
+_UNSIZED = ("count", "share", "time", "slow_period")
+"""Ranges that say which trouble comes or when, not how much of it."""
+
+
+class Sized(tuple[float, float]):
+    """A range that knows the value at which there is no trouble, from which it can grow and shrink."""
+
+    nominal: float
+
+    @classmethod
+    def of(cls, values: Any, nominal: float | None) -> Sized:
+        """Of a range, and the default of its setting."""
+        new = cls(bounds(values))
+        new.nominal = new[0] if nominal is None else nominal
+        return new
+
+
+def sized(conditions: Any) -> Any:
+    """The same conditions, whose ranges are `Sized` where they differ from a perfect world's."""
+    perfect, changed = type(conditions)(), {}
+    for one in fields(conditions):
+        value, usual = getattr(conditions, one.name), getattr(perfect, one.name)
+        if is_dataclass(value):
+            changed[one.name] = sized(value)
+        elif "Range" in str(one.type) and value != usual and one.name not in _UNSIZED:
+            changed[one.name] = Sized.of(value, usual)
+    return replace(conditions, **changed)
+
+
+@dataclass(frozen=True)
+class Chosen(Draws):
+    """What N episodes draw with, where most of it is given."""
+
+    given: Mapping[Slot, Field] = field(default_factory=dict)
+    """Uniform numbers in [0, 1), (N,) each; what is not given is asked for by a KeyError."""
+    size: Field = None
+    """Of `Sized` ranges, in units of their own size: at 0 everything is as in a perfect world. None: 1."""
+
+    def random(self, dimension: Any, number: Field, block: Field = 0) -> Random:
+        """See `Draws.random`."""
+        if isinstance(block, int) and block < _PER_STEP:
+            return _Given(self, dimension, number, block)
+        return super().random(dimension, number, block)
+
+
+class _Given(Random):
+    def __init__(self, draws: Chosen, dimension: Any, number: Field, block: int) -> None:
+        super().__init__(dimension, draws.low, draws.high, number, draws.dtype, block)
+        self._draws, self._at = draws, (block, 0)
+
+    def unit(self) -> Field:
+        """The next number that was given."""
+        block, place = self._at
+        self._at = block, place + 1
+        return self._draws.given[block, place]
+
+    def within(self, values: Any) -> Field:
+        """As in `Random`; what does not vary takes no number."""
+        low, high = bounds(values)
+        value = low if low == high else low + (high - low) * self.unit()
+        size = self._draws.size
+        return value if size is None or not isinstance(values, Sized) else (
+            values.nominal + (value - values.nominal) * size)
+
+    def whole(self, values: Any) -> Field:
+        """As in `Random`."""
+        low, high = bounds(values)
+        value, size = low if low == high else super().whole(values), self._draws.size
+        return value if size is None or not isinstance(values, Sized) else floor(value * size + 1e-6)
+
+
+class _Noted(dict[Slot, Field]):
+    """Gives any number, and remembers that it was asked for."""
+
+    def __missing__(self, place: Slot) -> Field:
+        self[place] = np.full(1, 0.5)
+        return self[place]
+
+
+@dataclass(frozen=True)
+class Chances:
+    """The uniform numbers that decide an episode."""
+
+    setup: Setup
+    places: tuple[Slot, ...]
+
+    @classmethod
+    def of(cls, setup: Setup) -> Chances:
+        """Those that flights of a setup ask for; of mixed conditions, of all that an episode may meet."""
+        noted, number = _Noted(), np.zeros(1, dtype=np.int32)
+        draws = Chosen(0, 0, number, 0, np.float64, noted, np.ones(1))
+        world = World(setup.craft, setup.task, setup.timing, conditions=setup.conditions)
+        world.begin(*world.scenario(number, draws), number, draws)
+        return cls(setup, tuple(sorted(noted)))
+
+    def draws(self, units: np.ndarray, number: np.ndarray, size: np.ndarray | None = None,
+              place: Place | None = None) -> Chosen:
+        """What N episodes draw with.
+
+        Args:
+            units: (D, N) in [0, 1), as many as there are places.
+            number: (N,) int32 of the episodes, by which sensors draw.
+            size: (N,) of the conditions, see `Chosen`.
+            place: where flights are stepped in float32; None: in NumPy, in float64.
+        """
+        units = np.minimum(units, 1.0 - 2.0**-24)
+        if place is None:
+            return Chosen(0, 0, number, 0, np.float64, dict(zip(self.places, units, strict=True)), size)
+        rows = [place.put(row, torch.float32) for row in units]
+        return Chosen(0, 0, place.put(number, torch.int32), 0, place.fields,
+                      dict(zip(self.places, rows, strict=True)),
+                      None if size is None else place.put(size, torch.float32))
+
+    def scores(self, network: Network, device: torch.device) -> Callable[..., np.ndarray]:
+        """A function of standard normal numbers (D, N), numbers (N,) of episodes and sizes, (N,) or None.
+
+        It gives the largest error of the last fifth in tolerances, (N,): from 1 on a flight fails. It is
+        infinite where the task declared the flight failed or its state is not finite. The network is of one
+        member on the device.
+        """
+        place, batch = Place.of(device, torch.float32, None), BATCH[device.type]
+        workers = (os.cpu_count() or 1) if place.on_numpy else 1
+
+        def score(z: np.ndarray, number: np.ndarray, size: np.ndarray | None = None) -> np.ndarray:
+            parts = [slice(k, k + batch) for k in range(0, len(number), batch)]
+            jobs = [self.draws(ndtr(z[:, part]), number[part], size if size is None else size[part], place)
+                    for part in parts]
+            threads = torch.get_num_threads()
+            torch.set_num_threads(1)  # each of the workers' threads
+            try:
+                with ThreadPoolExecutor(workers) as pool:
+                    return np.concatenate([*pool.map(partial(self._score, network, place), jobs)])
+            finally:
+                torch.set_num_threads(threads)
+
+        return score
+
+    @torch.no_grad()
+    def _score(self, network: Network, place: Place, draws: Chosen) -> np.ndarray:
+        craft, task, timing, conditions = self.setup
+        world, steps = World(craft, task, timing, place.nodes, conditions), timing.episode_steps
+        clock = draws.first * 0
+        zero, tolerances = draws.real(clock), task.tolerances()
+        with np.errstate(all="ignore"):  # what fails may well overflow
+            now = world.begin(*world.scenario(clock, draws), clock, draws)
+            worst, failed, memory = zero, zero > 1.0, network.blank(len(zero))
+            for t in range(steps):
+                seen = place.stack([zero + x for x in world.observe(now, draws)]).T
+                command, memory = likeliest(network, seen, memory)
+                columns = command.T.contiguous()
+                outcome = step(world, now, tuple(columns.numpy() if place.on_numpy else columns), draws)
+                now = outcome.episode
+                failed = failed | outcome.terminated | ~finite(*leaves(now.state))
+                if t >= steps - last_fifth(steps):
+                    errors = task.errors(now.state, now.goal)
+                    ratios = [errors[name] * (1.0 / tolerances[name]) for name in tolerances]
+                    worst = reduce(_larger, ratios, worst)
+        return np.asarray(torch.as_tensor(where(failed, zero + np.inf, worst)).cpu(), dtype=np.float64)
+
+
+def _larger(a: Field, b: Field) -> Field:
+    return where(a > b, a, b)

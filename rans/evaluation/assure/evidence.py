@@ -1,0 +1,39 @@
+"""What an assurance is of: hashes by which anybody can tell whether theirs is the same."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable
+from pathlib import Path
+
+import rans
+from rans.evaluation.fly.contestants import agent_folder
+from rans.evaluation.fly.protocols import Setup
+from rans.fast.learn.run_folder import RunFolder
+from rans.model.conditions import Conditions
+from rans.model.conditions_file import conditions_text
+
+
+def hashes(spec: str, setup: Setup) -> dict[str, str]:
+    """SHA-256 of everything that decides how flights end, by name.
+
+    Weights and spacecraft are those of the files, as ``sha256sum`` prints them; conditions those of the text
+    that `conditions_text` gives; the code is all source files of the package, by their names.
+    """
+    run = RunFolder(agent_folder(spec))
+    package = Path(rans.__file__).parent
+    code = sorted(file for kind in ("*.py", "*.cuh") for file in package.rglob(kind))
+    return {"weights (policy.zip)": sha256([run.policy_file.read_bytes()]),
+            "spacecraft (spacecraft.toml)": sha256([run.spacecraft_file.read_bytes()]),
+            "task and timing": sha256([repr(setup[1:3]).encode()]),
+            "conditions": sha256([conditions_text(setup.conditions or Conditions()).encode()]),
+            "code of RANS": sha256(part for file in code for part in (
+                file.relative_to(package).as_posix().encode(), file.read_bytes()))}
+
+
+def sha256(parts: Iterable[bytes]) -> str:
+    """Of all of them, one after the other."""
+    digest = hashlib.sha256()
+    for part in parts:
+        digest.update(part)
+    return digest.hexdigest()

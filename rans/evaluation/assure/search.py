@@ -1,0 +1,228 @@
+"""The smallest disturbance that makes an agent fail, as far as a search finds it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import torch
+from scipy.special import ndtr
+
+from rans.episode import World
+from rans.errors import ConfigError
+from rans.evaluation.assure.chances import Chances, Chosen, Sized, sized
+from rans.evaluation.assure.rare import numbers
+from rans.evaluation.assure.replay import Judge, ending, failures, flown, has_drake, picked, worst_errors
+from rans.evaluation.fly.protocols import Setup
+from rans.fast.learn.network import Network
+from rans.fast.verdicts import Failure
+from rans.flight import Controller, Flight
+from rans.model.conditions import BodyConditions, Conditions, ThrusterConditions
+
+_LARGEST = 2.0
+"""Size up to which it is looked for."""
+_ROUNDS, _COUNT = 20, 2048
+_BEST = 0.1
+"""Share of a round that the next one is made like."""
+_KEPT = 0.3
+_NARROWEST = 0.05
+_CANDIDATES, _DRAKE = 64, 8
+"""Smallest failures that are flown again in float64, and of those that still fail, in Drake."""
+
+Sizes = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+"""Scores (N,) of normal numbers (D, N), numbers (N,) and sizes (N,); see `Chances.scores`."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A flight that failed in a search."""
+
+    size: float
+    z: np.ndarray
+    """(D,) what it drew, as standard normal numbers."""
+    number: int
+    """By which sensors drew."""
+
+
+@dataclass(frozen=True)
+class Breaking:
+    """The smallest disturbance that was found to make the agent fail."""
+
+    conditions: Conditions
+    """In whose units."""
+    size: float
+    """At 1 everything may be off by as much as in the conditions."""
+    again: dict[Judge, Failure | None]
+    """How the flight fails for each judge."""
+    excess: float
+    """Its largest error in the last fifth in NumPy, in tolerances."""
+    ending: str
+    drew: dict[str, str]
+    """What it drew, by name."""
+    units: list[float]
+    """The same as uniform numbers, for `Chances.draws`."""
+    number: int
+    """Of the episode, by which sensors drew."""
+    flight: Flight
+    """It alone, in NumPy."""
+
+
+@dataclass(frozen=True)
+class Searched:
+    """What came of a search."""
+
+    world: str
+    """Name or file of the conditions."""
+    largest: float
+    """Size up to which it was looked for."""
+    flights: int
+    failed: int
+    """Of them."""
+    breaking: Breaking | None
+    """None: none was found that fails again in float64."""
+
+    @property
+    def said(self) -> str:
+        """In one sentence."""
+        if self.breaking is None:
+            return (f"no disturbance was found up to {self.largest:g} times the size of {self.world} that "
+                    f"makes it fail, in {self.flights:,} flights")
+        return (f"the smallest disturbance found that makes it fail is {self.breaking.size:.3g} times the "
+                f"size of {self.world}, in {self.flights:,} flights; a smaller one is not ruled out")
+
+    def to_json(self) -> dict[str, Any]:
+        """For `rans.files.write_json`."""
+        found = self.breaking
+        return {"unit": self.world, "up to": self.largest, "flights": self.flights, "failed": self.failed,
+                "smallest": found and {
+                    "size": found.size, "drew": found.drew, "excess": found.excess, "ending": found.ending,
+                    "units": found.units, "number": found.number,
+                    "again": {judge: kind.name if kind else None for judge, kind in found.again.items()}}}
+
+
+def searched(world: str, conditions: Conditions, controller: Controller, network: Network, setup: Setup,
+             seed: int, told: Callable[[int], object] = lambda _: None) -> Searched:
+    """Search over starts and conditions within bounds; flights that fail are flown again before one is named.
+
+    Args:
+        world: name of the conditions.
+        conditions: whose ranges the disturbance is measured in; they and the start are searched over.
+        controller: the agent.
+        network: its own, of one member on the device to search on.
+        setup: what flies, and what for.
+        seed: of the search.
+        told: called with the number of flights flown since the last call.
+
+    Raises:
+        ConfigError: the conditions are a mixture, or a perfect world, which has no size.
+    """
+    if conditions.others or conditions.or_none is None:
+        raise ConfigError(f"--search {world} gives no unit of disturbance: it must be conditions that are no "
+                          "mixture and not perfect, such as lab.")
+    chances = Chances.of(setup._replace(conditions=sized(conditions)))
+    device = next(iter(network.tensors.values())).device
+    score, largest = chances.scores(network, device), min(_LARGEST, room(conditions))
+    found = smallest(score, len(chances.places), largest, np.random.default_rng(seed), told)
+    return Searched(world, largest, _ROUNDS * _COUNT, len(found),
+                    _confirmed(chances, conditions, controller, found[:_CANDIDATES]))
+
+
+def room(conditions: Conditions) -> float:
+    """How large a disturbance can be before a mass, an inertia or a thrust comes near to nothing."""
+    body, thrusters = conditions.body, conditions.thrusters
+    least = min(Sized.of(x, 1.0)[0] for x in (body.mass, body.inertia, thrusters.thrust, thrusters.pressure))
+    return 0.9 / (1.0 - least) if least < 1.0 else math.inf
+
+
+def smallest(score: Sizes, dimensions: int, largest: float, random: np.random.Generator,
+             told: Callable[[int], object]) -> list[Candidate]:
+    """Flights that failed, by size, found by the cross-entropy method (Rubinstein and Kroese, 2004).
+
+    Each round is made like the best tenth of the one before: those that fail, the smaller the better, then
+    those that come closest to it.
+    """
+    mean, spread = np.zeros((dimensions + 1, 1)), np.ones((dimensions + 1, 1))
+    found: list[Candidate] = []
+    for _ in range(_ROUNDS):
+        z = mean + spread * random.standard_normal((dimensions + 1, _COUNT))
+        size, number = largest * ndtr(z[-1]), numbers(random, _COUNT)
+        scores = score(z[:-1], number, size)
+        price = np.where(scores >= 1.0, size, largest * (2.0 - np.minimum(scores, 1.0)))
+        order = np.argsort(price, kind="stable")
+        found += [Candidate(float(size[k]), z[:-1, k], int(number[k])) for k in np.flatnonzero(scores >= 1.0)]
+        best = z[:, order[:int(_BEST * _COUNT)]]
+        mean = _KEPT * mean + (1.0 - _KEPT) * best.mean(axis=1, keepdims=True)
+        spread = np.maximum(_NARROWEST, _KEPT * spread + (1.0 - _KEPT) * best.std(axis=1, keepdims=True))
+        told(_COUNT)
+    return sorted(found, key=lambda one: one.size)
+
+
+def _confirmed(chances: Chances, conditions: Conditions, controller: Controller,
+               found: list[Candidate]) -> Breaking | None:
+    """The smallest that fails again in NumPy, and in Drake if any of them does."""
+    if not found:
+        return None
+    flight = flown(controller, chances.setup, _draws(chances, found))
+    still = [k for k, kind in enumerate(failures(flight)) if kind is not None]
+    if not still:
+        return None
+    again: dict[Judge, list[Failure | None]] = {"numpy": [failures(flight)[k] for k in still[:_DRAKE]]}
+    if has_drake():
+        own = _draws(chances, [found[k] for k in still[:_DRAKE]])
+        again["drake"] = failures(flown(controller, chances.setup, own, "drake"))
+    at = next((k for k, kind in enumerate(again.get("drake", again["numpy"])) if kind is not None), 0)
+    best = still[at]
+    return Breaking(conditions, found[best].size, {judge: kinds[at] for judge, kinds in again.items()},
+                    float(worst_errors(flight)[0][best]), ending(flight, best),
+                    drew(chances, _draws(chances, [found[best]])), ndtr(found[best].z).tolist(),
+                    found[best].number, picked(flight, [best]))
+
+
+def _draws(chances: Chances, some: list[Candidate]) -> Chosen:
+    return chances.draws(ndtr(np.stack([one.z for one in some], axis=1)),
+                         np.array([one.number for one in some], dtype=np.int32),
+                         np.array([one.size for one in some]))
+
+
+def drew(chances: Chances, draws: Chosen) -> dict[str, str]:
+    """What one flight drew, in words."""
+    craft, task, timing, conditions = chances.setup
+    world = World(craft, task, timing, conditions=conditions)
+    start, goal = world.scenario(draws.first * 0, draws)
+    case: Any = world.begin(start, goal, draws.first * 0, draws).case
+    given = Conditions() if conditions is None else conditions
+    said = {"start": f"{_size(start.p.columns()):.3g} m from the goal"}
+    if given.body != BodyConditions():
+        shares = _one(case.body.mass) / craft.mass, _one(case.body.inertia[-1]) / craft.inertia[2][2]
+        said["body"] = (f"mass {shares[0]:.3f} and inertia {shares[1]:.3f} of the designed, centre of mass "
+                        f"{100.0 * _size(case.body.centre):.2g} cm off")
+    if replace(given.thrusters, latency=0.0, command_delay=0.0, rise=0.0, fall=None) != ThrusterConditions():
+        said["thrust"] = ", ".join(f"{_one(x):.3f}" for x in case.body.gain) + " of the designed"
+    if case.lag is not None:
+        rise = 0.0 if case.lag.rise is None else _one(case.lag.rise)
+        late = _one(case.lag.latency)
+        said["valves"] = f"{1000.0 * late:.3g} ms late, {1000.0 * rise:.3g} ms to full force"
+    if case.push is not None:
+        torque = case.push.torque.columns() if craft.dimension == 3 else (case.push.torque,)
+        said["steady push"] = f"{_size(case.push.force.columns()):.3g} N, {_size(torque):.3g} N m"
+    if case.sensors is not None and case.sensors.noise is not None:
+        units = ("m", "rad", "m/s", "rad/s")
+        said["noise"] = ", ".join(f"{_one(x):.2g} {unit}" for x, unit in zip(case.sensors.noise, units,
+                                                                             strict=True))
+    return said
+
+
+def _one(x: Any) -> float:
+    return float(np.ravel(x)[0])
+
+
+def _size(columns: Any) -> float:
+    return math.hypot(*map(_one, columns))
+
+
+def on_device(network: Network, device: str) -> Network:
+    """A copy of a network of one member."""
+    return Network.stacked(network.architecture, [network.member(0)], torch.device(device), torch.float32)

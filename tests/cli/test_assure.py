@@ -1,0 +1,124 @@
+"""``rans assure`` as a user runs it."""
+
+from __future__ import annotations
+
+import json
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from scipy.stats import binomtest
+
+import rans.evaluation.assure.campaign as campaign
+from rans.cli import main
+from rans.evaluation.measure.metrics import solved
+from rans.fast.flights import Flights
+
+AGENT = "pretrained:go-to-pose-2d-robust"
+LAB = ["--conditions", "lab"]
+"""In which one in 120 of its flights fails."""
+
+
+@pytest.fixture(autouse=True)
+def _elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+def test_numbers_a_page_and_commands_that_show_failures_again(monkeypatch: pytest.MonkeyPatch,
+                                                              capsys: pytest.CaptureFixture[str]) -> None:
+    command = ["assure", AGENT, *LAB, "--episodes", "400", "--worst", "1"]
+    monkeypatch.setattr(sys, "argv", ["rans", *command])
+    assert main(command) == 0
+    printed, folder = capsys.readouterr().out, Path("runs/evaluations/pretrained-go-to-pose-2d-robust")
+    read, page = (folder.joinpath(f"assurance-lab.{kind}").read_text("utf-8") for kind in ("json", "html"))
+    found: dict[str, Any] = json.loads(read)
+    failed = sum(map(len, found["campaign"]["listed"].values()))
+    low, high = binomtest(failed, 400).proportion_ci(0.98, "exact")  # 1 % beyond either end
+    assert failed > 0
+    assert found["bounds"]["any"]["at least"] == pytest.approx(low, rel=1e-6)
+    assert found["bounds"]["any"]["at most"] == pytest.approx(high, rel=1e-6)
+    assert f"{failed} of 400 flights failed" in printed
+    assert page.index(f"{failed} of 400 flights failed") < page.index("<h2")
+    assert f"rans {' '.join(command)}" in page
+    assert not re.search(r'(src|href)="(?!data:|#)', page), "a page that needs another file"
+    policy = Path(campaign.__file__).parents[2] / "data/pretrained/go-to-pose-2d-robust/policy.zip"
+    told = subprocess.run(["sha256sum", policy], capture_output=True, text=True, check=True).stdout
+    assert found["about"]["hashes"]["weights (policy.zip)"] == told.split()[0]
+    shown: list[Any] = []
+    monkeypatch.setattr("rans.cli.view.View._show", lambda _, flights: shown.extend(flights))
+    assert main(shlex.split(found["replays"]["judged"][0]["see"])[1:]) == 0
+    assert solved(shown[0]).tolist() == [False]
+
+
+def test_ctrl_c_keeps_what_was_flown_and_the_same_command_goes_on(monkeypatch: pytest.MonkeyPatch,
+                                                                  capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr(campaign, "_PIECES", {"cpu": 32})
+    fly, calls = Flights.fly, []
+
+    def interrupted(*given: Any) -> Any:
+        calls.append(given[1])
+        if len(calls) == 2:
+            raise KeyboardInterrupt
+        return fly(*given)
+
+    monkeypatch.setattr(Flights, "fly", interrupted)
+    command = ["assure", AGENT, "--episodes", "64", "--worst", "0", "--output", "here"]
+    assert main(command) == 130
+    assert json.loads(Path("here/assurance.json").read_text("utf-8"))["campaign"]["flights"] == 32
+    assert "Interrupted" in capsys.readouterr().out
+    assert main(command) == 0
+    assert calls == [0, 32, 32]
+    assert json.loads(Path("here/assurance.json").read_text("utf-8"))["campaign"]["flights"] == 64
+
+
+def test_a_plan_says_what_a_bound_takes(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["assure", AGENT, "--failure-below", "1e-4", "--plan"]) == 0
+    # ln(1 / 0.0045) / 1e-4 = 54,037 by hand, a little less as (1 - p)^n falls faster.
+    assert re.search(r"54,03\d .* at most 0", capsys.readouterr().out)
+    assert not Path("runs").exists()
+
+
+def test_a_bound_that_is_refuted_ends_with_1(capsys: pytest.CaptureFixture[str]) -> None:
+    short = ["--confidence", "0.6", "--worst", "0", "--episodes", "400"]
+    assert main(["assure", AGENT, *LAB, "--failure-below", "3e-3", *short]) == 1
+    assert "Refuted" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(("arguments", "words"), [
+    (["lqr:go-to-pose-2d"], "no trained agent"),
+    (["pretrained:multi-task-2d"], "#go-to-pose"),
+    ([AGENT, "--episodes", "0"], "--episodes"),
+    ([AGENT, "--rare", "-1"], "--rare"),
+    ([AGENT, "--confidence", "99"], "--confidence"),
+    ([AGENT, "--failure-below", "1e-12"], "2,147,483,647 flights cannot show"),
+    ([AGENT, "--episodes", "1", "--search", "perfect"], "--search perfect"),
+    ([AGENT, "--device", "abacus", "--episodes", "1"], "abacus")])
+def test_wrong_input_is_refused_in_a_sentence(arguments: list[str], words: str,
+                                              capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["assure", *arguments]) == 2
+    told = capsys.readouterr().err
+    assert words in told
+    assert told.count("\n") == 1
+
+
+def test_it_needs_neither_drake_nor_pictures(tmp_path: Path) -> None:
+    code = """
+import sys
+for name in ("pydrake", "matplotlib", "casadi", "stable_baselines3", "numba", "tensorboard", "PIL"):
+    sys.modules[name] = None
+import importlib.util
+find = importlib.util.find_spec
+importlib.util.find_spec = lambda name, *rest: None if sys.modules.get(name, 0) is None else find(name, *rest)
+from rans.cli import main
+sys.exit(main(["assure", sys.argv[1], "--conditions", "lab", "--episodes", "150",
+               "--worst", "1", "--output", sys.argv[2]]))
+"""
+    done = subprocess.run([sys.executable, "-c", code, AGENT, str(tmp_path)], capture_output=True, text=True,
+                          check=False)
+    assert done.returncode == 0, done.stderr
+    assert "Drake is not installed here" in done.stdout
+    assert "Matplotlib is not installed" in (tmp_path / "assurance-lab.html").read_text("utf-8")

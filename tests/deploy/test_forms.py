@@ -1,0 +1,288 @@
+"""Exports command what the agent does: networks of every kind, shipped agents; planted errors are found."""
+
+from __future__ import annotations
+
+import json
+import sys
+import tomllib
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from rans.cli import main
+from rans.deploy.contract import contract, golden, observed
+from rans.deploy.export import Form, write_agent
+from rans.errors import ConfigError
+from rans.evaluation.fly.agent import Agent
+from rans.evaluation.fly.controllers import user_policy
+from rans.evaluation.fly.protocols import Setup
+from rans.fast.learn.config import PPOSettings
+from rans.fast.learn.network import Network
+from rans.fast.learn.run_folder import RunFolder
+from rans.fast.saved import SavedPolicy, read_policy
+from rans.flight import fly
+from rans.model.spacecraft_file import load_spacecraft
+from rans.model.timing import Timing
+from rans.pretrained import pretrained_folder, pretrained_names
+from rans.scenario import scenarios
+from tests.fast.training import scatter, tiny_learner
+from validation.exports import ANSWERS, asked, numpy_answer, unequal
+
+FAST = ["export", "pretrained:go-to-pose-2d-fast", "--format"]
+FORMS: tuple[Form, ...] = ("onnx", "numpy")
+
+
+@cache
+def shipped(name: str) -> tuple[Network, Setup]:
+    """A shipped agent and what it was trained on, in a perfect world."""
+    run = RunFolder(pretrained_folder(name))
+    config, craft = run.config(), run.spacecraft()
+    return (read_policy(run.policy_file, craft, config.settings).network,
+            Setup(craft, config.settings, config.timing))
+
+
+@cache
+def robust() -> tuple[Network, Setup, np.ndarray]:
+    """The agent with the most in it, and what it observes on four flights."""
+    network, setup = shipped("go-to-pose-2d-robust")
+    return network, setup, observed(network, setup, count=4)
+
+
+def written(folder: Path, network: Network, *forms: Form, title: str = "agent") -> Path:
+    """The folder with the network in these forms."""
+    for form in forms:
+        write_agent(folder, form, SavedPolicy(network, {}, 0, {}, 0.0), PPOSettings(), title)
+    return folder
+
+
+@pytest.mark.parametrize("name", pretrained_names())
+def test_a_shipped_agent_commands_the_same_in_every_form(name: str, tmp_path: Path) -> None:
+    """250 observations; ``python -m validation.exports`` asks 100,000."""
+    network, setup = shipped(name)
+    short = replace(setup.timing, episode_steps=25)
+    batches = list(asked(network, setup._replace(timing=short), 250))
+    forms = ("sb3", *FORMS) if name == "go-to-pose-2d-robust" else FORMS
+    written(tmp_path, network, *forms)
+    for form in forms:
+        found = unequal(network, batches, ANSWERS[form](tmp_path))
+        assert (found.commands, found.beyond) == (0, 0)
+        assert found.memory < 1e-5  # ten roundings of numbers of the order of one, in float32
+
+
+def random_batches(network: Network, steps: int = 6, count: int = 50) -> list[np.ndarray]:
+    random, width = np.random.default_rng(5), network.architecture.layout.width
+    return list(random.normal(size=(steps, count, width)).astype(np.float32))
+
+
+@pytest.mark.parametrize("settings", [
+    {"activation": "elu"}, {"activation": "relu", "zoom": 8.0, "symmetric": True}, {"continuous": True},
+    {"continuous": True, "symmetric": True, "memory": "history", "history": 1},
+    {"memory": "history", "history": 3, "averages": (0.5, 0.9), "symmetric": True, "zoom": 4.0},
+    {"memory": "recurrent", "recurrent_units": 12}, {"privileged_critic": True}], ids=str)
+@pytest.mark.parametrize("craft", ["floating-platform", "free-flyer"])
+def test_every_kind_of_network(craft: str, settings: dict[str, Any], tmp_path: Path) -> None:
+    network = scatter(tiny_learner(load_spacecraft(craft), **settings).network)
+    batches = random_batches(network)
+    network.update_statistics(network.in_body(torch.from_numpy(batches[0]))[None])
+    written(tmp_path, network, *FORMS)
+    for form in FORMS:
+        found = unequal(network, batches, ANSWERS[form](tmp_path))
+        assert found.commands == 0
+        assert found.memory < 1e-5
+
+
+def changed(**tensors: Callable[[torch.Tensor], torch.Tensor]) -> Callable[[Network], Network]:
+    """A copy of a network with other weights; a dot in a name is two underscores."""
+    def plant(network: Network) -> Network:
+        names = {name.replace("__", "."): change for name, change in tensors.items()}
+        return Network(network.architecture, network.tensors | {
+            name: change(network.tensors[name].clone()) for name, change in names.items()})
+
+    return plant
+
+
+def swapped(first: int, second: int, size: int = 1) -> Callable[[Any], Any]:
+    """Rows in another order."""
+    def change(rows: Any) -> Any:
+        order = np.arange(len(rows))
+        a, b = (order[k * size:(k + 1) * size].copy() for k in (first, second))
+        order[first * size:(first + 1) * size], order[second * size:(second + 1) * size] = b, a
+        return rows[order]
+
+    return change
+
+
+def of_another(**fields: Any) -> Callable[[Network], Network]:
+    return lambda network: Network(replace(network.architecture, **fields), network.tensors)
+
+
+def other_place(network: Network) -> Network:
+    """Two thrusters swapped in one view of the spacecraft."""
+    views = network.architecture.symmetries
+    assert views is not None
+    place = views.place.copy()
+    place[1, [0, 1]] = place[1, [1, 0]]
+    return of_another(symmetries=views._replace(place=place))(network)
+
+
+def other_hand(network: Network) -> Network:
+    """Mirror images that turn the wrong way."""
+    views = network.architecture.symmetries
+    assert views is not None
+    return of_another(symmetries=views._replace(hand=np.abs(views.hand)))(network)
+
+
+ERRORS: dict[str, Callable[[Network], Network]] = {
+    "a swapped thruster": changed(action_net__weight=swapped(0, 1, 2), action_net__bias=swapped(0, 1, 2)),
+    "a mean 2 cm off": changed(features_extractor__mean=lambda x: x + 0.02),
+    "a variance 5 % off": changed(features_extractor__variance=lambda x: x * 1.05),
+    "another column's mean": changed(features_extractor__mean=swapped(0, 4)),
+    "thrusters swapped in a view": other_place,
+    "a mirror image that turns the wrong way": other_hand,
+    "no symmetry": of_another(symmetries=None),
+    "another zoom": of_another(zoom=15.0),
+    "averages that forget sooner": of_another(averages=(0.5, 0.8, 0.9, 0.94)),
+}
+
+
+@pytest.mark.parametrize("error", ERRORS)
+def test_planted_errors_are_found(error: str, tmp_path: Path) -> None:
+    """By the comparison, and by the golden pairs that a robot engineer has."""
+    network, _, seen = robust()
+    written(tmp_path, ERRORS[error](network), "numpy")
+    found = unequal(network, list(seen), numpy_answer(tmp_path))
+    assert found.beyond > 0 or found.memory > 1e-3
+    (tmp_path / "golden.json").write_text(json.dumps(golden(network, seen)))
+    right, count = checked(tmp_path)
+    assert right < count == 500
+
+
+def checked(folder: Path) -> tuple[int, int]:
+    """What the exported file finds of its golden pairs."""
+    names: dict[str, Any] = {"__file__": str(folder / "agent.py"), "__name__": "agent"}
+    exec(compile((folder / "agent.py").read_text("utf-8"), "agent.py", "exec"), names)
+    return names["check"]()
+
+
+def test_golden_pairs_come_out_of_the_exported_file(tmp_path: Path) -> None:
+    network, _, seen = robust()
+    pairs = golden(network, seen)
+    assert [at for at, begins in enumerate(pairs["begins"]) if begins] == [0, 125, 250, 375]
+    assert 0.02 < np.mean(pairs["command"]) < 0.5  # of both kinds
+    written(tmp_path, network, "numpy")
+    (tmp_path / "golden.json").write_text(json.dumps(pairs))
+    assert checked(tmp_path) == (500, 500)
+
+
+def test_a_contract_says_what_the_files_say() -> None:
+    """Against the spacecraft's file as TOML, and the columns' documentation."""
+    run = RunFolder(pretrained_folder("go-to-pose-2d"))
+    text = run.spacecraft_file.read_text("utf-8")
+    seen = np.stack([np.full((3, 10), -1.5), np.full((3, 10), 2.25)]).astype(np.float32)
+    found = contract("me", run.config(), run.spacecraft(), text, 7, seen)
+    table = tomllib.loads(text)
+    assert found["spacecraft"]["sha256"] == sha256(text.encode()).hexdigest()
+    assert [x["force"] for x in found["command"]["thrusters"]] == [x["force"] for x in table["thruster"]]
+    for told, meant in zip(found["command"]["thrusters"], table["thruster"], strict=True):
+        assert told["position"][:2] == pytest.approx(meant["position"][:2])  # mass is in the origin
+        long = np.hypot(*meant["direction"][:2])
+        assert told["direction"][:2] == pytest.approx(np.divide(meant["direction"][:2], long))
+    columns = Path(__file__).parents[2].joinpath("docs/tasks.md").read_text("utf-8").partition("| 0 | ")[2]
+    lines = f"0 | {columns}".splitlines()[:10]
+    rows = [[cell.strip() for cell in line.strip("| ").split("|")] for line in lines]
+    assert [[str(x["column"]), x["name"], x["unit"], x["frame"]] for x in found["observation"]] == rows
+    assert {tuple(x["valid"]) for x in found["observation"]} == {(-1.5, 2.25)}
+    assert found["observation"][0]["bound"] == 1.0
+    assert found["observation"][2]["bound"] is None
+    assert (found["control_period"], found["memory"], found["agent"]) == (0.2, 7, "me")
+
+
+def test_places_are_about_the_centre_of_mass() -> None:
+    craft = load_spacecraft("floating-platform")
+    moved = replace(craft, centre_of_mass=(0.01, -0.02, 0.0))
+    run = RunFolder(pretrained_folder("go-to-pose-2d"))
+    seen = np.zeros((1, 1, 10), np.float32)
+    there, here = (contract("me", run.config(), one, "", 0, seen)["command"] for one in (moved, craft))
+    for a, b in zip(there["thrusters"], here["thrusters"], strict=True):
+        assert np.subtract(b["position"], a["position"]) == pytest.approx([0.01, -0.02, 0.0])
+
+
+def test_an_exported_network_flies_as_the_agent_does(tmp_path: Path) -> None:
+    """With its memory, which begins anew with every flight, as a contestant."""
+    network, (craft, task, _, _) = shipped("go-to-pose-2d-robust")
+    written(tmp_path, network, "onnx")
+    policy = user_policy(f"onnx:{tmp_path / 'agent.onnx'}", craft, task)
+    starts, timing = scenarios(task, craft, 3, 8), Timing(episode_steps=40)
+    expected = fly(craft, task, Agent(network, "agent"), starts, timing).commands
+    for _ in range(2):
+        np.testing.assert_array_equal(fly(craft, task, policy, starts, timing).commands, expected)
+
+
+def test_any_number_of_rows_and_one(tmp_path: Path) -> None:
+    network, _, seen = robust()
+    written(tmp_path, network, *FORMS)
+    rows = seen[20]
+    memory = np.random.default_rng(0).normal(size=(4, network.architecture.memory)).astype(np.float32)
+    for form in FORMS:
+        answer = ANSWERS[form](tmp_path)
+        whole, after = answer(rows, memory)
+        for k in range(4):
+            alone, then = answer(rows[k:k + 1], memory[k:k + 1])
+            np.testing.assert_array_equal(alone[0], whole[k])
+            np.testing.assert_allclose(then[0], after[k], atol=1e-6)
+
+
+def test_the_file_says_what_it_is(tmp_path: Path) -> None:
+    """For runtimes and viewers: names, types, free rows, and the contract."""
+    onnx = pytest.importorskip("onnx")
+    network, _ = shipped("go-to-pose-2d-robust")
+    write_agent(tmp_path, "onnx", SavedPolicy(network, {}, 0, {}, 0.0), PPOSettings(), "it", '{"format": 1}')
+    model = onnx.load(tmp_path / "agent.onnx")
+    assert {x.key: x.value for x in model.metadata_props} == {"what": "it", "contract": '{"format": 1}'}
+    shown = [(x.name, [d.dim_param or d.dim_value for d in x.type.tensor_type.shape.dim])
+             for x in (*model.graph.input, *model.graph.output)]
+    memory = network.architecture.memory
+    assert shown == [("observation", ["N", 10]), ("memory", ["N", memory]), ("command", ["N", 8]),
+                     ("memory_out", ["N", memory])]
+
+
+@pytest.mark.parametrize("name", ['"""\nraise SystemExit(7)\n"""', "back\\slash__STEPS__", "x" * 10_000])
+def test_names_of_strangers_are_no_code(name: str, tmp_path: Path) -> None:
+    """A spacecraft's name is in the title of a file that will be run."""
+    network, _ = shipped("go-to-pose-2d-fast")
+    written(tmp_path, network, "numpy", title=name)
+    assert unequal(network, random_batches(network), numpy_answer(tmp_path)).commands == 0
+    assert len((tmp_path / "agent.py").read_text("utf-8").splitlines()[0]) < 120
+
+
+def test_without_its_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+                             capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setitem(sys.modules, "onnx", None)
+    assert main([*FAST, "onnx", "--output", str(tmp_path / "out")]) == 2
+    assert "--format onnx needs the package onnx: pip install 'rans[onnx]'" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_shipped_agent_is_exported_by_name(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([*FAST, "numpy", "--output", str(tmp_path / "mine")]) == 0
+    assert "holds the agent, its contract and its card" in capsys.readouterr().out
+    assert {file.name for file in (tmp_path / "mine").iterdir()} == {
+        "agent.py", "agent.npz", "spacecraft.toml", "contract.json", "golden.json", "card.json"}
+    assert checked(tmp_path / "mine") == (500, 500)
+    assert json.loads((tmp_path / "mine/card.json").read_text())["name"] == "mine"
+
+
+def test_a_layout_that_no_export_knows(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """A plugin's entry may do more with its columns than turn them."""
+    network, _ = shipped("go-to-pose-2d-fast")
+    kinds = network.architecture.layout.blocks[2].kind
+    monkeypatch.setattr(kinds, "mirrored", staticmethod(lambda columns, view, hand: [abs(columns[0])]))
+    with pytest.raises(ConfigError, match="'abs' of its columns, which no export knows"):
+        written(tmp_path, network, "onnx")

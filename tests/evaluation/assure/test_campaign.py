@@ -1,0 +1,136 @@
+"""Campaigns of invented flights whose failures are known, and of a real agent's beside its evaluation."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rans.errors import ConfigError
+from rans.evaluation.assure.bounds import plan
+from rans.evaluation.assure.campaign import Campaign
+from rans.evaluation.assure.replay import drawing, failures, flown, replays
+from rans.evaluation.fly.agent import LoadedRun
+from rans.evaluation.fly.contestants import contestant
+from rans.evaluation.measure.metrics import solved
+from rans.fast.verdicts import Failure, Verdicts
+from rans.flight import Flight
+from tests.evaluation.policies import idle
+
+
+class Fleet:
+    """Every hundredth flight fails; every thousandth is lost."""
+
+    device = type("Device", (), {"type": "cpu"})()
+
+    def __init__(self, *_: object, **__: object) -> None:
+        self.calls: list[tuple[int, int]] = []
+
+    def fly(self, first: int, count: int, seed: int, told: object) -> Verdicts:
+        numbers = np.array([n for n in range(first, first + count) if n % 100 == 7], dtype=np.int64)
+        kinds = np.where(numbers % 1000 == 7, Failure.TERMINATED, Failure.LEFT).astype(np.uint8)
+        counts = {kind: int((kinds == kind).sum()) for kind in Failure}
+        return replace(Verdicts.none(125), flights=count, failures=counts, numbers=numbers, kinds=kinds,
+                       ways=frozenset({"by hand"}))
+
+
+@pytest.fixture
+def fleet(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("rans.evaluation.assure.campaign.Flights", Fleet)
+    monkeypatch.setattr("rans.evaluation.assure.campaign._PIECES", {"cpu": 20_000})
+
+
+def _flown(campaign: Campaign, until: int | None = None) -> Campaign:
+    def stop() -> None:
+        if until is not None and campaign.flights >= until:
+            raise KeyboardInterrupt
+
+    setup: object = None
+    campaign.fly(setup, setup, "cpu", keep=stop)  # type: ignore[arg-type]  # the fleet needs neither
+    return campaign
+
+
+@pytest.mark.usefixtures("fleet")
+def test_every_flight_is_counted_once_and_failures_are_listed_by_number() -> None:
+    campaign = _flown(Campaign(plan(0.99, 50_000), 3))
+    assert campaign.flights == 50_000
+    assert campaign.events == dict.fromkeys(Failure, 0) | {Failure.LEFT: 450, Failure.TERMINATED: 50}
+    assert campaign.numbers(Failure.TERMINATED)[:2] == [7, 1007]
+    bound = campaign.bound(Failure.TERMINATED)
+    assert bound.low < bound.rate == 1e-3 < bound.high
+
+
+@pytest.mark.usefixtures("fleet")
+def test_a_wanted_bound_far_from_the_truth_is_decided_early() -> None:
+    refuted = _flown(Campaign(plan(0.99, None, 1e-3), 0))
+    assert refuted.decision == "above"
+    assert refuted.flights == refuted.plan.looks[0].flights
+    shown = _flown(Campaign(plan(0.99, None, 0.1), 0))
+    assert shown.decision == "below"
+    assert shown.flights < shown.plan.flights
+
+
+@pytest.mark.usefixtures("fleet")
+def test_what_was_interrupted_goes_on_to_the_same_end() -> None:
+    whole, part = (Campaign(plan(0.99, 60_000), 0) for _ in range(2))
+    _flown(whole)
+    with pytest.raises(KeyboardInterrupt):
+        _flown(part, until=20_000)
+    assert 20_000 <= part.flights < 60_000
+    assert not part.over
+    gone_on = Campaign(plan(0.99, 60_000), 0)
+    gone_on.go_on_from(part.to_json())
+    _flown(gone_on)
+    assert (gone_on.flights, gone_on.events, gone_on.listed) == (whole.flights, whole.events, whole.listed)
+    with pytest.raises(ConfigError, match="--restart"):
+        gone_on.go_on_from({"flights": 3})
+
+
+@pytest.fixture(scope="module")
+def run() -> LoadedRun:
+    return contestant("pretrained:go-to-pose-2d-robust").under("lab")
+
+
+def test_failures_of_a_flight_are_those_that_its_evaluation_does_not_find_solved(run: LoadedRun) -> None:
+    flight = flown(run.controller, run.judged, drawing(2026, range(100, 228)))
+    found, right = failures(flight), solved(flight)
+    assert [one is None for one in found] == right.tolist()
+    assert 0 < (~right).sum() < 64  # one in 120 fails, 121 and 200 among these
+
+
+def test_each_way_to_fail_is_told_from_the_others(run: LoadedRun) -> None:
+    flight = flown(run.controller, run.judged, drawing(2026, [0] * 6))
+    steps, tolerance = len(flight.commands), flight.task.tolerances()["position"]
+    distance = np.zeros((steps + 1, 6))
+    distance[:, 1] = 9.0 * (np.arange(steps + 1) == 10)  # once farther away than the task allows
+    distance[:, 2] = 2.0 * tolerance * (np.arange(steps + 1) == steps - 3)
+    distance[:, 3] = 2.0 * tolerance
+    distance[:, 4] = 2.0 * tolerance * (np.arange(steps + 1) < steps - 5)
+    distance[:, 5] = np.where(np.arange(steps + 1) > 40, np.nan, 0.0)
+    heading = replace(flight.states.attitude, angle=0.0 * distance + flight.goals.attitude.angle)
+    still = replace(flight.states, p=replace(flight.states.p, x=distance, y=0.0 * distance), attitude=heading)
+    assert failures(replace(flight, states=still)) == [
+        None, Failure.TERMINATED, Failure.LEFT, Failure.UNSETTLED, Failure.LATE, Failure.NOT_FINITE]
+
+
+def test_an_idle_policy_fails_for_every_judge(run: LoadedRun) -> None:
+    class Idle:
+        name = "idle"
+
+        def reset(self, count: int) -> None:
+            """Nothing to forget."""
+
+        def act(self, state: object, goal: object, observation: np.ndarray) -> np.ndarray:
+            return idle(observation)
+
+    setup = run.judged._replace(timing=replace(run.judged.timing, episode_steps=20))
+    found = replays(Idle(), setup, 0, {Failure.UNSETTLED: [5, 3, 8]}, worst=1, sample=1)
+    assert (found.tried, found.failed) == (3, 3)
+    assert found.judges() == ["numpy", "drake"]
+    assert found.refuted("drake") == []
+    assert found.found[0].excess == max(one.excess for one in found.found)
+    assert found.found[0].ending == "drifts with shut valves"
+    flight = found.flight
+    assert isinstance(flight, Flight)
+    assert flight.commands.shape == (20, len(found.found), 8)

@@ -1,0 +1,169 @@
+"""Given numbers against drawn ones, rare events against the normal distribution, searches by hand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from scipy.special import ndtri
+from scipy.stats import norm
+
+from rans.evaluation.assure import search
+from rans.evaluation.assure.chances import Chances, Chosen, Sized, sized
+from rans.evaluation.assure.rare import rare
+from rans.evaluation.assure.replay import drawing, flown, worst_errors
+from rans.evaluation.assure.search import drew, room, smallest
+from rans.evaluation.fly.agent import LoadedRun
+from rans.evaluation.fly.contestants import contestant
+from rans.evaluation.fly.protocols import Setup
+from rans.fast.step import Place
+from rans.fast.verdicts import Failure
+from rans.model.conditions import BodyConditions, Conditions, SensorsConditions
+from rans.model.conditions_file import load_conditions
+from rans.model.fields import leaves
+from rans.model.random import Random
+
+COUNT = 64
+
+
+@pytest.fixture(scope="module")
+def run() -> LoadedRun:
+    return contestant("pretrained:go-to-pose-2d-robust")
+
+
+@pytest.fixture(scope="module")
+def setup(run: LoadedRun) -> Setup:
+    """In the laboratory, for 20 steps."""
+    timing = replace(run.judged.timing, episode_steps=20)
+    return run.judged._replace(timing=timing, conditions=load_conditions("lab"))
+
+
+def _hashed(chances: Chances, seed: int, numbers: np.ndarray) -> np.ndarray:
+    """The uniform numbers that scenarios of a seed draw for themselves, (D, N): every place in order."""
+    rows = []
+    for block, place in chances.places:
+        stream = Random(2, seed, 0, numbers, np.float64, block)
+        rows.append([stream.unit() for _ in range(place + 1)][-1])
+    return np.array(rows)
+
+
+def test_given_the_numbers_that_a_scenario_draws_a_flight_is_that_scenario(run: LoadedRun) -> None:
+    # Every range varies, so that no number is drawn in vain; sensors draw by seed 0 and the same number.
+    lab = Conditions(body=BodyConditions((0.9, 1.1), (0.9, 1.1)))
+    timing = replace(run.judged.timing, episode_steps=20)
+    setup = run.judged._replace(timing=timing, conditions=lab)
+    numbers, chances = np.arange(5, 9, dtype=np.int32), Chances.of(setup)
+    chosen = chances.draws(_hashed(chances, 0, numbers), numbers)
+    ours, theirs = (flown(run.controller, setup, own) for own in (chosen, drawing(0, numbers.tolist())))
+    assert len(chances.places) == 6  # bearing, distance, attitude, goal's attitude; mass and inertia
+    np.testing.assert_array_equal(np.stack(leaves(ours.states)), np.stack(leaves(theirs.states)))
+
+
+def test_scores_are_the_largest_errors_of_the_last_fifth(run: LoadedRun, setup: Setup) -> None:
+    chances, agent = Chances.of(setup), run.controller
+    random = np.random.default_rng(0)
+    z, number = random.standard_normal((len(chances.places), COUNT)), np.arange(COUNT, dtype=np.int32)
+    network: Any = getattr(agent, "network")  # noqa: B009
+    score = chances.scores(network, torch.device("cpu"))(z, number)
+    exact = worst_errors(flown(agent, setup, chances.draws(norm.cdf(z), number)))[0]
+    # After 4 s all are still on their way: float32 has moved none by a thousandth.
+    np.testing.assert_allclose(score, exact, rtol=1e-3)
+    place = Place(torch.device("cpu"), torch.float32)  # tensors, as on a GPU
+    tensors = chances._score(network, place, chances.draws(norm.cdf(z), number, None, place))
+    np.testing.assert_allclose(tensors, exact, rtol=1e-3)
+
+
+def test_conditions_of_no_size_are_a_perfect_world_and_of_size_one_themselves(run: LoadedRun,
+                                                                             setup: Setup) -> None:
+    delayed = replace(load_conditions("lab"), sensors=SensorsConditions(delay=(0.0, 2.0)))
+    measured = setup._replace(conditions=sized(delayed))
+    chances, number = Chances.of(measured), np.arange(8, dtype=np.int32)
+    units = np.random.default_rng(1).random((len(chances.places), 8))
+
+    def states(size: float | None, of: Setup) -> np.ndarray:
+        own = chances.draws(units, number, None if size is None else np.full(8, size))
+        return np.stack(leaves(flown(run.controller, of, own).states))
+
+    perfect, usual = setup._replace(conditions=None), setup._replace(conditions=delayed)
+    # 1e-9: nothing is switched off at size 0, so that sums with zeros round otherwise.
+    np.testing.assert_allclose(states(0.0, measured), states(None, perfect), atol=1e-9)
+    np.testing.assert_allclose(states(1.0, measured), states(None, usual), atol=1e-9)
+    assert not np.allclose(states(2.0, measured), states(1.0, measured), atol=1e-3)
+
+
+def test_a_flight_tells_what_it_drew(setup: Setup) -> None:
+    chances = Chances.of(setup._replace(conditions=sized(load_conditions("lab"))))
+    own = chances.draws(np.full((len(chances.places), 1), 0.5), np.zeros(1, np.int32), np.full(1, 2.0))
+    said = drew(chances, own)
+    # The middle of every range of lab: mass 1, thrust 1, force 0.125 N and so on; twice that.
+    assert said["body"].startswith("mass 1.000 and inertia 1.000")
+    assert said["valves"] == "100 ms late, 60 ms to full force"
+    assert said["steady push"] == "0.25 N, 0.03 N m"
+    assert said["start"] == "3.5 m from the goal"
+
+
+def test_size_grows_from_where_there_is_no_trouble() -> None:
+    assert Sized.of((0.75, 1.25), 1.0) == (0.75, 1.25)
+    assert Sized.of(0.3, None).nominal == 0.3
+    lab = sized(load_conditions("lab"))
+    assert (lab.body.mass.nominal, lab.disturbances.force.nominal) == (1.0, 0.0)
+    assert not isinstance(lab.thrusters.pressure, Sized)
+    # At 3.6 times (0.75, 1.25) a mass is down to 0.1.
+    assert room(load_conditions("lab")) == pytest.approx(3.6)
+
+
+@pytest.mark.parametrize("limit", [2.0, 4.5])
+def test_rare_events_have_the_probability_that_the_normal_distribution_gives(limit: float) -> None:
+    # The mean of 20 normal numbers, in its own standard deviation.
+    found = rare(lambda z, _: z.sum(axis=0) / np.sqrt(20) / limit, 20, 20_000, 0)
+    assert found.probability == pytest.approx(norm.sf(limit), abs=4.0 * found.error)  # once in 16,000
+    assert found.error < 0.1 * norm.sf(limit)
+    assert found.gain > (1.0 if limit < 3.0 else 1000.0)
+
+
+def test_what_has_no_cause_in_what_is_drawn_gains_nothing_but_is_estimated_right() -> None:
+    def score(_: np.ndarray, number: np.ndarray) -> np.ndarray:
+        return 1.2 * np.random.default_rng(number[:4].tolist()).random(len(number))
+
+    found = rare(score, 5, 20_000, 1)
+    assert found.probability == pytest.approx(1.0 / 6.0, abs=4.0 * found.error)
+    assert found.gain < 1.5
+
+
+def test_a_search_finds_the_nearest_place_of_failure() -> None:
+    # What fails: the first uniform number above 0.9 and the size above 0.4, whatever the rest.
+    def score(z: np.ndarray, _: np.ndarray, size: np.ndarray) -> np.ndarray:
+        return np.minimum(z[0] / ndtri(0.9), size / 0.4)
+
+    told: list[int] = []
+    found = smallest(score, 6, 2.0, np.random.default_rng(0), told.append)
+    assert 0.4 <= found[0].size < 0.41
+    assert found[0].z[0] >= ndtri(0.9)
+    assert sum(told) == 20 * 2048
+
+
+def test_the_smallest_failure_found_is_flown_again_before_it_is_told(run: LoadedRun, setup: Setup,
+                                                                     monkeypatch: pytest.MonkeyPatch) -> None:
+    # After 4 s everybody is still on the way, which is a failure at any size: the first is as good as any.
+    monkeypatch.setattr(search, "_ROUNDS", 2)
+    monkeypatch.setattr(search, "_COUNT", 64)
+    network: Any = getattr(run.controller, "network")  # noqa: B009
+    lab = load_conditions("lab")
+    found = search.searched("lab", lab, run.controller, network, setup, 0)
+    breaking = found.breaking
+    assert breaking is not None
+    assert breaking.again == dict.fromkeys(("numpy", "drake"), Failure.UNSETTLED)
+    assert found.failed == found.flights == 128
+    measured = Chances.of(setup._replace(conditions=sized(lab)))
+    own = measured.draws(np.array(breaking.units)[:, None], np.array([breaking.number], np.int32),
+                         np.array([breaking.size]))
+    again = flown(run.controller, measured.setup, own)
+    np.testing.assert_array_equal(np.stack(leaves(again.states)), np.stack(leaves(breaking.flight.states)))
+
+
+def test_a_missing_number_is_an_error_and_no_accident() -> None:
+    with pytest.raises(KeyError):
+        Chosen(0, 0, np.zeros(1, np.int32), 0, np.float64).random(2, np.zeros(1, np.int32)).unit()

@@ -1,0 +1,104 @@
+"""Whose code runs: a file that names MODULE:NAME is not enough, somebody must vouch for it."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import shutil
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from rans.cli import main
+from rans.errors import ConfigError
+from rans.evaluation.fly.agent import load_agent
+from rans.fast.learn.config import to_table
+from rans.fast.learn.run_folder import RunFolder
+from rans.files import write_json
+from rans.model.spacecraft_file import SPACECRAFT
+from rans.registry import trust_files
+from rans.tasks import TASKS
+from tests.fast.training import CONFIG, after, ignore, tiny_trainer
+
+MODULE = """
+from pathlib import Path
+from rans.tasks import GoToPose as Task
+from rans.model.spacecraft_file import load_spacecraft
+Path("ran").write_text("")
+craft = load_spacecraft("floating-platform")
+"""
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("runs") / "first"
+    tiny_trainer(path).train(ignore, after(2))
+    return path
+
+
+@pytest.fixture
+def run(trained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A run folder, a config and a sweep of a stranger, whose module lies beside them."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setenv("RANS_TRUST", "")
+    for registry in (TASKS, SPACECRAFT):
+        monkeypatch.setattr(registry, "_loaded", {})
+    Path("strangers.py").write_text(MODULE)
+    folder = Path(shutil.copytree(trained, "run"))
+    table = json.loads((folder / "config.json").read_text()) | {"task": "strangers:Task"}
+    write_json(folder / "config.json", table)
+    write_json(Path("craft.json"), table | {"task": "go-to-pose", "spacecraft": "strangers:craft"})
+    odd = to_table(CONFIG) | {"spacecraft": "strangers:craft"}
+    shutil.copytree(folder, "sweep/batches/0")
+    write_json(Path("sweep/configs.json"), {"command": "", "configs": [to_table(CONFIG), odd]})
+    yield folder
+    sys.modules.pop("strangers", None)
+
+
+COMMANDS = ["evaluate run --episodes 2", "compare run --with lqr", "view run --save page.html", "stress run",
+            "follow run", "export run --output out", "train --resume run", "train --config run/config.json",
+            "train --config craft.json", "sweep --resume sweep"]
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_file_runs_nobodys_module(run: Path, command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(command.split()) in (1, 2)
+    said = capsys.readouterr()
+    text = " ".join((said.out + said.err).split())
+    assert "to use it would run that module's code" in text
+    assert "add --trust" in text
+    assert not Path("ran").exists()
+
+
+def test_with_trust_it_does(run: Path) -> None:
+    assert main(["train", "--resume", "run", "--trust"]) == 0
+    assert Path("ran").exists()
+
+
+@pytest.mark.parametrize("name", sorted({command.split()[0] for command in COMMANDS}))
+def test_every_such_command_can_be_told_to(name: str) -> None:
+    assert getattr(importlib.import_module(f"rans.cli.{name}"), name.capitalize()).trust is False
+
+
+def test_a_module_that_is_loaded_is_vouched_for(run: Path) -> None:
+    """As after ``import strangers`` in Python, and after ``rans train strangers:Task`` typed it."""
+    with pytest.raises(ConfigError, match="from Python, import the module first"):
+        load_agent(run)
+    __import__("strangers")
+    assert type(load_agent(run).task).__name__ == "GoToPose"
+
+
+def test_trust_is_known_to_processes_that_are_started(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    trust_files()
+    assert RunFolder(run).config().task == "strangers:Task"
+
+
+def test_a_typed_name_needs_no_trust(run: Path) -> None:
+    command = ("train strangers:Task --spacecraft strangers:craft --device cpu --run mine "
+                    "--total-timesteps 64 --set ppo.n_envs=8 --set ppo.n_steps=4 --set ppo.batch_size=16 "
+                    "--set timing.episode_steps=10")
+    assert main([str(word) for word in command.split()]) == 0
+    assert Path("mine/policy.zip").exists()

@@ -1,0 +1,162 @@
+"""The campaign at a tiny size, and whether it would see what it is there for."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import signal
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+
+from rans.cli import COMMANDS
+from rans.model.spacecraft_file import spacecraft_text
+from validation.breaking import __main__ as campaign
+from validation.breaking import steps, training, trial
+from validation.breaking.__main__ import Breaking, Tally
+from validation.breaking.cases import file_case, folder_case, line_case
+from validation.breaking.damage import damaged_bytes, damaged_text
+from validation.breaking.steps import extreme
+from validation.breaking.trial import Outcome, ran
+
+
+def test_tiny(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A config and some steps; the rest takes seconds each."""
+    tiny = Breaking(1, 0, 0, 0, 0, 1e4, first=3, output=tmp_path / "out.json")
+    assert tiny.run() == 0
+    found = json.loads((tmp_path / "out.json").read_text())
+    assert found["files"]["tried"] == 1
+    assert sum(found["files"]["endings"].values()) == 1
+    assert found["steps"]["steps"] >= 1e4
+    assert found["faults"] == 0
+    assert "how commands ended" in capsys.readouterr().out
+
+
+def _raises() -> int:
+    raise KeyError("x")
+
+
+def _sleeps() -> int:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    time.sleep(60)
+    return 0
+
+
+def _waits() -> int:
+    try:
+        time.sleep(60)
+    except KeyboardInterrupt:
+        return 130
+    return 0
+
+
+def _dies() -> int:
+    os.kill(os.getpid(), signal.SIGKILL)
+    return 0
+
+
+def _says(text: str, code: int) -> Callable[[], int]:
+    def say() -> int:
+        sys.stderr.write(text)
+        return code
+
+    return say
+
+
+ENDINGS: dict[str, tuple[Callable[[], int], str, list[str]]] = {
+    "raises": (_raises, "traceback", ["traceback"]), "sleeps": (_sleeps, "hang", ["hang"]),
+    "waits": (_waits, "interrupted", []), "dies": (_dies, "died", ["died"]),
+    "odd code": (lambda: 7, "died", ["died"]), "sentence": (_says("rans: no.", 2), "refused", []),
+    "silence": (_says("", 2), "refused", ["refused without a word"]),
+    "escapes": (_says("\x1b[31m", 2), "refused", ["escape codes"]),
+    "endless": (_says("x" * 40_000, 2), "refused", ["endless error"]), "fine": (lambda: 0, "done", []),
+    "exits": (lambda: sys.exit(2), "refused", ["refused without a word"]),
+    "memory": (lambda: len(bytearray(2**36)), "traceback", ["traceback"]),
+}
+
+
+@pytest.mark.parametrize("name", ENDINGS)
+def test_every_way_to_end_is_seen(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    run, ending, faults = ENDINGS[name]
+    monkeypatch.setattr(trial, "main", run)
+    monkeypatch.setattr(trial, "LEAVE", 0.3)
+    found = ran(("x",), tmp_path, patience=0.3)
+    assert (found.ended, found.faults) == (ending, faults)
+
+
+def test_a_fault_fails_and_is_told(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
+                                   tmp_path: Path) -> None:
+    broken = Outcome(("list", "odd.toml"), "traceback", 0.1, "", "Traceback")
+    monkeypatch.setattr(campaign, "ran", lambda *_: broken)
+    assert Breaking(files=1, lines=0, folders=0, kills=0, disks=0, steps=0).run() == 1
+    assert "files:0 traceback: list odd.toml" in capsys.readouterr().err
+    tally = Tally()
+    tally.add(4, [], ["another agent"])
+    assert tally.faults == [{"case": 4, "command": [], "fault": "another agent", "said": ""}]
+
+
+def test_numbers_that_are_silently_none_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Sick:
+        def __init__(self, *_: Any, **__: Any) -> None:
+            pass
+
+        def step(self, action: torch.Tensor) -> Any:
+            observation = torch.zeros(len(action), 10)
+            observation[3] = torch.nan
+            return type("Step", (), {
+                "observation": observation, "reward": torch.tensor([0.0, torch.nan, torch.nan, *[0.0] * 5]),
+                "terminated": torch.arange(len(action)) == 2})
+
+    monkeypatch.setattr(steps, "Engine", Sick)
+    found = steps.steps(8 * 64)
+    assert (found.silent, found.told) == (2 * 64, 64)
+    assert found.where == (1,)
+
+
+def test_cases_follow_from_their_number(tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    run.mkdir()
+    (run / "metrics.jsonl").write_text('{"steps": 1}\n' * 9)
+    for k, make in enumerate((file_case, lambda n, f: line_case(n, f, run),
+                              lambda n, f: folder_case(n, f, [run, run]))):
+        once, again = tmp_path / f"{k}a", tmp_path / f"{k}b"
+        for folder in (once, again):
+            folder.mkdir()
+        assert make(7, once) == make(7, again)
+        assert [x.name for x in sorted(once.iterdir())] == [x.name for x in sorted(again.iterdir())]
+    assert {line_case(n, _new(tmp_path / f"l{n}"), run)[0][0] for n in range(len(COMMANDS))} <= {
+        *COMMANDS, *line_case.__globals__["_WORDS"]}
+
+
+def _new(folder: Path) -> Path:
+    folder.mkdir()
+    return folder
+
+
+def test_damage_damages() -> None:
+    text, chance = spacecraft_text("floating-platform"), random.Random(1)
+    changed = [damaged_text(text, chance) for _ in range(50)]
+    assert sum(one != text for one in changed) > 40
+    assert len(set(changed)) > 40
+    assert sum(damaged_bytes(text.encode(), chance) != text.encode() for _ in range(50)) > 45
+
+
+def test_extreme_craft_are_allowed_ones() -> None:
+    """They are at the ends of what files may say, or steps would try nothing."""
+    craft = [extreme(random.Random(k)) for k in range(30)]
+    assert min(one.mass for one in craft) < 1e-3
+    assert max(one.mass for one in craft) > 1e6
+
+
+def test_another_agent_is_seen(tmp_path: Path) -> None:
+    """By its rows, and by any bit of its weights."""
+    whole = training.Left({"a": 1}, b"12", [{"steps": 1}])
+    for other in (whole._replace(numbers=b"13"), whole._replace(rows=[]), whole._replace(header={})):
+        assert other != whole
+    assert not training._ended(tmp_path, [], whole).equal  # nothing is left there

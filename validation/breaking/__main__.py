@@ -1,0 +1,171 @@
+"""``python -m validation.breaking``: damaged files and run folders, odd command lines, kills, full disks.
+
+Every case follows from its number. Demanded: no traceback, no hang, no number that is silently none, and
+agents that were killed or ran out of disk end bit for bit as those that were not. One case again, with what
+it says: ``--only files:137``.
+"""
+
+from __future__ import annotations
+
+import importlib
+import shutil
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import torch
+import tyro
+
+from rans.files import environment, write_json
+from rans.terminal import Terminal, table
+from validation.breaking.cases import Prepare, file_case, folder_case, line_case, runs_to_damage
+from validation.breaking.steps import steps
+from validation.breaking.training import full_disk, killed, whole
+from validation.breaking.trial import Outcome, ran
+from validation.command import ended
+
+_MANY = 10
+"""More cases than this, and what most commands load is loaded once, before."""
+_HEAVY = ("pydrake.multibody.plant", "rans.evaluation.compare.run", "rans.evaluation.fly.judge",
+          "rans.show.report", "rans.show.view", "rans.deploy.export", "rans.optimal.control.lqr",
+          "rans.reference.plant")
+_KINDS = "files", "lines", "folders", "kills", "disks"
+
+
+@dataclass
+class Tally:
+    """What was tried of one kind, and what came of it."""
+
+    tried: int = 0
+    endings: dict[str, int] = field(default_factory=dict)
+    faults: list[dict[str, Any]] = field(default_factory=list)
+    seconds: float = 0.0
+
+    def add(self, number: int, outcomes: list[Outcome], more: list[str]) -> None:
+        """One case."""
+        self.tried += 1
+        for one in outcomes:
+            self.endings[one.ended] = self.endings.get(one.ended, 0) + 1
+        self.faults += [
+            {"case": number, "command": list(one.command), "fault": fault, "said": one.err[-2000:]}
+            for one in outcomes for fault in one.faults]
+        self.faults += [{"case": number, "command": [], "fault": fault, "said": ""} for fault in more]
+
+
+@dataclass(frozen=True)
+class Breaking:
+    """Try to break every command; exit code 1 where one broke."""
+
+    files: int = 300
+    """Damaged files of spacecraft, conditions and trainings."""
+    lines: int = 150
+    """Command lines."""
+    folders: int = 60
+    """Damaged run folders."""
+    kills: int = 10
+    """Trainings that are killed and resumed."""
+    disks: int = 5
+    """Trainings whose disk is full."""
+    steps: float = 1e7
+    """Environment steps of extreme craft."""
+    first: int = 0
+    """Number of the first case of each kind."""
+    only: str = ""
+    """KIND:NUMBER of the one case to run, and to tell all about."""
+    patience: float = 20.0
+    """Time after which a command hears Ctrl-C, s; one that has not ended 90 s later hangs."""
+    output: Path | None = None
+    """JSON file to write."""
+
+    def run(self) -> int:
+        """Print the table; 0 if nothing broke."""
+        torch.set_num_threads(1)
+        if self.files + self.lines + self.folders > _MANY:
+            for name in _HEAVY:
+                importlib.import_module(name)
+        kind, _, number = self.only.partition(":")
+        with tempfile.TemporaryDirectory() as place:
+            folder = Path(place)
+            if kind:
+                return self._one(kind, int(number), folder)
+            tallies = {name: self._tally(name, folder) for name in _KINDS if getattr(self, name)}
+        found = steps(self.steps, self.first) if self.steps else None
+        faults = sum(len(tally.faults) for tally in tallies.values()) + (found.silent if found else 0)
+        terminal = Terminal(room=110)
+        rows = [(name, str(x.tried), ", ".join(f"{n} {how}" for how, n in sorted(x.endings.items())),
+                 str(len(x.faults)), f"{x.seconds:.0f}") for name, x in tallies.items()]
+        if found:
+            about = f"{found.craft} craft, {found.refused} refused, {found.told:,} failed without a reward"
+            rows.append(("steps", f"{found.steps:,}", about, str(found.silent), ""))
+        headings = "kind", "tried", "how commands ended", "faults", "seconds"
+        terminal.print(table("Breaking", headings, rows))
+        if self.output is not None:
+            write_json(self.output, {"environment": environment(), "faults": faults, "first": self.first,
+                                     "steps": None if found is None else asdict(found),
+                                     **{name: asdict(tally) for name, tally in tallies.items()}})
+        return 1 if faults else 0
+
+    def _tally(self, name: str, folder: Path) -> Tally:
+        tally, started = Tally(), time.monotonic()
+        trial = self._trial(name, folder)
+        for number in range(self.first, self.first + getattr(self, name)):
+            with _emptied(folder / "case") as case:
+                before = len(tally.faults)
+                tally.add(number, *trial(number, case))
+            for fault in tally.faults[before:]:
+                _say(f"{name}:{number} {fault['fault']}: {' '.join(fault['command'])[:300]}")
+        tally.seconds = time.monotonic() - started
+        _say(f"{name}: {tally.tried} in {tally.seconds:.0f} s, {len(tally.faults)} faults")
+        return tally
+
+    def _trial(self, name: str, folder: Path) -> Callable[[int, Path], tuple[list[Outcome], list[str]]]:
+        """A case of this kind, of its number and an empty folder, to outcomes and what else is wrong."""
+        if name in ("kills", "disks"):
+            (folder / name).mkdir()
+            started = time.monotonic()
+            expected = whole(folder / name)
+            seconds = time.monotonic() - started
+            disturbed = partial(killed, seconds=seconds) if name == "kills" else full_disk
+
+            def undisturbed(number: int, case: Path) -> tuple[list[Outcome], list[str]]:
+                end = disturbed(number, case, expected)
+                return end.outcomes, [] if end.equal else ["another agent"]
+
+            return undisturbed
+        prepare: Prepare = file_case
+        if name != "files":
+            runs = runs_to_damage(folder / name)
+            prepare = partial(line_case, run=runs[0]) if name == "lines" else partial(folder_case, runs=runs)
+        return lambda number, case: ([ran(one, case, self.patience) for one in prepare(number, case)], [])
+
+    def _one(self, name: str, number: int, folder: Path) -> int:
+        with _emptied(folder / "case") as case:
+            outcomes, more = self._trial(name, folder)(number, case)
+            for one in outcomes:
+                _say(f"$ rans {' '.join(one.command)}\n{one.out}{one.err}-> {one.ended}, {one.seconds:.1f} s")
+        return 1 if more or any(one.faults for one in outcomes) else 0
+
+
+def _say(text: str) -> None:
+    """On the way, to those who wait."""
+    print(text, file=sys.stderr, flush=True)  # noqa: T201
+
+
+@contextmanager
+def _emptied(folder: Path) -> Iterator[Path]:
+    """A folder deep in this one that is new within, and gone after; "../.." stays within too."""
+    shutil.rmtree(folder, ignore_errors=True)
+    case = folder / "a" / "b" / "c"
+    case.mkdir(parents=True)
+    yield case
+    shutil.rmtree(folder, ignore_errors=True)
+
+
+if __name__ == "__main__":
+    sys.exit(ended("breaking", lambda: tyro.cli(Breaking).run()))
