@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
-import sys
 import time
 from dataclasses import dataclass
 from functools import partial
@@ -14,7 +12,7 @@ from tyro.conf import Positional, arg
 
 from rans.cli import check_count
 from rans.errors import ConfigError
-from rans.files import ready_folder, write_json
+from rans.files import command_line, ready_folder, write_json
 from rans.scenario import ASSURANCE_SEED
 from rans.terminal import Terminal, progress, table
 
@@ -78,8 +76,7 @@ class Assure:
                 raise ConfigError(f"{name} must be >= 0, got {value}.")
         episodes = _EPISODES if self.episodes is None and self.failure_below is None else self.episodes
         planned = plan(self.confidence, episodes, self.failure_below)
-        assurance = made(self.agent, self.conditions, planned, self.seed,
-                         shlex.join(["rans", *sys.argv[1:]]))
+        assurance = made(self.agent, self.conditions, planned, self.seed, command_line())
         if self.plan:
             _print_plan(assurance)
             return 0
