@@ -1,0 +1,116 @@
+"""Which thrusters fail, when and how: as likely as conditions say, and as they say."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from rans.episode import Episode, World
+from rans.errors import ConfigError
+from rans.model.conditions import Conditions, FaultConditions, ThrusterConditions
+from rans.model.faults import fault_sets
+from rans.scenario import draws
+from tests.model.cases import BOTH, COUNT, CRAFTS, LIKELY, PLATFORM, TASK, case
+
+
+def health(conditions: FaultConditions, time: float = 0.0, count: int = COUNT) -> Any:
+    """Gains and leaks, (thrusters, N) each."""
+    body = case(Conditions(faults=conditions), count=count).body_at(time)
+    return [np.array([np.broadcast_to(x, count) for x in part]) for part in (body.gain, body.leak)]
+
+
+@pytest.mark.parametrize(("kind", "gain", "leak"), [
+    ("dead", (0.0, 0.0), (0.0, 0.0)), ("stuck-open", (0.0, 0.0), (1.0, 1.0)),
+    ("stuck", (0.0, 0.0), (0.3, 0.8)), ("weak", (0.3, 0.8), (0.0, 0.0))])
+def test_each_kind_does_what_it_says(kind: Any, gain: Any, leak: Any) -> None:
+    gains, leaks = health(FaultConditions(count=1.0, kinds=(kind,), share=(0.3, 0.8)))
+    hit = (gains != 1.0) | (leaks != 0.0)
+    assert (hit.sum(axis=0) == 1).all()
+    for values, (low, high) in ((gains[hit], gain), (leaks[hit], leak)):
+        assert low <= values.min()
+        assert values.max() <= high
+        assert low == high or values.std() > 0.1  # of a uniform range of a half: 0.14
+
+
+def test_faults_hit_distinct_thrusters_each_pair_as_likely() -> None:
+    gains, _ = health(FaultConditions(count=2.0, kinds=("dead",)))
+    assert ((gains == 0.0).sum(axis=0) == 2).all()
+    first, second = np.array([np.nonzero(column == 0.0)[0] for column in gains.T]).T
+    seen = np.bincount(first * 8 + second, minlength=64)
+    pairs = [a * 8 + b for a in range(8) for b in range(a + 1, 8)]
+    assert stats.chisquare(seen[pairs]).pvalue > LIKELY
+
+
+def test_as_many_fail_as_are_drawn_and_kinds_are_as_likely() -> None:
+    gains, leaks = health(FaultConditions(count=(0.0, 2.0), kinds=("dead", "stuck-open")))
+    number = (gains == 0.0).sum(axis=0)
+    assert stats.chisquare(np.bincount(number, minlength=3)).pvalue > LIKELY
+    dead = (leaks[gains == 0.0] == 0.0).sum()
+    assert stats.binomtest(int(dead), int(number.sum())).pvalue > LIKELY
+
+
+@BOTH
+@pytest.mark.parametrize("kind", ["dead", "stuck-open"])
+@pytest.mark.parametrize("count", [1, 2])
+@pytest.mark.parametrize("among", ["recoverable", "unrecoverable"])
+def test_sets_that_are_recoverable_or_not_are_each_as_likely(among: Any, count: int, kind: Any,
+                                                             dimension: int) -> None:
+    faults = FaultConditions(float(count), (kind,), among=among)
+    expected = {one.thrusters for one in fault_sets(CRAFTS[dimension], count, kind)
+                if one.recoverable == (among == "recoverable")}
+    if not expected:
+        with pytest.raises(ConfigError, match=f"un.* of 1 {kind} thruster, but .* has none; `rans faults`"):
+            case(Conditions(faults=faults), dimension)
+        return
+    body = case(Conditions(faults=faults), dimension).body_at(0.0)
+    hit = np.array([np.broadcast_to(x, COUNT) for x in body.gain]) == 0.0
+    assert (np.array([np.broadcast_to(x, COUNT) for x in body.leak])[hit] == (kind == "stuck-open")).all()
+    seen = Counter(tuple(np.flatnonzero(column).tolist()) for column in hit.T)
+    assert set(seen) == expected
+    assert stats.chisquare(list(seen.values())).pvalue > LIKELY
+
+
+def test_recoverable_faults_are_as_many_and_of_each_kind_as_often_and_pairs_fail_alike() -> None:
+    conditions = FaultConditions(count=(0.0, 2.0), among="recoverable")
+    gains, leaks = health(conditions)
+    number, stuck = (gains == 0.0).sum(axis=0), (leaks == 1.0).sum(axis=0)
+    assert stats.chisquare(np.bincount(number, minlength=3)).pvalue > LIKELY
+    assert ((stuck == 0) | (stuck == number)).all()
+    assert stats.binomtest(int((stuck > 0).sum()), int((number > 0).sum())).pvalue > LIKELY
+
+
+def test_kinds_with_sets_of_their_own_keep_them() -> None:
+    """Of a craft whose thruster 0 is too strong for the others to balance, it cannot be stuck open."""
+    first, *others = PLATFORM.thrusters
+    strong = replace(PLATFORM, thrusters=(replace(first, force=20.0), *others))
+    faults = FaultConditions(1.0, ("dead", "stuck-open"), among="recoverable")
+    own = draws(11, COUNT)
+    world = World(strong, TASK, conditions=Conditions(faults=faults))
+    body = world.recalled(Episode(None, None), own).case.body_at(0.0)  # type: ignore[union-attr]
+    assert (np.array(body.gain[0]) == 0.0).any()
+    assert not np.array(body.leak[0]).any()
+    dead = (np.array(body.gain) == 0.0) & (np.array(body.leak) == 0.0)
+    assert stats.binomtest(int(dead.any(axis=0).sum()), COUNT).pvalue > LIKELY
+    assert stats.chisquare(dead.sum(axis=1)).pvalue > LIKELY
+
+
+def test_a_fault_begins_with_the_period_in_which_its_time_has_come() -> None:
+    faults = FaultConditions(count=1.0, kinds=("dead",), time=1.0)
+    for time, many in ((0.0, 0), (0.8, 0), (1.0, 20), (1.2, 20), (24.8, 20)):
+        assert (health(faults, time, 20)[0] == 0.0).sum() == many
+
+
+def test_who_does_not_fail_keeps_the_thrust_it_drew() -> None:
+    """And who is stuck open gives all of it."""
+    drawn = Conditions(thrusters=ThrusterConditions(thrust=(0.7, 0.9)),
+                       faults=FaultConditions(count=1.0, kinds=("stuck-open",), time=5.0))
+    found = case(drawn, count=50)
+    sound, failed = found.body_at(0.0), found.body_at(5.0)
+    whole = np.array(failed.gain) + np.array(failed.leak)
+    np.testing.assert_allclose(whole, np.array(sound.gain), rtol=1e-15)
+    assert ((np.array(failed.leak) > 0.0).sum(axis=0) == 1).all()

@@ -1,0 +1,95 @@
+"""What sensors tell: noise, bias, delays and dropouts are what conditions say."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from scipy import stats
+
+from rans.episode import Episode, World, step
+from rans.model.conditions import Conditions, SensorConditions, SensorsConditions
+from rans.model.fields import leaves
+from rans.model.random import Draws
+from tests.model.cases import BOTH, COUNT, LIKELY, begun
+
+
+def sensors(what: str, sizes: tuple[float, ...]) -> SensorsConditions:
+    """With so much of it in position, attitude, velocity and spin."""
+    names = ("position", "attitude", "velocity", "spin")
+    each: Any = {name: SensorConditions(**{what: size}) for name, size in zip(names, sizes, strict=True)}
+    return SensorsConditions(**each)
+
+
+def errors(world: World, own: Draws, now: Episode) -> list[np.ndarray]:
+    """Of position, attitude, velocity and spin: components of what is told beside the truth, (.., N)."""
+    told, true = world.sensed(now, own), now.state
+    turn = true.attitude.to(told.attitude)
+    if world.craft.dimension == 2:
+        return [np.array((told.p - true.p).columns()), np.array([turn.angle]),
+                np.array((told.v - true.v).columns()), np.array([told.w - true.w])]
+    return [np.array((told.p - true.p).columns()), 2.0 * np.array([turn.x, turn.y, turn.z]),
+            np.array((told.v - true.v).columns()), np.array((told.w - true.w).columns())]
+
+
+@BOTH
+def test_noise_is_normal_and_new_in_every_component_and_period(dimension: int) -> None:
+    sizes = (0.02, 0.01, 0.03, 0.04)
+    noisy = Conditions(sensors=sensors("noise", sizes))
+    world, own, now = begun(noisy, dimension)
+    first = errors(world, own, now)
+    second = errors(world, own, replace(now, clock=now.clock + 1))
+    for size, a, b in zip(sizes, first, second, strict=True):
+        for x in (*a, *b):
+            assert stats.kstest(x / size, "norm").pvalue > LIKELY
+        both = np.abs(np.corrcoef([*a, *b]) - np.eye(2 * len(a)))
+        assert both.max() < 5 / math.sqrt(COUNT)
+    assert np.array_equal(errors(world, own, now)[0], first[0]), "a moment is told once"
+
+
+@BOTH
+def test_a_bias_is_the_same_in_every_period(dimension: int) -> None:
+    sizes = (0.1, 0.02, 0.2, 0.3)
+    world, own, now = begun(Conditions(sensors=sensors("bias", sizes)), dimension, 20)
+    first = errors(world, own, now)
+    for _ in range(3):
+        now = step(world, now, tuple(np.ones((len(world.craft.thrusters), 20))), own).episode
+    for size, a, b in zip(sizes, first, errors(world, own, now), strict=True):
+        np.testing.assert_allclose(np.linalg.norm(a, axis=0), size, rtol=1e-4)  # 2 sin(0.01) is 0.02 - 3e-7
+        np.testing.assert_allclose(b, a, rtol=0, atol=1e-12)
+
+
+@BOTH
+def test_late_readings_are_states_of_so_many_periods_ago(dimension: int) -> None:
+    world, own, now = begun(Conditions(sensors=SensorsConditions(delay=(0.0, 3.0))), dimension, 40)
+    delay = np.asarray(now.case.sensors.delay)  # type: ignore[union-attr]
+    assert sorted(set(delay)) == [0.0, 1.0, 2.0, 3.0]
+    track = [np.array(leaves(now.state))]
+    for k in range(8):
+        told = np.array(leaves(world.sensed(now, own)))
+        for n in range(40):
+            assert np.array_equal(told[:, n], track[max(k - int(delay[n]), 0)][:, n])
+        now = step(world, now, tuple(np.ones((len(world.craft.thrusters), 40))), own).episode
+        track.append(np.array(leaves(now.state)))
+
+
+def test_where_a_reading_drops_out_the_last_one_stands() -> None:
+    lost = Conditions(sensors=SensorsConditions(position=SensorConditions(noise=0.01, dropout=0.3),
+                                                attitude=SensorConditions(noise=0.01)))
+    world, own, now = begun(lost)
+    before, repeated = world.sensed(now, own), []
+    for _ in range(3):
+        now = step(world, now, tuple(np.ones((8, COUNT))), own).episode
+        told = world.sensed(now, own)
+        same = [getattr(told.p, axis) == getattr(before.p, axis) for axis in ("x", "y")]
+        assert np.array_equal(*same), "of both components or none"
+        repeated.append(same[0])
+        assert not (told.attitude.angle == before.attitude.angle).any()
+        fresh = ~same[0]
+        assert np.abs(told.p.x - now.state.p.x)[fresh].max() < 0.06  # six standard deviations
+        before = told
+    for gone in repeated:
+        assert stats.binomtest(int(gone.sum()), COUNT, 0.3).pvalue > LIKELY
+    assert abs(np.corrcoef(repeated[0], repeated[1])[0, 1]) < 5 / math.sqrt(COUNT)
