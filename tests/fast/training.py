@@ -17,7 +17,7 @@ from torch import Tensor
 
 from rans.fast.engine import Engine
 from rans.fast.envs.sb3 import SB3VecEnv
-from rans.fast.learn.architecture import Architecture
+from rans.fast.learn.architecture import Architecture, paper_layout
 from rans.fast.learn.config import PPOSettings, TrainConfig
 from rans.fast.learn.member import begin
 from rans.fast.learn.network import Network
@@ -26,12 +26,16 @@ from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.trainer import Trainer
 from rans.fast.policy import AgentPolicy, policy_kwargs, policy_spaces
 from rans.model.actuators import Throttle
-from rans.tasks import GoToPose
+from rans.tasks import GoToPose, observation, observation_width
+from tests.crafts import random_states
 from tests.fast.engines import NEAR, PLATFORM, SHORT
 
 TINY = PPOSettings(n_envs=16, n_steps=8, batch_size=64, n_epochs=2, layers=(16, 16))
 CONFIG = TrainConfig("go-to-pose", GoToPose(), "floating-platform", TINY, SHORT, total_timesteps=2048,
                      solved_share=None)
+EASY = GoToPose(spawn_distance=(0.5, 1.0), evaluation_distance=(0.5, 1.0), position_tolerance=9.0,
+                attitude_tolerance=4.0)
+"""Solved by whoever does not fail."""
 
 
 def tiny_learner(craft: Any = PLATFORM, seed: int = 0, dtype: torch.dtype = torch.float32, task: Any = NEAR,
@@ -127,3 +131,30 @@ def after(count: int) -> Any:
     """Asks for a stop after so many iterations."""
     asked = iter(range(10**9))
     return lambda: next(asked) + 1 >= count
+
+
+def make_network(craft: Any, continuous: bool = False, **settings: Any) -> Network:
+    """A float64 network with large random weights and statistics."""
+    layout = paper_layout(observation_width(GoToPose(), craft.dimension))
+    given = Architecture(layout, len(craft.thrusters), (16,),
+                         continuous=continuous, **settings)
+    tensors, _ = given.initial(0, 0.5)
+    network = scatter(Network.stacked(given, [tensors], torch.device("cpu"), torch.float64))
+    network.update_statistics(network.in_body(seen(craft, 500))[None])
+    return network
+
+
+def seen(craft: Any, count: int, seed: int = 1) -> Tensor:
+    """Observations that float32 holds exactly: SB3 casts what it is given to float32."""
+    state, goal = (random_states(craft.dimension, count, s) for s in (seed, seed + 1))
+    return torch.from_numpy(np.stack(observation(GoToPose(), state, goal), axis=1).astype(np.float32))
+
+
+def everything(trainer: Trainer) -> list[Any]:
+    """All that decides how a training goes on, in comparable form."""
+    saved = trainer._checkpoint()
+    learner = saved["learner"]
+    flat = [saved["steps"], [state.tolist() for state in learner["generators"]], saved["engine"]["seed"]]
+    flat += [buffer.tolist() for buffer in saved["engine"]["buffers"]]
+    flat += [] if learner["memory"] is None else [learner["memory"].tolist()]
+    return [*flat, weights(trainer.learner.network).tolist(), repr(learner["adam"])]

@@ -1,10 +1,7 @@
+"""Trainings of a few iterations: what they write, when they end, and what they refuse."""
+
 from __future__ import annotations
 
-import contextlib
-import os
-import random
-import subprocess
-import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -20,38 +17,10 @@ from rans.fast.learn.config import PPOSettings
 from rans.fast.learn.ppo import STATISTICS
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.trainer import Trainer, check_device, run_path
-from rans.flight import fly
 from rans.model.conditions_file import load_conditions
 from rans.model.timing import Timing
-from rans.scenario import scenarios
-from rans.tasks import GoToPose
 from tests.fast.engines import SHORT
-from tests.fast.training import CONFIG, TINY, after, ignore, newest, resumed, tiny_trainer, weights
-from tests.processes import python
-
-ROOT = Path(__file__).parents[2]
-EASY = GoToPose(spawn_distance=(0.5, 1.0), evaluation_distance=(0.5, 1.0), position_tolerance=9.0,
-                attitude_tolerance=4.0)
-"""Solved by whoever does not fail."""
-WHOLE = replace(CONFIG, report_interval=4)
-
-
-def everything(trainer: Trainer) -> list[Any]:
-    """All that decides how a training goes on, in comparable form."""
-    saved = trainer._checkpoint()
-    learner = saved["learner"]
-    flat = [saved["steps"], [state.tolist() for state in learner["generators"]], saved["engine"]["seed"]]
-    flat += [buffer.tolist() for buffer in saved["engine"]["buffers"]]
-    flat += [] if learner["memory"] is None else [learner["memory"].tolist()]
-    return [*flat, weights(trainer.learner.network).tolist(), repr(learner["adam"])]
-
-
-@pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> Trainer:
-    """A training that nobody stopped, with a report every four iterations."""
-    trainer = tiny_trainer(tmp_path_factory.mktemp("whole") / "run", WHOLE)
-    trainer.train(ignore)
-    return trainer
+from tests.fast.training import CONFIG, EASY, TINY, after, everything, ignore, newest, resumed, tiny_trainer
 
 
 def test_same_config_same_bits(tmp_path: Path) -> None:
@@ -62,90 +31,6 @@ def test_same_config_same_bits(tmp_path: Path) -> None:
         results.append(everything(trainer))
     assert results[0] == results[1]
     assert results[0] != results[2]
-
-
-TRAIN = """
-import sys, torch
-from pathlib import Path
-from rans.fast.learn.run_folder import RunFolder, read_config
-from rans.fast.learn.trainer import Trainer
-torch.set_num_threads(1)
-run = RunFolder(Path(sys.argv[1]))
-trainer = Trainer([run.config()], run.spacecraft(), run)
-trainer.resume()
-trainer.train(lambda members: print(members[0].rows[-1]["steps"], flush=True))
-"""
-"""A training in another process."""
-
-
-def run_script(script: str, path: Path) -> contextlib.AbstractContextManager[subprocess.Popen[str]]:
-    return python("-c", script, str(path), cwd=ROOT)
-
-
-@pytest.mark.parametrize("stop_at", [5, 8])
-def test_a_resumed_training_ends_as_if_never_stopped(whole: Trainer, tmp_path: Path, stop_at: int) -> None:
-    """Stopped between reports or at one; the same reports are made but for the one at the stop."""
-    tiny_trainer(tmp_path / "cut", WHOLE).train(ignore, after(stop_at))
-    trainer = resumed(tmp_path / "cut")
-    assert trainer.steps == stop_at * 128
-    torch.manual_seed(99)  # what happens between stop and resume is of no account
-    trainer.train(ignore)
-    assert everything(trainer) == everything(whole)
-    reports = [row["steps"] for row in whole.run.metrics()]
-    assert reports == [512, 1024, 1536, 2048]
-    assert [row["steps"] for row in trainer.run.metrics()] == sorted({*reports, stop_at * 128})
-    for ours, theirs in zip(trainer.run.metrics(), whole.run.metrics(), strict=False):
-        if ours["steps"] == theirs["steps"] > stop_at * 128:
-            assert ours["success"] == theirs["success"]
-            assert ours["train/loss"] == theirs["train/loss"]
-
-
-def test_rows_after_the_checkpoint_are_taken_again(tmp_path: Path) -> None:
-    """Killed between checkpoints: later rows are dropped, also a row that was only half written."""
-    config = replace(CONFIG, report_interval=2)
-    trainer = tiny_trainer(tmp_path / "run", config)
-    trainer.train(ignore, after(4))
-    checkpoint = trainer.run.checkpoint_file.read_bytes()
-    trainer.train(ignore, after(5))
-    trainer.run.checkpoint_file.write_bytes(checkpoint)
-    with trainer.run.metrics_file.open("a") as file:
-        file.write('{"steps": 99999, "succ')
-    again = resumed(tmp_path / "run")
-    assert [row["steps"] for row in again.run.metrics()] == [256, 512]
-    again.train(ignore)
-    assert [row["steps"] for row in again.run.metrics()] == list(range(256, 2049, 256))
-
-
-def test_killed_at_any_moment(tmp_path: Path) -> None:
-    """SIGKILL, with a checkpoint after every iteration; another process ends it as if nothing was."""
-    config = replace(CONFIG, total_timesteps=60 * 128, report_interval=2)
-    whole = tiny_trainer(tmp_path / "whole", config)
-    whole.train(ignore)
-    script = TRAIN.replace("torch.set_num_threads", "import rans.fast.learn.trainer as t; "
-                           "t._CHECKPOINT_SECONDS = 0; torch.set_num_threads")
-    RunFolder(tmp_path / "cut").begin(config, "rans train")
-    moments = random.Random(3)
-    for kill in (True, False):
-        with run_script(script, tmp_path / "cut") as process:
-            if kill:
-                assert process.stdout is not None
-                process.stdout.readline()
-                time.sleep(moments.uniform(0, 0.05))
-                process.kill()
-            _, errors = process.communicate()
-        assert kill or process.returncode == 0, errors
-    assert everything(resumed(tmp_path / "cut")) == everything(whole)
-    steps = [row["steps"] for row in RunFolder(tmp_path / "cut").metrics()]
-    assert steps == [row["steps"] for row in whole.run.metrics()]
-
-
-def test_without_a_checkpoint_it_starts_over(whole: Trainer, tmp_path: Path) -> None:
-    RunFolder(tmp_path / "cut").begin(WHOLE, "rans train")
-    RunFolder(tmp_path / "cut").append_metrics({"steps": 128, "seconds": 0.1, "success": 0.0})
-    trainer = resumed(tmp_path / "cut")
-    trainer.train(ignore)
-    assert everything(trainer) == everything(whole)
-    assert [row["steps"] for row in trainer.run.metrics()] == [512, 1024, 1536, 2048]
 
 
 def test_what_a_run_holds(tmp_path: Path) -> None:
@@ -202,76 +87,6 @@ def test_thrusters_open_at_first_as_often_as_the_config_says(tmp_path: Path) -> 
         assert float(trainer.learner.rollout.all.action.mean()) == pytest.approx(duty, abs=0.016)
 
 
-@pytest.mark.parametrize("old", [False, True], ids=["pickled code", "old"])
-def test_checkpoints_that_are_not_opened(tmp_path: Path, old: bool) -> None:
-    """Nothing in a file is run; what an older version wrote is refused with the reason."""
-    trainer = tiny_trainer(tmp_path / "run")
-    trainer.train(ignore, after(1))
-    trainer.run.checkpoint_file.unlink()
-    file, ran = tmp_path / "run" / "checkpoint.pt", tmp_path / "ran"
-    if old:
-        torch.save({"policy": {}, "network": "", "optimizer": {}, "steps": 128}, file)
-    else:
-        torch.save({"learner": Code(str(ran))}, file)
-    sentence = ("written by an older RANS, .* begin anew with --config" if old else
-                r"checkpoint\.pt holds code that would run posix\.mkdir")
-    with pytest.raises(ConfigError, match=sentence):
-        resumed(tmp_path / "run")
-    assert not ran.exists()
-
-
-def test_a_run_of_before_goes_on_bit_by_bit(whole: Trainer, tmp_path: Path) -> None:
-    """With the checkpoint as torch saves it, which gives way to ours."""
-    tiny_trainer(tmp_path / "cut", WHOLE).train(ignore, after(3))
-    run = RunFolder(tmp_path / "cut")
-    torch.save(run.load_checkpoint("cpu"), tmp_path / "cut" / "checkpoint.pt")
-    run.checkpoint_file.unlink()
-    trainer = resumed(tmp_path / "cut")
-    assert trainer.steps == 3 * 128
-    trainer.train(ignore)
-    assert everything(trainer) == everything(whole)
-    assert not (tmp_path / "cut" / "checkpoint.pt").exists()
-
-
-class Code:
-    """What makes a file when it is unpickled."""
-
-    def __init__(self, path: str) -> None:
-        self.path = path
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return os.mkdir, (self.path,)
-
-
-@pytest.mark.parametrize("kind", [{"memory": "history", "history": 2},
-                                  {"memory": "recurrent", "privileged_critic": True}],
-                         ids=["history", "recurrent and privileged"])
-def test_what_remembers_resumes_bit_by_bit_too(tmp_path: Path, kind: dict[str, Any]) -> None:
-    config = replace(CONFIG, ppo=replace(TINY, symmetric=False, **kind), total_timesteps=768)
-    whole = tiny_trainer(tmp_path / "whole", config)
-    whole.train(ignore)
-    tiny_trainer(tmp_path / "cut", config).train(ignore, after(3))
-    trainer = resumed(tmp_path / "cut")
-    trainer.train(ignore)
-    assert everything(trainer) == everything(whole)
-    agent, craft, task, timing, _ = load_agent(tmp_path / "cut")
-    starts = scenarios(task.for_evaluation(), craft, 1, 8)
-    flights = [fly(craft, task, agent, starts, timing) for _ in range(2)]
-    np.testing.assert_array_equal(flights[0].commands, flights[1].commands)  # it forgets in between
-
-
-def test_a_finished_training_is_left_alone(tmp_path: Path) -> None:
-    config = replace(CONFIG, settings=EASY, solved_share=1.0, report_interval=1)
-    trainer = tiny_trainer(tmp_path / "run", config)
-    trainer.train(ignore)
-    assert trainer.solved
-    assert trainer.steps == 2 * 128
-    again = resumed(tmp_path / "run")
-    again.train(lambda _: pytest.fail("it trained on"))
-    assert again.solved
-    assert everything(again) == everything(trainer)
-
-
 def test_a_warm_up_that_takes_all_steps_is_reported(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As where few steps are wanted of a GPU, which compiles and records in the first iterations."""
@@ -279,15 +94,6 @@ def test_a_warm_up_that_takes_all_steps_is_reported(
     monkeypatch.setattr(trainer, "_warm_up", lambda: [trainer._iterate() for _ in range(3)])
     trainer.train(ignore)
     assert [row["steps"] for row in trainer.run.metrics()] == [384]
-
-
-def test_an_agent_without_a_checkpoint_is_not_lost(tmp_path: Path) -> None:
-    """A sweep leaves such a one; to resume would begin anew and write over it."""
-    tiny_trainer(tmp_path / "run").train(ignore)
-    (tmp_path / "run" / "checkpoint.safetensors").unlink()
-    with pytest.raises(ConfigError, match=r"agent without a checkpoint .* anew with --config .*config\.json"):
-        resumed(tmp_path / "run")
-    assert len(RunFolder(tmp_path / "run").metrics()) == 1
 
 
 def test_episodes_to_learn_in_may_be_shorter_than_those_to_be_judged_in(tmp_path: Path) -> None:

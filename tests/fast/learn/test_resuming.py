@@ -1,0 +1,199 @@
+"""Trainings that were stopped or killed end as if nothing was; what cannot be resumed says so."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import random
+import subprocess
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from rans.errors import ConfigError
+from rans.evaluation.fly.agent import load_agent
+from rans.fast.learn.run_folder import RunFolder
+from rans.fast.learn.trainer import Trainer
+from rans.flight import fly
+from rans.scenario import scenarios
+from tests.fast.training import CONFIG, EASY, TINY, after, everything, ignore, resumed, tiny_trainer
+from tests.processes import python
+
+ROOT = Path(__file__).parents[3]
+WHOLE = replace(CONFIG, report_interval=4)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Trainer:
+    """A training that nobody stopped, with a report every four iterations."""
+    trainer = tiny_trainer(tmp_path_factory.mktemp("whole") / "run", WHOLE)
+    trainer.train(ignore)
+    return trainer
+
+
+TRAIN = """
+import sys, torch
+from pathlib import Path
+from rans.fast.learn.run_folder import RunFolder, read_config
+from rans.fast.learn.trainer import Trainer
+torch.set_num_threads(1)
+run = RunFolder(Path(sys.argv[1]))
+trainer = Trainer([run.config()], run.spacecraft(), run)
+trainer.resume()
+trainer.train(lambda members: print(members[0].rows[-1]["steps"], flush=True))
+"""
+"""A training in another process."""
+
+
+def run_script(script: str, path: Path) -> contextlib.AbstractContextManager[subprocess.Popen[str]]:
+    return python("-c", script, str(path), cwd=ROOT)
+
+
+@pytest.mark.parametrize("stop_at", [5, 8])
+def test_a_resumed_training_ends_as_if_never_stopped(whole: Trainer, tmp_path: Path, stop_at: int) -> None:
+    """Stopped between reports or at one; the same reports are made but for the one at the stop."""
+    tiny_trainer(tmp_path / "cut", WHOLE).train(ignore, after(stop_at))
+    trainer = resumed(tmp_path / "cut")
+    assert trainer.steps == stop_at * 128
+    torch.manual_seed(99)  # what happens between stop and resume is of no account
+    trainer.train(ignore)
+    assert everything(trainer) == everything(whole)
+    reports = [row["steps"] for row in whole.run.metrics()]
+    assert reports == [512, 1024, 1536, 2048]
+    assert [row["steps"] for row in trainer.run.metrics()] == sorted({*reports, stop_at * 128})
+    for ours, theirs in zip(trainer.run.metrics(), whole.run.metrics(), strict=False):
+        if ours["steps"] == theirs["steps"] > stop_at * 128:
+            assert ours["success"] == theirs["success"]
+            assert ours["train/loss"] == theirs["train/loss"]
+
+
+def test_rows_after_the_checkpoint_are_taken_again(tmp_path: Path) -> None:
+    """Killed between checkpoints: later rows are dropped, also a row that was only half written."""
+    config = replace(CONFIG, report_interval=2)
+    trainer = tiny_trainer(tmp_path / "run", config)
+    trainer.train(ignore, after(4))
+    checkpoint = trainer.run.checkpoint_file.read_bytes()
+    trainer.train(ignore, after(5))
+    trainer.run.checkpoint_file.write_bytes(checkpoint)
+    with trainer.run.metrics_file.open("a") as file:
+        file.write('{"steps": 99999, "succ')
+    again = resumed(tmp_path / "run")
+    assert [row["steps"] for row in again.run.metrics()] == [256, 512]
+    again.train(ignore)
+    assert [row["steps"] for row in again.run.metrics()] == list(range(256, 2049, 256))
+
+
+def test_killed_at_any_moment(tmp_path: Path) -> None:
+    """SIGKILL, with a checkpoint after every iteration; another process ends it as if nothing was."""
+    config = replace(CONFIG, total_timesteps=60 * 128, report_interval=2)
+    whole = tiny_trainer(tmp_path / "whole", config)
+    whole.train(ignore)
+    script = TRAIN.replace("torch.set_num_threads", "import rans.fast.learn.trainer as t; "
+                           "t._CHECKPOINT_SECONDS = 0; torch.set_num_threads")
+    RunFolder(tmp_path / "cut").begin(config, "rans train")
+    moments = random.Random(3)
+    for kill in (True, False):
+        with run_script(script, tmp_path / "cut") as process:
+            if kill:
+                assert process.stdout is not None
+                process.stdout.readline()
+                time.sleep(moments.uniform(0, 0.05))
+                process.kill()
+            _, errors = process.communicate()
+        assert kill or process.returncode == 0, errors
+    assert everything(resumed(tmp_path / "cut")) == everything(whole)
+    steps = [row["steps"] for row in RunFolder(tmp_path / "cut").metrics()]
+    assert steps == [row["steps"] for row in whole.run.metrics()]
+
+
+def test_without_a_checkpoint_it_starts_over(whole: Trainer, tmp_path: Path) -> None:
+    RunFolder(tmp_path / "cut").begin(WHOLE, "rans train")
+    RunFolder(tmp_path / "cut").append_metrics({"steps": 128, "seconds": 0.1, "success": 0.0})
+    trainer = resumed(tmp_path / "cut")
+    trainer.train(ignore)
+    assert everything(trainer) == everything(whole)
+    assert [row["steps"] for row in trainer.run.metrics()] == [512, 1024, 1536, 2048]
+
+
+@pytest.mark.parametrize("old", [False, True], ids=["pickled code", "old"])
+def test_checkpoints_that_are_not_opened(tmp_path: Path, old: bool) -> None:
+    """Nothing in a file is run; what an older version wrote is refused with the reason."""
+    trainer = tiny_trainer(tmp_path / "run")
+    trainer.train(ignore, after(1))
+    trainer.run.checkpoint_file.unlink()
+    file, ran = tmp_path / "run" / "checkpoint.pt", tmp_path / "ran"
+    if old:
+        torch.save({"policy": {}, "network": "", "optimizer": {}, "steps": 128}, file)
+    else:
+        torch.save({"learner": Code(str(ran))}, file)
+    sentence = ("written by an older RANS, .* begin anew with --config" if old else
+                r"checkpoint\.pt holds code that would run posix\.mkdir")
+    with pytest.raises(ConfigError, match=sentence):
+        resumed(tmp_path / "run")
+    assert not ran.exists()
+
+
+def test_a_run_of_before_goes_on_bit_by_bit(whole: Trainer, tmp_path: Path) -> None:
+    """With the checkpoint as torch saves it, which gives way to ours."""
+    tiny_trainer(tmp_path / "cut", WHOLE).train(ignore, after(3))
+    run = RunFolder(tmp_path / "cut")
+    torch.save(run.load_checkpoint("cpu"), tmp_path / "cut" / "checkpoint.pt")
+    run.checkpoint_file.unlink()
+    trainer = resumed(tmp_path / "cut")
+    assert trainer.steps == 3 * 128
+    trainer.train(ignore)
+    assert everything(trainer) == everything(whole)
+    assert not (tmp_path / "cut" / "checkpoint.pt").exists()
+
+
+class Code:
+    """What makes a file when it is unpickled."""
+
+    def __init__(self, path: str) -> None:
+        self.path = path
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return os.mkdir, (self.path,)
+
+
+@pytest.mark.parametrize("kind", [{"memory": "history", "history": 2},
+                                  {"memory": "recurrent", "privileged_critic": True}],
+                         ids=["history", "recurrent and privileged"])
+def test_what_remembers_resumes_bit_by_bit_too(tmp_path: Path, kind: dict[str, Any]) -> None:
+    config = replace(CONFIG, ppo=replace(TINY, symmetric=False, **kind), total_timesteps=768)
+    whole = tiny_trainer(tmp_path / "whole", config)
+    whole.train(ignore)
+    tiny_trainer(tmp_path / "cut", config).train(ignore, after(3))
+    trainer = resumed(tmp_path / "cut")
+    trainer.train(ignore)
+    assert everything(trainer) == everything(whole)
+    agent, craft, task, timing, _ = load_agent(tmp_path / "cut")
+    starts = scenarios(task.for_evaluation(), craft, 1, 8)
+    flights = [fly(craft, task, agent, starts, timing) for _ in range(2)]
+    np.testing.assert_array_equal(flights[0].commands, flights[1].commands)  # it forgets in between
+
+
+def test_a_finished_training_is_left_alone(tmp_path: Path) -> None:
+    config = replace(CONFIG, settings=EASY, solved_share=1.0, report_interval=1)
+    trainer = tiny_trainer(tmp_path / "run", config)
+    trainer.train(ignore)
+    assert trainer.solved
+    assert trainer.steps == 2 * 128
+    again = resumed(tmp_path / "run")
+    again.train(lambda _: pytest.fail("it trained on"))
+    assert again.solved
+    assert everything(again) == everything(trainer)
+
+
+def test_an_agent_without_a_checkpoint_is_not_lost(tmp_path: Path) -> None:
+    """A sweep leaves such a one; to resume would begin anew and write over it."""
+    tiny_trainer(tmp_path / "run").train(ignore)
+    (tmp_path / "run" / "checkpoint.safetensors").unlink()
+    with pytest.raises(ConfigError, match=r"agent without a checkpoint .* anew with --config .*config\.json"):
+        resumed(tmp_path / "run")
+    assert len(RunFolder(tmp_path / "run").metrics()) == 1
