@@ -13,9 +13,11 @@ from rans.model.body import Body
 from rans.model.dynamics import PlanarState, advance, wrench
 from rans.model.fields import Heading, Vec2, leaves, unflatten
 from rans.model.spacecraft import Spacecraft, Thruster
+from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.certificate.lattice import GoalSet
 
 PERIOD = 0.2
+PLATFORM = load_spacecraft("floating-platform")
 
 
 def lopsided() -> Spacecraft:
@@ -105,3 +107,8 @@ def instance(craft: Spacecraft, steps: int, seed: int) -> tuple[PlanarState, Pla
     turned = Heading(angle + 0.02 - math.tau)
     goal = PlanarState(Vec2(x + 0.004, y - 0.003), turned, Vec2(u, v + 0.006), w)
     return start, goal, flown
+
+
+CRAFTS = {"floating-platform": (PLATFORM, 2), "lopsided": (lopsided(), 3), "through": (through(), 3),
+          "doubled": (doubled(), 3)}
+SNUG = GoalSet(0.01, 0.01, 0.03)

@@ -6,7 +6,6 @@ import dataclasses
 import itertools
 import math
 from collections.abc import Callable
-from functools import lru_cache
 from types import SimpleNamespace
 from typing import Any
 
@@ -15,58 +14,33 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rans.errors import ConfigError, NonFiniteState
-from rans.flight import fly
+from rans.errors import ConfigError
 from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading, Vec2, map_leaves
 from rans.model.spacecraft import Spacecraft
-from rans.model.spacecraft_file import load_spacecraft
-from rans.model.timing import Timing
 from rans.optimal.certificate import certificate, hull
-from rans.optimal.certificate.ascent import Ascent, Cut, ascend, scale, towards_goal
+from rans.optimal.certificate.ascent import Ascent, Cut
 from rans.optimal.certificate.certificate import Effort, least_fuel, least_time
 from rans.optimal.certificate.dual import Relaxation
 from rans.optimal.certificate.lattice import GoalSet, Lattice
 from rans.optimal.certificate.onoff import fuel, replay
-from rans.optimal.control.lqr import LQR
 from rans.optimal.trajectory.arrival import aims
 from rans.reference.flight import rows_from_states, states_from_rows
 from rans.reference.plant import Plant
 from rans.scenario import scenarios
 from rans.tasks import GoToPose
-from tests.optimal.tiny import PERIOD, Flown, doubled, fly_everything, instance, lopsided, through
-
-PLATFORM = load_spacecraft("floating-platform")
-CRAFTS = {"floating-platform": (PLATFORM, 2), "lopsided": (lopsided(), 3), "through": (through(), 3),
-          "doubled": (doubled(), 3)}
-SNUG = GoalSet(0.01, 0.01, 0.03)
-multipliers = st.lists(st.floats(-30.0, 30.0, allow_subnormal=False), min_size=4, max_size=4)
-
-
-@lru_cache
-def tiny(name: str, seed: int) -> tuple[Relaxation, PlanarState, Flown]:
-    """65,536, 32,768 or 4,096 sequences."""
-    craft, steps = CRAFTS[name]
-    start, goal, flown = instance(craft, steps, seed)
-    return Relaxation(Lattice(craft, PERIOD), start, goal, SNUG, steps, None), goal, flown
-
-
-@pytest.mark.parametrize("name", CRAFTS)
-@settings(max_examples=25)
-@given(seed=st.integers(0, 3), costate=multipliers)
-def test_inner_minimum_equals_brute_force(name: str, seed: int, costate: list[float]) -> None:
-    relaxation, goal, flown = tiny(name, seed)
-    turned = flown.arrived(goal, SNUG, ("heading", "spin"))
-    final = map_leaves(lambda x: x[turned], flown.final)
-    speed, way = final.v - Vec2(goal.v.x, goal.v.y), final.p - Vec2(goal.p.x, goal.p.y)
-    miss = np.array([speed.x, speed.y, way.x, way.y])
-    radii = SNUG.velocity * math.hypot(*costate[:2]) + SNUG.position * math.hypot(*costate[2:])
-    expected = (flown.fuel[turned] + np.array(costate) @ miss).min() - radii
-    multiplier = np.array(costate)
-    ours = relaxation.bound(multiplier, relaxation.reachable())
-    # rounding of sums of up to 1e2
-    assert ours.value + relaxation.margin(multiplier) == pytest.approx(expected, abs=1e-12)
-    assert ours.value <= expected
+from tests.optimal.tiny import (
+    CRAFTS,
+    PERIOD,
+    PLATFORM,
+    SNUG,
+    Flown,
+    doubled,
+    fly_everything,
+    instance,
+    lopsided,
+    through,
+)
 
 
 @pytest.mark.parametrize("name", CRAFTS)
@@ -99,17 +73,6 @@ def test_least_fuel_of_every_goal_is_that_of_brute_force(build: Callable[[], Spa
         answer = least_fuel(lattice, start, goal, 2, tight)
         assert answer.lower <= flown.fuel[reached].min() + 1e-12
         assert answer.upper == pytest.approx(flown.fuel[reached].min())
-
-
-def test_in_whole_pulses_the_next_fuel_is_one_that_exists() -> None:
-    """Two of the nozzles turn nothing: any number of pulses ends with any spin there is."""
-    lattice, fuels = Lattice(through(), PERIOD), set()
-    for choice in itertools.product(range(16), repeat=2):
-        commands = np.array([[n >> i & 1 for i in range(4)] for n in choice])
-        fuels.add((int((commands @ lattice.multiples).sum()), int(commands.sum())))
-    for net, pulses in fuels:
-        assert lattice.next_fuel((pulses - 0.5) * PERIOD, {net}) == pytest.approx(pulses * PERIOD)
-        assert lattice.fuel_above((pulses - 1) * PERIOD, {net}) == pytest.approx(pulses * PERIOD)
 
 
 @pytest.mark.parametrize("name", ["through", "doubled"])
@@ -157,18 +120,6 @@ def test_numbers_that_are_none_prove_nothing(field: str, value: Any) -> None:
                 ask(lattice, start, goal, 5)
 
 
-@pytest.mark.filterwarnings("ignore:overflow encountered")
-def test_overflow_is_no_proof() -> None:
-    """Infinite costs once meant that no path is left; with such numbers they may be sums too large."""
-    rest = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
-    relaxation = Relaxation(Lattice(PLATFORM, PERIOD), rest, rest, GoalSet(), 3, None)
-    for costate in (np.full(4, np.nan), np.full(4, 1e305)):
-        with pytest.raises(NonFiniteState, match="far too large numbers"):
-            relaxation.bound(costate, relaxation.everything)
-        with pytest.raises(NonFiniteState, match="far too large numbers"):
-            relaxation.shrunk(costate, relaxation.everything, 1.0)
-
-
 @pytest.mark.parametrize("steps", [0, -3, math.nan, math.inf, 2.5])
 def test_periods_are_counted(steps: Any) -> None:
     rest = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
@@ -203,6 +154,7 @@ def test_without_patience_bounds_hold(seed: int) -> None:
 def test_least_time_against_brute_force(seed: int) -> None:
     craft = lopsided()
     start, goal, _ = instance(craft, 3, seed)
+
     def reachable(steps: int) -> bool:
         names = ("position", "velocity", "heading", "spin")
         return bool(fly_everything(craft, start, steps).arrived(goal, SNUG, names).any())
@@ -211,54 +163,6 @@ def test_least_time_against_brute_force(seed: int) -> None:
     answer = least_time(Lattice(craft, PERIOD), start, goal, 3, SNUG)
     assert answer.lower == pytest.approx(first * PERIOD)
     assert answer.upper == pytest.approx(first * PERIOD)
-
-
-@settings(max_examples=40)
-@given(seed=st.integers(0, 2**20), duty=st.floats(0.0, 0.4), costate=multipliers)
-def test_no_flight_beats_any_costate(seed: int, duty: float, costate: list[float]) -> None:
-    """A random flight, whose end is the goal, costs at least the bound and stays in what is searched."""
-    random = np.random.default_rng(seed)
-    lattice, steps = Lattice(PLATFORM, PERIOD), 12
-    patterns = lattice.patterns
-    path = np.where(random.random(steps) < duty, random.integers(0, len(patterns.torque), steps),
-                    np.flatnonzero(patterns.thrust == 0)[0])
-    x, y, angle, u, v, w = random.uniform(-1.0, 1.0, 6)
-    start = PlanarState(Vec2(x, y), Heading(angle), Vec2(u, v), w)
-    goal = replay(PLATFORM, start, patterns.commands[path], PERIOD)
-    paid = fuel(PLATFORM, patterns.commands[path], PERIOD)
-    relaxation = Relaxation(lattice, start, goal, GoalSet(), steps, paid)
-    everything = relaxation.reachable()
-    assert relaxation.inside(path, everything)
-    for costate_ in (np.array(costate), towards_goal(relaxation) * scale(relaxation)):
-        assert relaxation.bound(costate_, everything).value <= paid
-        assert relaxation.inside(path, relaxation.shrunk(costate_, everything, paid))
-    best = ascend(relaxation, everything, towards_goal(relaxation), [], np.inf, 1e-3, 0.5, 25).best
-    assert best.value <= paid
-    assert lattice.next_fuel(best.value, relaxation.net) <= paid + 1e-9
-    assert relaxation.inside(path, relaxation.shrunk(best.costate, everything, paid))
-
-
-def test_no_lqr_flight_beats_its_certificate() -> None:
-    timing, lattice = Timing(episode_steps=30), Lattice(PLATFORM, PERIOD)
-    starts = scenarios(GoToPose().for_evaluation(), PLATFORM, 7, 4)
-    flight = fly(PLATFORM, GoToPose(), LQR(PLATFORM, GoToPose(), timing), starts, timing)
-    for k in range(4):
-        start, goal = (map_leaves(lambda x, i=i, k=k: float(x[i, k]), flight.states) for i in (0, -1))
-        paid = fuel(PLATFORM, flight.commands[:, k], PERIOD)
-        relaxation = Relaxation(lattice, start, goal, GoalSet(), 30, paid)
-        found = ascend(relaxation, relaxation.reachable(), towards_goal(relaxation), [], np.inf, 1e-2,
-                       0.5, 25)
-        assert 0 < found.best.value <= paid
-
-
-def test_gradient_is_that_of_the_bound() -> None:
-    relaxation, _, _ = tiny("floating-platform", 1)
-    everything, costate = relaxation.reachable(), np.array([3.0, -2.0, 1.0, 5.0])
-    here = relaxation.bound(costate, everything)
-    for other in np.random.default_rng(0).normal(size=(20, 4)) * 10:
-        there = relaxation.bound(other, everything)
-        # concave: below its tangent everywhere, up to rounding
-        assert there.value <= here.value + here.gradient @ (other - costate) + 1e-9
 
 
 def test_platform_from_3_metres() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 import sys
 import warnings
@@ -23,7 +24,7 @@ from rans.optimal.certificate.dual import Relaxation
 from rans.optimal.certificate.lattice import GoalSet, Lattice, pulse, rounded_up
 from rans.optimal.certificate.onoff import replay
 from tests.crafts import nasty_planar
-from tests.optimal.tiny import PERIOD, lopsided
+from tests.optimal.tiny import PERIOD, lopsided, through
 
 PLATFORM = load_spacecraft("floating-platform")
 numbers = st.floats(-2.0, 2.0, allow_subnormal=False)
@@ -220,3 +221,14 @@ def test_missing_numba_is_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
     rest = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
     with pytest.raises(ConfigError, match="pip install numba"):
         Relaxation(Lattice(PLATFORM, PERIOD), rest, rest, GoalSet(), 3, None)
+
+
+def test_in_whole_pulses_the_next_fuel_is_one_that_exists() -> None:
+    """Two of the nozzles turn nothing: any number of pulses ends with any spin there is."""
+    lattice, fuels = Lattice(through(), PERIOD), set()
+    for choice in itertools.product(range(16), repeat=2):
+        commands = np.array([[n >> i & 1 for i in range(4)] for n in choice])
+        fuels.add((int((commands @ lattice.multiples).sum()), int(commands.sum())))
+    for net, pulses in fuels:
+        assert lattice.next_fuel((pulses - 0.5) * PERIOD, {net}) == pytest.approx(pulses * PERIOD)
+        assert lattice.fuel_above((pulses - 1) * PERIOD, {net}) == pytest.approx(pulses * PERIOD)

@@ -1,0 +1,113 @@
+"""The bound of any costate: what brute force finds, and never above what a flight costs."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rans.errors import NonFiniteState
+from rans.flight import fly
+from rans.model.dynamics import PlanarState
+from rans.model.fields import Heading, Vec2, map_leaves
+from rans.model.timing import Timing
+from rans.optimal.certificate.ascent import ascend, scale, towards_goal
+from rans.optimal.certificate.dual import Relaxation
+from rans.optimal.certificate.lattice import GoalSet, Lattice
+from rans.optimal.certificate.onoff import fuel, replay
+from rans.optimal.control.lqr import LQR
+from rans.scenario import scenarios
+from rans.tasks import GoToPose
+from tests.optimal.tiny import CRAFTS, PERIOD, PLATFORM, SNUG, Flown, instance
+
+multipliers = st.lists(st.floats(-30.0, 30.0, allow_subnormal=False), min_size=4, max_size=4)
+
+
+@lru_cache
+def tiny(name: str, seed: int) -> tuple[Relaxation, PlanarState, Flown]:
+    """65,536, 32,768 or 4,096 sequences."""
+    craft, steps = CRAFTS[name]
+    start, goal, flown = instance(craft, steps, seed)
+    return Relaxation(Lattice(craft, PERIOD), start, goal, SNUG, steps, None), goal, flown
+
+
+@pytest.mark.parametrize("name", CRAFTS)
+@settings(max_examples=25)
+@given(seed=st.integers(0, 3), costate=multipliers)
+def test_inner_minimum_equals_brute_force(name: str, seed: int, costate: list[float]) -> None:
+    relaxation, goal, flown = tiny(name, seed)
+    turned = flown.arrived(goal, SNUG, ("heading", "spin"))
+    final = map_leaves(lambda x: x[turned], flown.final)
+    speed, way = final.v - Vec2(goal.v.x, goal.v.y), final.p - Vec2(goal.p.x, goal.p.y)
+    miss = np.array([speed.x, speed.y, way.x, way.y])
+    radii = SNUG.velocity * math.hypot(*costate[:2]) + SNUG.position * math.hypot(*costate[2:])
+    expected = (flown.fuel[turned] + np.array(costate) @ miss).min() - radii
+    multiplier = np.array(costate)
+    ours = relaxation.bound(multiplier, relaxation.reachable())
+    # rounding of sums of up to 1e2
+    assert ours.value + relaxation.margin(multiplier) == pytest.approx(expected, abs=1e-12)
+    assert ours.value <= expected
+
+
+@pytest.mark.filterwarnings("ignore:overflow encountered")
+def test_overflow_is_no_proof() -> None:
+    """Infinite costs once meant that no path is left; with such numbers they may be sums too large."""
+    rest = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
+    relaxation = Relaxation(Lattice(PLATFORM, PERIOD), rest, rest, GoalSet(), 3, None)
+    for costate in (np.full(4, np.nan), np.full(4, 1e305)):
+        with pytest.raises(NonFiniteState, match="far too large numbers"):
+            relaxation.bound(costate, relaxation.everything)
+        with pytest.raises(NonFiniteState, match="far too large numbers"):
+            relaxation.shrunk(costate, relaxation.everything, 1.0)
+
+
+@settings(max_examples=40)
+@given(seed=st.integers(0, 2**20), duty=st.floats(0.0, 0.4), costate=multipliers)
+def test_no_flight_beats_any_costate(seed: int, duty: float, costate: list[float]) -> None:
+    """A random flight, whose end is the goal, costs at least the bound and stays in what is searched."""
+    random = np.random.default_rng(seed)
+    lattice, steps = Lattice(PLATFORM, PERIOD), 12
+    patterns = lattice.patterns
+    path = np.where(random.random(steps) < duty, random.integers(0, len(patterns.torque), steps),
+                    np.flatnonzero(patterns.thrust == 0)[0])
+    x, y, angle, u, v, w = random.uniform(-1.0, 1.0, 6)
+    start = PlanarState(Vec2(x, y), Heading(angle), Vec2(u, v), w)
+    goal = replay(PLATFORM, start, patterns.commands[path], PERIOD)
+    paid = fuel(PLATFORM, patterns.commands[path], PERIOD)
+    relaxation = Relaxation(lattice, start, goal, GoalSet(), steps, paid)
+    everything = relaxation.reachable()
+    assert relaxation.inside(path, everything)
+    for costate_ in (np.array(costate), towards_goal(relaxation) * scale(relaxation)):
+        assert relaxation.bound(costate_, everything).value <= paid
+        assert relaxation.inside(path, relaxation.shrunk(costate_, everything, paid))
+    best = ascend(relaxation, everything, towards_goal(relaxation), [], np.inf, 1e-3, 0.5, 25).best
+    assert best.value <= paid
+    assert lattice.next_fuel(best.value, relaxation.net) <= paid + 1e-9
+    assert relaxation.inside(path, relaxation.shrunk(best.costate, everything, paid))
+
+
+def test_no_lqr_flight_beats_its_certificate() -> None:
+    timing, lattice = Timing(episode_steps=30), Lattice(PLATFORM, PERIOD)
+    starts = scenarios(GoToPose().for_evaluation(), PLATFORM, 7, 4)
+    flight = fly(PLATFORM, GoToPose(), LQR(PLATFORM, GoToPose(), timing), starts, timing)
+    for k in range(4):
+        start, goal = (map_leaves(lambda x, i=i, k=k: float(x[i, k]), flight.states) for i in (0, -1))
+        paid = fuel(PLATFORM, flight.commands[:, k], PERIOD)
+        relaxation = Relaxation(lattice, start, goal, GoalSet(), 30, paid)
+        found = ascend(relaxation, relaxation.reachable(), towards_goal(relaxation), [], np.inf, 1e-2,
+                       0.5, 25)
+        assert 0 < found.best.value <= paid
+
+
+def test_gradient_is_that_of_the_bound() -> None:
+    relaxation, _, _ = tiny("floating-platform", 1)
+    everything, costate = relaxation.reachable(), np.array([3.0, -2.0, 1.0, 5.0])
+    here = relaxation.bound(costate, everything)
+    for other in np.random.default_rng(0).normal(size=(20, 4)) * 10:
+        there = relaxation.bound(other, everything)
+        # concave: below its tangent everywhere, up to rounding
+        assert there.value <= here.value + here.gradient @ (other - costate) + 1e-9
