@@ -13,12 +13,11 @@ import pytest
 
 from rans.errors import ConfigError
 from rans.evaluation.compare import run
-from rans.evaluation.compare.bounds import Bound, Event
+from rans.evaluation.compare.bounds import Event
 from rans.evaluation.compare.certified import certify
-from rans.evaluation.compare.contest import Contest, Contestant, Entry, arrived
+from rans.evaluation.compare.contest import Contest, arrived
 from rans.evaluation.compare.roster import contest_of, enlisted
 from rans.evaluation.compare.run import Comparison, fill
-from rans.evaluation.fly.controllers import user_policy
 from rans.files import plain
 from rans.flight import fly
 from rans.model.fields import map_leaves
@@ -31,7 +30,6 @@ from rans.show.comparison_page import TEXT, page
 from rans.show.comparison_tables import RETURN, best_returns, differences, gap_rows, gaps, scoreboard, to_json
 from rans.show.report import comparison_section
 from rans.tasks import GoToPose
-from tests.evaluation.flights import flight_of
 
 SWEEP = (0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0)
 IDLE = "python:tests.evaluation.policies:idle"
@@ -249,13 +247,6 @@ def test_interrupt_keeps_what_is_finished(monkeypatch: pytest.MonkeyPatch) -> No
     assert "LQR settles from 3 of 3 starts, " in page(found).html()
 
 
-def test_half_certified_starts_are_left_out() -> None:
-    found = Comparison(CONTEST)
-    found.certified += [Bound(0, None, 1.0), Bound(1, None, 1.0), Bound(1, None, 1.0, kind="settling")]
-    found.certified += [Bound(1, horizon, 1.0) for horizon in found.horizons()]
-    assert found.certified_starts() == [1]
-
-
 @pytest.mark.parametrize(("spec", "episodes", "sentence"), [
     ("lqr:go-to-pose-2d", 0, "--episodes must be at least 1, got 0"),
     (IDLE, 4, "idle knows no task: name somebody who does before it"),
@@ -269,66 +260,6 @@ def test_without_a_first_contestant_there_is_nothing(spec: str, episodes: int, s
 def test_states_are_those_of_the_protocol() -> None:
     start = CONTEST.start(2)
     np.testing.assert_array_equal(map_leaves(lambda x: x[2:3], CONTEST.starts).start.p.x, start.start.p.x)
-
-
-def by_hand(arrival: float, thrust: float, bounds: dict[float | None, Bound],
-            settling: float = 0.1) -> Comparison:
-    """Two starts; a flight that is in the goal set from an instant on, having spent as much until then."""
-    steps = CONTEST.timing.episode_steps
-    distance = np.where(np.arange(steps + 1)[:, None] * 0.2 >= arrival - 1e-9, [[0.01, 0.01]], 1.0)
-    commands = np.zeros((steps, 2, 8))
-    commands[:round(thrust / 0.2), :, 0] = 1.0
-    flight = replace(flight_of(distance, 0.0, commands), timing=CONTEST.timing)
-    found = Comparison(replace(CONTEST, episodes=2))
-    who = Contestant("x", user_policy(IDLE, CONTEST.craft, CONTEST.task), "", "")
-    found.entries.append(Entry(who, flight, np.zeros(1)))
-    for start in (0, 1):
-        for horizon in (None, *found.horizons()):
-            given = bounds.get(horizon, Bound(start, horizon, 0.1)) if start else Bound(start, horizon, 0.1)
-            found.certified.append(replace(given, start=start, horizon=horizon))
-        found.certified.append(Bound(start, None, settling, kind="settling"))
-    return found
-
-
-def test_each_flight_is_held_against_the_bound_of_its_event() -> None:
-    """Arrives at 2 s and spends 1 N s, then rests; horizons of 1.4, 2, 2.4, 3.6, 4.8 and 6 s."""
-    loose = by_hand(2.0, 1.0, {})
-    assert loose.horizons() == pytest.approx((1.4, 2.0, 2.4, 3.6, 4.8, 6.0))
-    assert loose.impossible() == []
-    last = loose.horizons()[-2]
-    said = ["x beats the certified bound from start 1: the certificate or a flight is wrong."]
-    # 1.8 N s by 4.8 s is more than the 1 N s spent, though less than the 2 s of arrival
-    assert by_hand(2.0, 1.0, {last: Bound(1, last, 1.8)}).impossible() == said
-    assert by_hand(2.0, 1.0, {None: Bound(1, None, 1.8)}).impossible() == []
-    assert by_hand(2.0, 1.0, {None: Bound(1, None, 2.2)}).impossible() == said
-    assert by_hand(2.0, 3.0, {last: Bound(1, last, 2.5)}).impossible() == []
-    assert by_hand(2.0, 1.0, {}, settling=2.2).impossible() == [said[0].replace("start 1", f"start {k}")
-                                                                for k in (0, 1)]
-    # an open gap: what the best controls found need is no bound
-    assert by_hand(2.0, 1.0, {None: Bound(1, None, 1.0, 1.8, 2.6)}).impossible() == []
-    # exactly at the bound, but for rounding
-    assert by_hand(2.0, 1.0, {last: Bound(1, last, 1.0 + 1e-12)}).impossible() == []
-
-
-def test_bounds_are_lower_and_upper_ends() -> None:
-    gap = by_hand(2.0, 1.0, {None: Bound(1, None, 1.0, 1.8, 2.6)})
-    lower, upper = gap.bounds(Event())
-    assert (lower.values.tolist(), upper.values.tolist()) == ([0.1, 1.8], [math.inf, 2.6])
-    assert lower.event == upper.event == Event()
-    assert gap.events() == [Event(), Event("settling"), *(Event(horizon=h) for h in gap.horizons())]
-    ratios = gaps(gap)
-    assert ratios["time of arrival"]["x"] == pytest.approx([20.0, 2.0 / 1.8])
-    assert ratios["time of settling"]["x"] == pytest.approx([20.0, 20.0])
-    assert ratios["thrust-time by 4.8 s"]["x"] == pytest.approx([10.0, 10.0])
-    assert np.isinf(ratios["thrust-time by 1.4 s"]["x"]).all()
-
-
-def test_horizons_are_shares_of_an_episode() -> None:
-    """6, 8, 10, 15, 20 and 25 s of 25 s; of very short episodes at least one period."""
-    usual = Comparison(replace(CONTEST, timing=Timing()))
-    assert usual.horizons() == pytest.approx((6.0, 8.0, 10.0, 15.0, 20.0, 25.0))
-    assert Comparison(replace(CONTEST, timing=Timing(episode_steps=1))).horizons() == (0.2,)
-    assert usual.horizons((0.4,)) == pytest.approx((10.0,))
 
 
 def test_steps_of_every_piece_of_work_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
