@@ -16,7 +16,6 @@ from rans.fast.engine import Engine
 from rans.fast.kernels import launch
 from rans.fast.kernels.launch import CudaError, Kernel
 from rans.fast.learn.curriculum import Curriculum, Ramp
-from rans.fast.step import Step
 from rans.model.actuators import Pulsed, Throttle
 from rans.model.body import Body
 from rans.model.conditions import Conditions, ThrusterConditions
@@ -25,14 +24,10 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.tasks import TASKS, GoToPose
 from tests.fast.engines import FLYER, NEAR, PLATFORM, SHORT, actions, both_crafts
-from tests.fast.kernels.host import HostKernel, needs_compiler
+from tests.fast.kernels.host import SEED, TOLERANCE, HostKernel, compare, needs_compiler
 from tests.worlds import EFFECTS, PAIRS
 
 pytestmark = needs_compiler
-TOLERANCE = {torch.float64: 1e-12, torch.float32: 2e-5}
-"""Some dozen steps multiply a last place of values up to 4 by a hundred at most."""
-SEED = 2**40 + 5
-"""Both its words differ from zero."""
 
 
 @pytest.fixture
@@ -45,24 +40,6 @@ def on_host(tmp_path: Path) -> Iterator[Callable[..., Engine]]:
 
     with torch.compiler.set_stance("force_eager"):
         yield make
-
-
-def compare(ours: Engine, theirs: Engine, steps: int = 25, form: torch.dtype = torch.uint8,
-            given: torch.Tensor | None = None) -> int:
-    """Fly the same commands; the number of episodes that ended."""
-    ends, tolerance = 0, TOLERANCE[ours.dtype]
-    for action in actions(ours.craft, ours.num_envs, steps) if given is None else given:
-        a, b = ours.step(action), theirs.step(action.to(form))
-        ended = a.terminated | a.truncated
-        for name, x, y in zip(Step._fields, a, b, strict=True):
-            assert (x.shape, x.dtype) == (y.shape, y.dtype), name
-            rows = ended if name == "final_observation" else slice(None)
-            torch.testing.assert_close(y[rows], x[rows], rtol=0, atol=tolerance,
-                                       msg=lambda m, n=name: f"{n}: {m}")
-        ends += int(ended.sum())
-    for x, y in zip(ours.save_state()["buffers"], theirs.save_state()["buffers"], strict=True):
-        torch.testing.assert_close(y, x, rtol=0, atol=tolerance)
-    return ends
 
 
 @pytest.fixture(params=[1, 2])
