@@ -90,6 +90,7 @@ def test_the_return_is_a_ratio_of_means(monkeypatch: pytest.MonkeyPatch) -> None
     assert scoreboard(found)["agent"][RETURN].value == pytest.approx(40.0)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_multiple_of_the_bound_is_the_median_of_multiples() -> None:
     """1 s over 0.25 s and 2 s over 1 s: 4 and 2; the medians of both, 1.5 s over 0.625 s, would give 2.4."""
     bounds = [replace(b, hull=0.1, lower=1.0 if b.start else 0.25, upper=9.0) for b in certified(0.1)]
@@ -101,6 +102,7 @@ def tables_of(shown: Any) -> dict[str, list[list[Any]]]:
     return {table.caption: [list(row) for row in table.rows] for s in shown.sections for table in s.tables}
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize(("best", "passed", "proven"), [(0.5, True, "0 of 2"), (3.0, False, "0 of 2")])
 def test_the_page_says_whether_a_bound_is_beaten(best: float, passed: bool, proven: str) -> None:
     shown = page(comparison(certified=certified(best)))
@@ -113,17 +115,20 @@ def test_the_page_says_whether_a_bound_is_beaten(best: float, passed: bool, prov
     assert "agent settles from 2 of 3 starts, 2.00 s (median), 1.00 N s of thrust (mean)." in told
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_closed_gap_is_proven_optimal() -> None:
     bounds = [replace(b, upper=b.best) if b.start else b for b in certified(0.5)]
     assert tables_of(page(comparison(certified=bounds)))["The bounds (s and N s)"][0][-1] == "1 of 2"
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_median_and_the_slowest_start_are_drawn() -> None:
     shown = page(comparison())
     paths, = (section for section in shown.sections if section.title == "Paths")
     assert [picture.caption for picture in paths.pictures] == ["Start 1.", "Start 2."]
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_what_the_optimiser_found_by_hand() -> None:
     """Medians of what was solved, and the largest error."""
     one = Relaxed(MinimumTime(), 0, "solved", True, 0.1, 4.0, 3.0, 7.0, 30.0, 1e-4)
