@@ -226,11 +226,9 @@ def test_data_uri_holds_the_picture() -> None:
 
 
 def test_figures_are_saved(tmp_path: Path) -> None:
-    save_flight_figures(two_episodes(), tmp_path)
     save_flight_figures(two_episodes(), tmp_path, "-paper")
     files = sorted(tmp_path.iterdir())
-    assert [file.name for file in files] == [
-        "episode-paper.svg", "episode.svg", "evaluation-paper.svg", "evaluation.svg"]
+    assert [file.name for file in files] == ["episode-paper.svg", "evaluation-paper.svg"]
     for file in files:
         ET.parse(file)
 
