@@ -66,9 +66,9 @@ def first(tree: Any) -> Any:
     return map_leaves(lambda x: float(x[0]), tree)
 
 
-def cost(craft: Spacecraft, start: Any, goal: Any, commands: np.ndarray, effort: float) -> float:
+def cost(craft: Spacecraft, regulator: Regulator, start: Any, goal: Any, commands: np.ndarray,
+         effort: float) -> float:
     """What a plan costs, flown in NumPy and measured with SciPy's rotations."""
-    regulator = Regulator.of(craft, TASK, TIMING, Weights())
     turn, total, state = turn_to_go(start, goal), effort * float((commands**2).sum()), start
     for k in range(commands.shape[1]):
         state = advance(state, wrench(craft, tuple(commands[:, k])), Body.of(craft),
@@ -101,10 +101,11 @@ def test_plan_is_that_of_a_generic_solver(craft: Spacecraft, horizon: int) -> No
     for _ in range(30):
         plan = program.improved(plan, error, goal_leaves)
     # full thrust along an axis costs 1: in the plane four nozzles give it, in space four along x or y
-    effort = 1.0 / 4.0
+    effort, regulator = 1.0 / 4.0, Regulator.of(craft, TASK, TIMING, Weights())
+    begin, end = first(starts.start), first(goal)
 
     def objective(flat: np.ndarray) -> float:
-        return cost(craft, first(starts.start), first(goal), flat.reshape(plan.shape), effort)
+        return cost(craft, regulator, begin, end, flat.reshape(plan.shape), effort)
 
     best = minimize(objective, np.full(plan.size, 0.2), method="SLSQP", bounds=[(0.0, 1.0)] * plan.size,
                     options={"ftol": 1e-10, "maxiter": 300})
