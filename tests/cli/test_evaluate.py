@@ -47,6 +47,7 @@ def test_both_engines(capsys: pytest.CaptureFixture[str], run_folder: Path) -> N
     assert (run_folder / "evaluation.svg").read_text().startswith("<?xml")
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_flights_too_many_to_keep_are_judged_as_they_fly(
         capsys: pytest.CaptureFixture[str], run_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     arguments = ["evaluate", str(run_folder), "--seed", "7"]
@@ -68,6 +69,7 @@ def test_flights_too_many_to_keep_are_judged_as_they_fly(
     assert len(many["failures"]) == round(30 * rows["not solved"]["value"] / 100)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_protocol_has_its_own_files(run_folder: Path) -> None:
     assert main(["evaluate", str(run_folder), "--episodes", "3", "--protocol", "original",
                  "--trajectories"]) == 0
@@ -81,6 +83,7 @@ def test_a_protocol_has_its_own_files(run_folder: Path) -> None:
     assert "Evaluation original" in [section.title for section in report.sections]
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_multi_task_agent_is_judged_task_by_task(tmp_path: Path) -> None:
     tasks = MultiTask(tasks=("go-to-pose", "track-twist"))
     trainer = tiny_trainer(tmp_path / "all", replace(CONFIG, task="multi-task", settings=tasks))
@@ -92,6 +95,7 @@ def test_a_multi_task_agent_is_judged_task_by_task(tmp_path: Path) -> None:
     assert "velocity error" in names["track-twist"] - names["go-to-pose"]
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_seed_decides(run_folder: Path) -> None:
     """And results of the other engine stay only beside those of the same episodes."""
     file, results = run_folder / "evaluation.json", []

@@ -155,6 +155,7 @@ def test_validate_says_what_failed_and_where(monkeypatch: pytest.MonkeyPatch,
     assert "1 of 1 checks passed in 1.5 s." in capsys.readouterr().out
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_engines_that_disagree_end_with_code_1(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.chdir(tmp_path)
     disagree = SimpleNamespace(passed=False, table=lambda: "", to_json=dict)
@@ -166,6 +167,7 @@ def test_engines_that_disagree_end_with_code_1(monkeypatch: pytest.MonkeyPatch, 
     assert main(arguments) == 0
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_solver_that_stopped_is_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path,
                                        capsys: pytest.CaptureFixture[str]) -> None:
     from rans.evaluation.fly import judge
