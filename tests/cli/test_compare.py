@@ -37,6 +37,7 @@ def test_who_is_not_there_is_told_before_anybody_flies(tmp_path: Path, monkeypat
     assert not (tmp_path / "x").exists()
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_failure_is_told_and_the_rest_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     command = ["compare", "lqr:go-to-pose-2d", "python:tests.evaluation.policies:broken", "--with", "lqr",
                "--episodes", "2",
@@ -46,6 +47,7 @@ def test_a_failure_is_told_and_the_rest_written(tmp_path: Path, capsys: pytest.C
     assert len(json.loads((tmp_path / "compare.json").read_text())["failures"]) == 1
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_interrupted_it_still_writes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
                                      capsys: pytest.CaptureFixture[str]) -> None:
     def interrupted(*_: object) -> None:

@@ -50,6 +50,7 @@ def test_pages_numbers_and_commands_that_show_it_again(monkeypatch: pytest.Monke
     assert error == pytest.approx(lost["worst"][0]["errors"]["position, m"], rel=1e-6)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_failure_is_told_and_the_rest_written(capsys: pytest.CaptureFixture[str]) -> None:
     command = ["stress", "lqr:go-to-pose-2d", "python:tests.evaluation.policies:broken", *QUICK]
     assert main([*command, "--output", "here"]) == 1
@@ -59,6 +60,7 @@ def test_a_failure_is_told_and_the_rest_written(capsys: pytest.CaptureFixture[st
     assert list(worlds["perfect"]["contestants"]) == ["LQR"]
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_interrupted_it_writes_what_was_flown(monkeypatch: pytest.MonkeyPatch,
                                               capsys: pytest.CaptureFixture[str]) -> None:
     true, calls = run._flown, []
