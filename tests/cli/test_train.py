@@ -49,6 +49,7 @@ def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
     return captured.err
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_compiler_starts_no_workers_unless_told_to(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TORCHINDUCTOR_COMPILE_THREADS", "4")
     compile_in_this_process()
@@ -74,6 +75,7 @@ def test_a_run_folder_is_left(capsys: pytest.CaptureFixture[str]) -> None:
     assert Path("runs/go-to-pose-floating-platform-seed0-2").is_dir()
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_config_gives_the_same_agent() -> None:
     """Also where training ends by itself, whenever its reports were made."""
     easy = tiny(solved_share=0.01, settings__evaluation_distance=[0.1, 0.2], settings__position_tolerance=7.9,
@@ -86,6 +88,7 @@ def test_the_config_gives_the_same_agent() -> None:
     assert rows == [[384, 768]] * 2
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_options_change_a_config() -> None:
     """Options beat the file, and --set beats options."""
     assert main([*tiny(), "--total-timesteps", "100", "--run", "first"]) == 0
@@ -99,6 +102,7 @@ def test_options_change_a_config() -> None:
     assert (trained("first") != trained("second")).any()
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_resume_goes_on(capsys: pytest.CaptureFixture[str]) -> None:
     assert main([*tiny(), "--total-timesteps", "512", "--run", "run"]) == 0
     config = Path("run/config.json")
@@ -147,6 +151,7 @@ def test_wrong_options(capsys: pytest.CaptureFixture[str]) -> None:
     assert "cannot write file/run/" in refused(capsys, *tiny()[1:], "--run", "file/run")
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_run_is_not_overwritten(capsys: pytest.CaptureFixture[str]) -> None:
     assert main([*tiny(), "--total-timesteps", "100", "--run", "run"]) == 0
     before = {file: file.read_bytes() for file in Path("run").glob("*.*")}
@@ -163,23 +168,20 @@ def test_nan_is_said_in_a_sentence(capsys: pytest.CaptureFixture[str]) -> None:
     assert Path("run/nonfinite.safetensors").exists()
 
 
-def stopped(number: int, *arguments: str) -> str:
-    """Start a command, wait until it trains, send the signal, and return what it then printed."""
-    with command(*arguments) as process:
+def test_a_signal_stops_it_gently() -> None:
+    """Nothing is lost, and the command it prints goes on from there; no compiler and no git are needed.
+
+    SIGTERM; `tests.cli.test_view` sends SIGINT.
+    """
+    arguments = [*tiny(total_timesteps=10**9), "--run", "run with space"]
+    with command(*arguments, PATH="/nowhere", CXX="nothing") as process:
         assert process.stderr is not None
         first = process.stderr.readline()
         assert first.startswith("training: "), first + process.stderr.read()
-        process.send_signal(number)
+        process.send_signal(signal.SIGTERM)
         out, errors = process.communicate(timeout=PATIENCE)
     assert process.returncode == 130
     assert "Traceback" not in errors
-    return out
-
-
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=["SIGINT", "SIGTERM"])
-def test_signals_stop_it_gently(number: int) -> None:
-    """Nothing is lost, and the command it prints goes on from there."""
-    out = stopped(number, *tiny(total_timesteps=10**9), "--run", "run with space")
     assert out.startswith("Stopped after ")
     run = Path("run with space")
     left = {file.name for file in run.iterdir()}
@@ -194,14 +196,7 @@ def test_signals_stop_it_gently(number: int) -> None:
     assert RunFolder(run).metrics()[-1]["steps"] == steps + 128
 
 
-def test_training_needs_no_compiler_and_no_git() -> None:
-    arguments = [*tiny(), "--total-timesteps", "300", "--run", "run"]
-    with command(*arguments, PATH="/nowhere", CXX="nothing") as process:
-        _, errors = process.communicate(timeout=PATIENCE)
-    assert process.returncode == 0, errors
-    assert Path("run/policy.zip").exists()
-
-
+@pytest.mark.usefixtures("undrawn")
 def test_an_agent_that_comes_with_rans_is_trained_again_by_its_name() -> None:
     _, _, *options = tiny()
     assert main(["train", "go-to-pose-2d-shared", *options, "--total-timesteps=200", "--seed=3"]) == 0
