@@ -19,6 +19,7 @@ from validation.study import LAYERS, Scope
 
 
 def test_quick_validation_passes_and_is_written(tmp_path, capsys) -> None:
+    """And one layer alone repeats what the study found."""
     folder = tmp_path / "checked"
     code = main(["validate", "--quick", "--seed", "7", "--output", str(folder)])
     printed = capsys.readouterr().out
@@ -35,6 +36,12 @@ def test_quick_validation_passes_and_is_written(tmp_path, capsys) -> None:
     assert page.count("<img") == 1
     assert not re.search(r'(src|href)="(?!data:|#)', page), "a page that needs another file"
 
+    alone = tmp_path / "alone"
+    assert main(["validate", "--quick", "--seed", "7", "--layer", "bang-bang", "--output", str(alone)]) == 0
+    again = json.loads((alone / "validation.json").read_text("utf-8"))["checks"]
+    assert again == [check for check in read["checks"] if check["layer"] == "bang-bang"]
+    assert len(again) == 4
+
 
 @pytest.mark.parametrize("layer", ["period", "disturbances", "oracles", "optimal"])
 def test_valves_that_pulse_are_validated(layer: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -48,16 +55,6 @@ def test_restless_flights_of_valves_that_pulse(monkeypatch: pytest.MonkeyPatch) 
     assert all(check.passed for check in LAYERS["flights"](scope) if isinstance(check, Check))
     monkeypatch.setattr(Pulsed, "pulses", Actuators.pulses)
     assert not all(check.passed for check in LAYERS["flights"](scope) if isinstance(check, Check))
-
-
-def test_one_layer_repeats_what_the_study_found(tmp_path, capsys) -> None:
-    whole, alone = tmp_path / "whole", tmp_path / "alone"
-    assert main(["validate", "--quick", "--seed", "3", "--output", str(whole)]) == 0
-    assert main(["validate", "--quick", "--seed", "3", "--layer", "bang-bang", "--output", str(alone)]) == 0
-    checks, again = (json.loads((folder / "validation.json").read_text("utf-8"))["checks"]
-                     for folder in (whole, alone))
-    assert again == [check for check in checks if check["layer"] == "bang-bang"]
-    assert len(again) == 4
 
 
 def test_an_unknown_layer_is_one_sentence(capsys) -> None:
