@@ -67,6 +67,7 @@ def test_everyone_flies_every_start(comparison: Comparison) -> None:
     np.testing.assert_array_equal(*first)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_failures_are_sentences_and_the_rest_goes_on(comparison: Comparison) -> None:
     told = "\n".join(comparison.failures)
     for sentence in ("broken failed: KeyError: 'no such layer'",
@@ -179,6 +180,7 @@ def test_relaxed_optima(comparison: Comparison) -> None:
         assert (entry.returns < best).all()
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_start_without_optimum_costs_nobody_the_return(comparison: Comparison) -> None:
     """The share is that of the other starts."""
     name, rows = next((name, rows) for name, rows in comparison.relaxed.items()
@@ -227,13 +229,13 @@ def test_files_for_others(comparison: Comparison) -> None:
 def test_tasks_without_certificate_say_so(spec: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("rans.evaluation.compare.relaxed.objectives", lambda *_: [])
     found = Comparison(replace(contest_of(spec, 2), timing=Timing(episode_steps=20)))
-    fill(found, enlisted([spec], found.contest), ["lqr", "optimal"], certified=2)
+    fill(found, enlisted([spec], found.contest), ["optimal"], certified=2, workers=1)
     assert found.failures == []
     assert len(found.notes) == 1
     assert "certificate exists" in found.notes[0]
-    assert found.notes[0] in page(found).html().replace("&#34;", '"').replace("&#39;", "'")
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_interrupt_keeps_what_is_finished(monkeypatch: pytest.MonkeyPatch) -> None:
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
