@@ -68,6 +68,7 @@ def test_the_card_says_what_evaluate_finds(run: Path, shipped: Path) -> None:
     assert card["evaluation"]["paper"][""]["settling time"][0] == "inf"  # half of them never settle
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_it_comes_with_rans_by_name(shipped: Path, monkeypatch: pytest.MonkeyPatch,
                                     capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     monkeypatch.setattr(rans.pretrained, "FOLDER", shipped.parent)
