@@ -51,14 +51,15 @@ def learned(model: Learner) -> dict[str, Any]:
             "log": [statistics(numbers, model.engine, 384, 128) for numbers in said]}
 
 
-def one_of_two(rank: int, folder: Path, members: int) -> None:
-    """A process of two; the second leaves when both have learned."""
+def one_of_two(rank: int, folder: Path) -> None:
+    """A process of two, which learn with one member and with two; the second leaves when both have."""
     torch.set_num_threads(1)
     dist.init_process_group("gloo", f"file://{folder}/meeting", rank=rank, world_size=2)
     world = Processes(rank, 2)
-    found = learned(started(world, members)) | {
-        "any": world.any(rank == 1, False), "first": world.first_says(f"from {rank}")}
-    torch.save(found, folder / f"{rank}.pt")
+    for members in (1, 2):
+        found = learned(started(world, members)) | {
+            "any": world.any(rank == 1, False), "first": world.first_says(f"from {rank}")}
+        torch.save(found, folder / f"{rank}-{members}.pt")
     if rank == 0:
         with pytest.raises(WorkerLost, match="another process of this training is gone"):
             world.average(torch.zeros(1))
@@ -66,12 +67,19 @@ def one_of_two(rank: int, folder: Path, members: int) -> None:
     os._exit(0)
 
 
+@pytest.fixture(scope="module")
+def together(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What two processes learned."""
+    folder = tmp_path_factory.mktemp("together")
+    start_processes(one_of_two, (folder,), nprocs=2)
+    return folder
+
+
 @pytest.mark.parametrize("members", [1, 2])
-def test_two_processes_learn_what_one_does(tmp_path: Path, members: int) -> None:
+def test_two_processes_learn_what_one_does(together: Path, members: int) -> None:
     """Same starts, actions and minibatches, and sums in another order: the same agents to rounding."""
-    start_processes(one_of_two, (tmp_path, members), nprocs=2)
     alone = learned(started(members=members))
-    first, second = (torch.load(tmp_path / f"{rank}.pt") for rank in (0, 1))
+    first, second = (torch.load(together / f"{rank}-{members}.pt") for rank in (0, 1))
     assert torch.equal(first["weights"], second["weights"])
     # Adam's steps of 2e-3 differ by the rounding of float64 sums, divided by gradients as small as 1e-5.
     torch.testing.assert_close(first["weights"], alone["weights"], rtol=0, atol=1e-9)
@@ -132,6 +140,9 @@ MORTAL = """
 import os, sys, threading, time
 from pathlib import Path
 from rans.cli import main
+from rans.fast.learn import trainer
+
+trainer._CHECKPOINT_SECONDS = 0.0  # instead of training for 5 s until there is one
 
 def die():
     while not Path("run/checkpoint.safetensors").exists():
