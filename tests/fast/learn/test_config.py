@@ -6,6 +6,7 @@ import math
 from dataclasses import fields, replace
 from typing import Any
 
+import hypothesis
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -30,6 +31,7 @@ configs = st.builds(
     seed=st.integers(0, 2**32 - 1), solved_share=st.none() | st.floats(0.01, 1.0))
 
 
+@hypothesis.settings(max_examples=30)
 @given(configs)
 def test_through_json_and_back(config: TrainConfig) -> None:
     table = json.loads(json.dumps(to_table(config)))
