@@ -156,7 +156,6 @@ sys.exit(main(sys.argv[1:]))
 """A second process that dies once there is a checkpoint."""
 
 
-@pytest.mark.slow  # four processes that start torch anew
 def test_a_lost_process_leaves_a_sentence_and_a_checkpoint(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     """Which one process then resumes."""
