@@ -14,15 +14,17 @@ from rans.evaluation.compare.run import Comparison
 IDLE = "python:tests.evaluation.policies:idle"
 
 
-def test_writes_page_and_numbers(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_writes_page_and_numbers(tmp_path: Path, capsys: pytest.CaptureFixture[str],
+                                 monkeypatch: pytest.MonkeyPatch) -> None:
     command = ["compare", "lqr:go-to-pose-2d", IDLE, "--with", "lqr", "--episodes", "3",
                "--output", str(tmp_path)]
+    monkeypatch.setattr("sys.argv", ["rans", *command])
     assert main(command) == 0
     read = json.loads((tmp_path / "compare.json").read_text())
     assert [row["settled"] for row in read["summary"]] == [3, 0]
     page = (tmp_path / "compare.html").read_text()
     assert "<h1>Comparison: 3 starts of seed 2023, floating-platform" in page
-    assert "<dt>command</dt><dd>rans " in page
+    assert "<dt>command</dt><dd>rans compare lqr:go-to-pose-2d " in page
     assert "settling time, s" in capsys.readouterr().out
 
 

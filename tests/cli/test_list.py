@@ -116,7 +116,8 @@ def test_picture(capsys: pytest.CaptureFixture[str], tmp_path: Path, ending: str
 
 def test_wrong_pictures(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     assert ".png, .svg or .pdf" in refused(capsys, "free-flyer", "--picture", str(tmp_path / "x.gif"))
-    assert "cannot write" in refused(capsys, "free-flyer", "--picture", str(tmp_path / "no" / "x.png"))
+    (tmp_path / "file").touch()
+    assert "cannot write" in refused(capsys, "free-flyer", "--picture", str(tmp_path / "file" / "x.png"))
     assert "name it" in refused(capsys, "--picture", "x.png")
     assert "name it" in refused(capsys, "go-to-pose", "--picture", "x.png")
 

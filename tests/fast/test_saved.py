@@ -35,7 +35,7 @@ def opened(folder: Path) -> SavedPolicy:
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     """A shipped agent that a test may spoil."""
-    return Path(shutil.copytree(pretrained_folder("go-to-pose-2d-fast"), tmp_path / "agent"))
+    return Path(shutil.copytree(pretrained_folder("track-velocity-heading-2d"), tmp_path / "agent"))
 
 
 @pytest.mark.parametrize(("name", "with_ours"), [

@@ -202,9 +202,9 @@ def test_actions_may_be_lists_and_truth_values() -> None:
 @pytest.mark.parametrize(("kwargs", "message"), [
     ({"spacecraft": "free-flyer"}, "dimension 2, got 'free-flyer' of dimension 3"),
     ({"spacecraft": "no-such-craft"}, "no spacecraft named 'no-such-craft'"),
-    ({"task": "go-to-pose"}, "for GoToPose settings, got 'go-to-pose'"),
+    ({"task": "go-to-pose"}, "task must be a rans.GoToPose, got 'go-to-pose'"),
     ({"task": {"thrust_weight": 0.1}},
-     r"takes an object, no dict: GoToPose\(thrust_weight=0\.1\) of rans\.tasks\.go_to_pose\."),
+     r"task takes an object, no dict: rans\.GoToPose\(thrust_weight=0\.1\)\."),
 ])
 def test_wrong_arguments(kwargs: dict[str, Any], message: str) -> None:
     with pytest.raises(ConfigError, match=message):
