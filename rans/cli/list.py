@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import tomllib
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Annotated, Any
@@ -17,11 +17,11 @@ from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.files import number, plain, read_text
 from rans.model.conditions import Conditions
 from rans.model.conditions_file import CONDITIONS, load_conditions
-from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import SPACECRAFT, load_spacecraft, spacecraft_names
 from rans.model.timing import Timing
 from rans.pretrained import pretrained_card, pretrained_folder, pretrained_names
 from rans.registry import Registry
+from rans.show.layout_text import AWAY, TOWARDS, layout_text
 from rans.show.listing import (
     Listing,
     settings_listing,
@@ -33,11 +33,6 @@ from rans.show.listing import (
 from rans.tasks import TASKS, gymnasium_ids, load_task, observation_columns
 from rans.tasks.formula import reward_formulas
 from rans.terminal import Terminal
-
-_ARROWS = "→↗↑↖←↙↓↘"
-_TOWARDS, _AWAY = "⊙", "⊗"
-_WIDEST = 3.0
-"""The farthest thruster in a picture is so many units away: of the outer radius, or longer ones."""
 
 
 @dataclass(frozen=True)
@@ -110,45 +105,6 @@ def _kind_of_file(file: Path) -> str:
     except (ValueError, RecursionError):
         return "spacecraft"
     return "conditions" if keys and keys <= {one.name for one in fields(Conditions)} else "spacecraft"
-
-
-def layout_text(craft: Spacecraft) -> str:
-    """The thrusters of a spacecraft seen along z, drawn with characters.
-
-    Each thruster is its index with the direction of its force: an arrow, or ⊙ towards the viewer and
-    ⊗ away; + is the centre of mass and the dots are the outer radius.
-    """
-    arms = [[p - c for p, c in zip(t.position, craft.centre_of_mass, strict=True)] for t in craft.thrusters]
-    unit = max(craft.radius, *(math.hypot(x, y) / _WIDEST for x, y, _ in arms))
-    cells: dict[tuple[int, int], str] = {}
-    for angle in range(0, 360, 6):
-        x, y = (craft.radius / unit * f(math.radians(angle)) for f in (math.cos, math.sin))
-        cells[_cell((x, y), 1.0)] = "·"
-    _put(cells, (0.0, 0.0), "+")
-    for index, (thruster, (x, y, _)) in enumerate(zip(craft.thrusters, arms, strict=True)):
-        dx, dy, dz = thruster.direction
-        mark = _ARROWS[round(math.atan2(dy, dx) / (math.pi / 4)) % 8]
-        if abs(dz) > math.hypot(dx, dy):
-            mark = _TOWARDS if dz > 0 else _AWAY
-        _put(cells, (x / unit + 0.35 * dx, y / unit + 0.35 * dy), f"{index}{mark}")
-    rows, columns = zip(*cells, strict=True)
-    width = range(min(columns) - 2, max(columns) + 1)
-    return "\n".join("".join(cells.get((row, column), " ") for column in width)
-                     for row in range(min(rows), max(rows) + 1))
-
-
-def _cell(place: Sequence[float], width: float) -> tuple[int, int]:
-    """Row and first column of a text centred at a place given in units; characters are 1 x 2."""
-    return round(-8.0 * place[1]), round(16.0 * place[0] - (width - 1) / 2)
-
-
-def _put(cells: dict[tuple[int, int], str], place: Sequence[float], text: str) -> None:
-    """Write the text at its place, or in the first free row below."""
-    row, column = _cell(place, len(text))
-    span = range(column, column + len(text))
-    while any(cells.get((row, c), "·") != "·" for c in span):
-        row += 1
-    cells.update({(row, c): letter for c, letter in zip(span, text, strict=True)})
 
 
 def _everything(_: str) -> Iterable[str | Listing]:
@@ -237,7 +193,7 @@ def _spacecraft_details(name: str) -> Iterable[str | Listing]:
     yield spacecraft_listing(craft)
     yield thruster_listing(craft)
     yield f"\n{layout_text(craft)}\n"
-    yield f"x to the right, y up; arrows are forces on the craft; {_TOWARDS} towards you, {_AWAY} away."
+    yield f"x to the right, y up; arrows are forces on the craft; {TOWARDS} towards you, {AWAY} away."
 
 
 def _task_details(name: str) -> Iterable[str | Listing]:
