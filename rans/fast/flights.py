@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import os
 import pickle
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
 
 import numpy as np
 import torch
@@ -20,6 +19,7 @@ from rans.fast.kernels.flight_program import trace_flight
 from rans.fast.learn.network import Network
 from rans.fast.learn.selection import likeliest
 from rans.fast.step import Place
+from rans.fast.threads import one_thread
 from rans.fast.verdicts import Tally, Verdicts, together
 from rans.model.conditions import Conditions
 from rans.model.fields import Field
@@ -80,7 +80,7 @@ class Flights:
             program = None if given.memory else trace_flight(self.world, given)
         except UNTRACEABLE:  # a task that does more than arithmetic on fields
             program = None
-        with _one_thread():
+        with one_thread():
             return program and CpuFlights(self.world, self._network, program)
 
     def fly(self, first: int, count: int, seed: int,
@@ -98,7 +98,7 @@ class Flights:
             return together(self._divided(_parts(first, count, _SHARE), seed, progress), none)
         size = _LAUNCH if isinstance(self._whole, FlightKernel) else BATCH[self.device.type]
         found = none
-        with _one_thread():
+        with one_thread():
             for begin, share in _parts(first, count, size):
                 found += self._part(begin, share, seed)
                 progress(share)
@@ -170,17 +170,6 @@ def _work(first: int, count: int, seed: int) -> Verdicts:
 def _parts(first: int, count: int, size: int) -> list[tuple[int, int]]:
     """First number and count of every part of at most so many scenarios."""
     return [(begin, min(size, first + count - begin)) for begin in range(first, first + count, size)]
-
-
-@contextmanager
-def _one_thread() -> Iterator[None]:
-    """Within it torch does what is small without other threads, which take longer to wake."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(threads)
 
 
 def fly_many(network: Network, setup: Given, first: int, count: int, seed: int,

@@ -22,10 +22,11 @@ from rans.fast.learn.config import PPOSettings
 from rans.fast.learn.member import begin
 from rans.fast.learn.network import Network
 from rans.fast.saved import SavedPolicy
+from rans.fast.threads import one_thread
 from rans.model.spacecraft import Spacecraft
 from rans.tasks import Task
 from validation.exports import ANSWERS
-from validation.speed.measurement import Measurement, one_thread
+from validation.speed.measurement import Measurement
 
 Policy = Callable[[np.ndarray], np.ndarray]
 """Commands (N, thrusters) for observations (N, width), float32."""

@@ -13,10 +13,11 @@ from rans.fast.learn.config import PPOSettings, TrainConfig
 from rans.fast.learn.member import begin
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.trainer import Trainer
+from rans.fast.threads import one_thread
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.tasks import GoToPose, Task
-from validation.speed.measurement import Clock, Measurement, one_thread
+from validation.speed.measurement import Clock, Measurement
 
 LARGE = PPOSettings(n_envs=65_536, n_steps=16, batch_size=262_144, layers=(128, 128), matmul="bf16")
 """What keeps a large GPU busy; the presets, which need fewer steps, do not."""

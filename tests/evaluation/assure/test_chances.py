@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +15,7 @@ from rans.evaluation.assure.chances import Chances, Chosen, Sized, sized
 from rans.evaluation.assure.rare import rare
 from rans.evaluation.assure.replay import drawing, flown, worst_errors
 from rans.evaluation.assure.search import drew, room, smallest
-from rans.evaluation.fly.agent import LoadedRun
+from rans.evaluation.fly.agent import Agent, LoadedRun
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.protocols import Setup
 from rans.fast.step import Place
@@ -66,7 +65,8 @@ def test_scores_are_the_largest_errors_of_the_last_fifth(run: LoadedRun, setup: 
     chances, agent = Chances.of(setup), run.controller
     random = np.random.default_rng(0)
     z, number = random.standard_normal((len(chances.places), COUNT)), np.arange(COUNT, dtype=np.int32)
-    network: Any = getattr(agent, "network")  # noqa: B009
+    assert isinstance(agent, Agent)
+    network = agent.network
     score = chances.scores(network, torch.device("cpu"))(z, number)
     exact = worst_errors(flown(agent, setup, chances.draws(norm.cdf(z), number)))[0]
     # After 4 s all are still on their way: float32 has moved none by a thousandth.
@@ -150,7 +150,8 @@ def test_the_smallest_failure_found_is_flown_again_before_it_is_told(run: Loaded
     # After 4 s everybody is still on the way, which is a failure at any size: the first is as good as any.
     monkeypatch.setattr(search, "_ROUNDS", 2)
     monkeypatch.setattr(search, "_COUNT", 64)
-    network: Any = getattr(run.controller, "network")  # noqa: B009
+    assert isinstance(run.controller, Agent)
+    network = run.controller.network
     lab = load_conditions("lab")
     found = search.searched("lab", lab, run.controller, network, setup, 0)
     breaking = found.breaking

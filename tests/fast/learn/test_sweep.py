@@ -9,10 +9,9 @@ from typing import Any
 
 import pytest
 import torch
-from torch import Tensor
 
 from rans.errors import ConfigError
-from rans.evaluation.fly.agent import load_agent
+from rans.evaluation.fly.agent import Agent, load_agent
 from rans.fast.engine import Engine
 from rans.fast.learn import adam, ppo
 from rans.fast.learn.curriculum import Curriculum, Ramp
@@ -285,6 +284,7 @@ def test_weights_come_back_from_a_run_folder(tmp_path: Path) -> None:
     member = sweep.members[1]
     sweep.save(member, tmp_path / "best")
     loaded = load_agent(tmp_path / "best")
-    tensors: dict[str, Tensor] = loaded.controller.network.tensors  # type: ignore[attr-defined]
+    assert isinstance(loaded.controller, Agent)
+    tensors = loaded.controller.network.tensors
     assert set(tensors) == set(member.weights)
     assert all(torch.equal(tensors[name], weight) for name, weight in member.weights.items())

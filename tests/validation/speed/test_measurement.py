@@ -3,7 +3,8 @@ from __future__ import annotations
 import pytest
 import torch
 
-from validation.speed.measurement import Clock, one_thread
+from rans.fast.threads import one_thread
+from validation.speed.measurement import Clock
 
 
 def test_warm_up_is_apart(monkeypatch: pytest.MonkeyPatch) -> None:
