@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from rans.evaluation.fly.judge import EngineName
     from rans.evaluation.fly.protocols import ProtocolName
     from rans.evaluation.measure.aggregate import Metrics
-    from rans.fast.learn.config import PPOSettings
+    from rans.fast.learn.config import PPOSettings, TrainConfig
     from rans.optimal.trajectory.objectives import ObjectiveName
     from validation.checks import Study
 
@@ -247,19 +247,11 @@ def train(task: str | Task = "go-to-pose", spacecraft: Craft | None = None, *, s
         NonFiniteState: a value became NaN or infinite.
     """
     from rans.evaluation.fly.agent import load_agent as trained
-    from rans.fast.learn.recipes import training
     from rans.fast.learn.run_folder import RunFolder
     from rans.fast.learn.trainer import Trainer, run_path
 
-    craft = None if spacecraft is None else load_spacecraft(spacecraft)
-    named = str(spacecraft) if isinstance(spacecraft, str | Path) else _CRAFT
-    config = training(_name(task), named, device)
-    given = {"seed": seed, "total_timesteps": total_timesteps, "spacecraft": None if craft is None else named,
-             "settings": task if isinstance(task, Task) else None,
-             "ppo": None if ppo is None else checked("ppo", ppo, type(config.ppo)),
-             "conditions": None if conditions is None else load_conditions(conditions)}
-    config = replace(config, **{key: value for key, value in given.items() if value is not None})
-    craft = craft or load_spacecraft(config.spacecraft)
+    config = _config(task, spacecraft, device, ppo, conditions, seed=seed, total_timesteps=total_timesteps)
+    craft = load_spacecraft(config.spacecraft if spacecraft is None else spacecraft)
     folder = Path(run) if run is not None else run_path(config)
     if isinstance(spacecraft, Spacecraft):
         config = replace(config, spacecraft=str(folder / "spacecraft.toml"))
@@ -268,6 +260,22 @@ def train(task: str | Task = "go-to-pose", spacecraft: Craft | None = None, *, s
     kept.begin(config, "rans.train", to_toml(craft) if isinstance(spacecraft, Spacecraft) else "")
     trainer.train(lambda members: report(members[0].rows[-1]) if report else None)
     return trained(folder)
+
+
+def _config(task: str | Task, spacecraft: Craft | None, device: str | None, ppo: PPOSettings | None,
+            conditions: World | None, **numbers: int | None) -> TrainConfig:
+    """The training of a name, with what was given in the place of what it has."""
+    from rans.fast.learn.recipes import training
+
+    craft = None if spacecraft is None else load_spacecraft(spacecraft)
+    named = str(spacecraft) if isinstance(spacecraft, str | Path) else _CRAFT
+    config = training(_name(task), named, device)
+    given: dict[str, Any] = {
+        **numbers, "spacecraft": None if craft is None else named,
+        "settings": task if isinstance(task, Task) else None,
+        "ppo": None if ppo is None else checked("ppo", ppo, type(config.ppo)),
+        "conditions": None if conditions is None else load_conditions(conditions)}
+    return replace(config, **{key: value for key, value in given.items() if value is not None})
 
 
 def _name(task: str | Task) -> str:

@@ -50,7 +50,6 @@ def export(run: Path, folder: Path, form: Form = "sb3", episodes: int = 1024,
     craft, config, card = source.spacecraft(), source.config(), _card(source)
     saved = read_policy(source.policy_file, craft, config.settings)
     network, text = saved.network, source.spacecraft_file.read_text("utf-8")
-
     seen = observed(network, Setup(craft, config.settings, config.timing, config.conditions.or_none))
     about = contract(name, config, craft, text, network.architecture.memory, seen)
     write_agent(folder, form, saved, config.ppo, f"{name}: flies {craft.name} by RANS's task {config.task}.",
