@@ -106,7 +106,7 @@ def test_a_bomb_is_not_unpacked(folder: Path, monkeypatch: pytest.MonkeyPatch) -
     file = folder / "policy.zip"
     with zipfile.ZipFile(file, "a", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("more", bytes(11 * 2**20))
-    assert file.stat().st_size < 200_000
+    assert file.stat().st_size < 1_000_000
     with pytest.raises(ConfigError, match="would unpack to more than 10 MB"):
         opened(folder)
 
@@ -194,5 +194,5 @@ def test_the_header_is_readable_without_us(folder: Path) -> None:
         content = archive.read(AGENT)
     header = json.loads(content[8:8 + int.from_bytes(content[:8], "little")])
     table = json.loads(header["__metadata__"]["rans"])
-    assert table["architecture"]["layers"] == [64, 64]
+    assert table["architecture"]["layers"] == [256, 256]
     assert header["weights/action_net.bias"]["shape"] == [16]
