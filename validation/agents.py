@@ -27,9 +27,10 @@ from rans.scenario import EVALUATION_SEED, scenarios
 from rans.terminal import Terminal, table
 from validation.agent_rows import ROWS, Goal, Row
 from validation.command import ended
+from validation.markdown import with_table
 from validation.time_optimal import time_optimal
 
-_BEGIN, _END = "<!-- table: python -m validation.agents -->", "<!-- end of table -->"
+_COMMAND = "python -m validation.agents"
 _HEADINGS = ("task, protocol", "what", "original", "target", "ours", "verdict", "command")
 _SOURCE = "The values of every training are in [agents.json](validation/agents.json)."
 _FLIGHTS = 16
@@ -106,7 +107,8 @@ class Agents:
             names = ", ".join(dict.fromkeys(row.agent for row in ROWS))
             raise ConfigError(f"{self.folder} holds no run named {names}, each followed by -seed0 and so on.")
         page = self.docs / "agents.md"
-        write_text(page, with_table(page.read_text("utf-8"), lines))
+        cells = (line.cells() for line in lines)
+        write_text(page, with_table(page.read_text("utf-8"), _COMMAND, _HEADINGS, cells, _SOURCE))
         write_json(self.docs / "validation" / "agents.json", {
             "episodes": self.episodes, "seed": EVALUATION_SEED, "environment": environment(),
             "lines": [asdict(line) | {"worst": line.worst, "passed": line.passed} for line in lines]})
@@ -164,21 +166,6 @@ def means(values: Values, goal: Goal, count: int | None = None) -> tuple[float, 
         raise ConfigError(f"nothing is known of {', '.join(missing)}: the run is of another task, or its "
                           "episodes are too short.")
     return tuple(float(_CENTRES.get(name, np.mean)(values[name][:count])) for name in goal.metrics)
-
-
-def with_table(page: str, lines: Iterable[Line]) -> str:
-    """The page with its table replaced.
-
-    Raises:
-        ConfigError: the page has no place for it.
-    """
-    rows = [_HEADINGS, ("---",) * len(_HEADINGS), *(line.cells() for line in lines)]
-    body = "\n".join(f"| {' | '.join(cells)} |" for cells in rows)
-    before, begin, rest = page.partition(_BEGIN)
-    _, end, after = rest.partition(_END)
-    if not (begin and end):
-        raise ConfigError(f"the page must have the lines {_BEGIN} and {_END}, between which the table goes.")
-    return f"{before}{_BEGIN}\n{body}\n\n{_SOURCE}\n{_END}{after}"
 
 
 def short(names: tuple[str, ...]) -> str:

@@ -14,7 +14,7 @@ from rans.tasks import GoToPosition, TrackVelocity
 from tests.fast.training import CONFIG, tiny_trainer
 from validation import agents
 from validation.agent_rows import ROWS, Goal, Row
-from validation.agents import Agents, Line, conditions_of, means, with_table
+from validation.agents import Agents, Line, conditions_of, means
 
 PAGE = "before\n<!-- table: python -m validation.agents -->\nold\n<!-- end of table -->\nafter\n"
 
@@ -32,22 +32,6 @@ def test_the_worst_training_counts_figure_by_figure() -> None:
     assert not line(False, (10.0, 79.0), (91.0, 20.0)).passed
     assert not line(True, (math.nan, 99.0)).passed
     assert "(of 2)" in good.cells()[4]
-
-
-def test_the_table_goes_between_its_marks() -> None:
-    page = with_table(PAGE, [line(True, (95.0, 81.0))] * 3)
-    assert page.startswith("before\n")
-    assert page.endswith("\nafter\n")
-    assert "old" not in page
-    assert page.count("\n| row | what |") == 3
-    assert with_table(page, [line(True, (95.0, 81.0))] * 3) == page
-    with pytest.raises(ConfigError, match="must have the lines"):
-        with_table("no marks", [])
-
-
-def test_the_page_has_the_marks() -> None:
-    page = Path(__file__).parents[2] / "docs" / "agents.md"
-    with_table(page.read_text("utf-8"), [])
 
 
 def test_a_folder_of_runs_becomes_a_table(tmp_path: Path) -> None:
