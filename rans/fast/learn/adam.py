@@ -18,7 +18,8 @@ _PIECE = 32
 class Adam:
     """Steps of a network's weights, which become views of one row (K, P): few kernels change them all.
 
-    The step sizes, `rate` (K,), begin with those given. Both `moments` are tensors like the weights.
+    The step sizes, `rate` (K,), begin with those given. Both `moments` are tensors like the weights. Their
+    `row` and its `gradient` never move.
     """
 
     def __init__(self, network: Network, rate: Tensor) -> None:
@@ -28,14 +29,14 @@ class Adam:
         for value in tensors.values():
             starts.append(end)
             end += -(-value.numel() // members // _PIECE) * _PIECE
-        self._row, self._gradient, self._first, self._second = (
+        self.row, self.gradient, self._first, self._second = (
             rate.new_zeros(members, end) for _ in range(4))
 
         def views(row: Tensor) -> list[Tensor]:
             return [row[:, start:start + value.numel() // members].view(*lead, *value.shape[len(lead):])
                     for start, value in zip(starts, tensors.values(), strict=True)]
 
-        weights, self._gradients = views(self._row), views(self._gradient)
+        weights, self._gradients = views(self.row), views(self.gradient)
         self.moments = views(self._first), views(self._second)
         for weight, value in zip(weights, tensors.values(), strict=True):
             weight.copy_(value)
@@ -44,15 +45,17 @@ class Adam:
         self.steps = rate.new_zeros(())
         self._step = fused(_step, rate.device)
 
-    def descend(self, loss: Tensor, max_norm: Tensor, world: Processes) -> Tensor:
+    def descend(self, loss: Tensor | None, max_norm: Tensor, world: Processes) -> Tensor:
         """One step down a sum of the members' losses, with gradients no longer than ``max_norm`` (K,).
 
-        Returns the norms (K,) of their gradients, which processes exchange as one message.
+        Without a loss, `gradient` has been written already. Returns the norms (K,) of their gradients, which
+        processes exchange as one message.
         """
         with torch.no_grad():
-            gradients = torch.autograd.grad(loss, self._leaves)
-            torch._foreach_copy_(self._gradients, gradients)  # type: ignore[attr-defined]  # torch hides it
-            return self._step(self._row, world.average(self._gradient), self._first, self._second,
+            if loss is not None:
+                gradients = torch.autograd.grad(loss, self._leaves)
+                torch._foreach_copy_(self._gradients, gradients)  # type: ignore[attr-defined]  # torch hides it
+            return self._step(self.row, world.average(self.gradient), self._first, self._second,
                               self.steps, self.rate, max_norm)
 
     def state(self) -> dict[str, Tensor]:

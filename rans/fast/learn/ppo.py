@@ -14,6 +14,7 @@ import torch
 from torch import Tensor
 
 from rans.fast.engine import Engine
+from rans.fast.kernels.update import UpdateKernel
 from rans.fast.learn.adam import Adam
 from rans.fast.learn.config import Coefficients, PPOSettings
 from rans.fast.learn.graph import fused, graphed
@@ -57,6 +58,7 @@ class Learner:
         self.rollout = Rollout(engine, network, first.n_steps)
         self.coefficients = Coefficients.of(settings, self.rollout.reached)
         self.adam = Adam(network, self.coefficients.learning_rate)
+        self.on_chip = UpdateKernel.made(network, self.adam, self.coefficients)
         # In memory that never moves: a CUDA graph reads it.
         self._ceiling = self.coefficients.max_learning_rate.clone()
         self._with_entropy = any(one.ent_coef for one in settings)
@@ -162,7 +164,8 @@ class Learner:
         ended in all, and were cut off within the task's tolerances; mean reward of a step by term.
         """
         batch = self.batch()
-        parts = minibatches(batch, self.members, self._minibatches)
+        shown = batch if self.on_chip is None else self.on_chip.prepared(batch)
+        parts = minibatches(shown, self.members, self._minibatches)
         # Those of every member in every minibatch get zero mean and unit variance.
         advantage = torch.cat([part.advantage for part in parts]).view(len(parts) * self.members, -1)
         standard = self.processes.standardised(advantage).flatten().chunk(len(parts))
@@ -181,8 +184,10 @@ class Learner:
 
     def _descend(self, part: Batch) -> Tensor:
         """Losses and the gradients' norms, (K, statistics)."""
-        found = self._losses(self.network, part, self.coefficients, self._with_entropy)
-        norm = self.adam.descend(found.loss.sum(), self.coefficients.max_grad_norm, self.processes)
+        found = (Losses(*self.on_chip(part)) if self.on_chip is not None else
+                 self._losses(self.network, part, self.coefficients, self._with_entropy))
+        loss = None if self.on_chip is not None else found.loss.sum()
+        norm = self.adam.descend(loss, self.coefficients.max_grad_norm, self.processes)
         return torch.stack((*found, norm), dim=1).detach()
 
     # Step sizes: steps too far for the desired divergence get shorter, too short ones longer.

@@ -1,0 +1,87 @@
+"""The update's kernel, on a block of a CPU, against autograd."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from rans.fast.kernels.update import UpdateKernel
+from rans.fast.learn.ppo import Learner, losses
+from rans.fast.learn.rollout import Batch, minibatches
+from tests.fast.engines import FLYER, PLATFORM
+from tests.fast.kernels.host import needs_compiler
+from tests.fast.kernels.host_update import HostUpdate
+from tests.fast.training import scatter, tiny_learner
+
+
+def collected(craft: Any, **settings: Any) -> tuple[Learner, Batch]:
+    """A learner and what it has to learn from, by a policy that has changed since."""
+    learner = tiny_learner(craft, **({"n_envs": 20, "batch_size": 160, "clip_range": 0.15, "ent_coef": 0.02}
+                                     | settings))
+    scale = torch.Generator().manual_seed(1)
+    network = scatter(learner.network)
+    with torch.no_grad():
+        for name in network.learnt:  # outputs of order one
+            network.tensors[name] *= 3.0 / max(network.tensors[name].shape[-1], 9)**0.5
+    learner.collect()
+    with torch.no_grad():
+        for name in network.learnt:
+            network.tensors[name] += 0.02 * torch.randn(network.tensors[name].shape, generator=scale)
+    return learner, learner.batch()
+
+
+class Rounded(torch.autograd.Function):
+    """A number, or its gradient, as bfloat16 has it."""
+
+    @staticmethod
+    def forward(ctx: Any, x: Tensor, value: bool) -> Tensor:
+        ctx.value = value
+        return x.bfloat16().float() if value else x.clone()
+
+    @staticmethod
+    def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor, None]:
+        gradient, = gradients
+        return (gradient if ctx.value else gradient.bfloat16().float()), None
+
+
+def rounding(activation: Callable[[Tensor], Tensor]) -> Callable[..., Tensor]:
+    """Hidden layers in float32, but for operands of products."""
+    def through(layers: Sequence[tuple[Tensor, Tensor]], x: Tensor) -> Tensor:
+        for weight, bias in layers:
+            operands = (Rounded.apply(part, True) for part in (x, weight, bias))
+            x = activation(Rounded.apply(functional.linear(*operands), False))
+        return Rounded.apply(x, True)
+
+    return through
+
+
+def agree(kernel: UpdateKernel, learner: Learner, batch: Batch) -> None:
+    """What differs is where sums that were added in another order are rounded to another neighbour."""
+    network = learner.network
+    network._through = rounding(network._activation)  # type: ignore[method-assign]
+    part, = minibatches(batch, 1, 1)
+    exact = losses(network, part, learner.coefficients, with_entropy=True)
+    gradients = torch.autograd.grad(exact.loss.sum(), [network.tensors[name] for name in network.learnt])
+    learner.adam.gradient.fill_(float("nan"))
+    part, = minibatches(kernel.prepared(batch), 1, 1)
+    torch.testing.assert_close(kernel(part), tuple(x.detach() for x in exact), rtol=2e-3, atol=1e-4)
+    for name, gradient in zip(network.learnt, gradients, strict=True):
+        start = network.tensors[name].storage_offset()
+        found = learner.adam.gradient[0, start:start + gradient.numel()].view(gradient.shape)
+        assert (found - gradient).norm() <= 0.01 * gradient.norm(), name
+
+
+@needs_compiler
+@pytest.mark.parametrize(("craft", "settings"), [
+    (PLATFORM, {"layers": (64, 64), "symmetric": True}),
+    (FLYER, {"layers": (40, 128), "activation": "elu", "zoom": 4.0}),
+], ids=["plane", "space, elu, idle units and a second look"])
+def test_losses_and_gradients_are_those_of_autograd(craft: Any, settings: Any, tmp_path: Path) -> None:
+    learner, batch = collected(craft, **settings)
+    agree(HostUpdate(learner, tmp_path), learner, batch)
