@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from rans.fast.engine import Engine
-from rans.fast.kernels.update import UpdateKernel
+from rans.fast.kernels.update import Gradients
 from rans.fast.learn.adam import Adam
 from rans.fast.learn.config import Coefficients, PPOSettings
 from rans.fast.learn.graph import fused, graphed
@@ -58,7 +58,7 @@ class Learner:
         self.rollout = Rollout(engine, network, first.n_steps)
         self.coefficients = Coefficients.of(settings, self.rollout.reached)
         self.adam = Adam(network, self.coefficients.learning_rate)
-        self.on_chip = UpdateKernel.made(network, self.adam, self.coefficients)
+        self.by_hand = Gradients.made(network, self.adam, self.coefficients)
         # In memory that never moves: a CUDA graph reads it.
         self._ceiling = self.coefficients.max_learning_rate.clone()
         self._with_entropy = any(one.ent_coef for one in settings)
@@ -128,12 +128,10 @@ class Learner:
         of the state it was cut off in; a failed one ends there.
         """
         kept, rollout, privileged = self.rollout.all, self.rollout, self._privileged()
-        values = self.network.evaluate(
-            self._beside(self.engine.observe(), rollout.cut),
-            None if rollout.memory is None else self._beside(rollout.memory, rollout.cut_memory),
-            None if privileged is None else self._beside(privileged, privileged),
-        ).value.view(self.members, 2, -1)
-        last, beyond = values[:, 0].flatten(), values[:, 1].flatten()
+        # By columns as after a step: what is laid out otherwise would be compiled once more.
+        cut = rollout.cut.T.contiguous().T
+        last, beyond = (self._act(self.network, seen, memory, privileged, kept.action[0]).value for seen, memory
+                        in ((self.engine.observe(), rollout.memory), (cut, rollout.cut_memory)))
         given = self.coefficients
         gamma, gae_lambda, scale = map(self._spread, (given.gamma, given.gae_lambda, given.reward_scale))
         reward = kept.reward * scale + gamma * kept.truncated * beyond
@@ -148,11 +146,6 @@ class Learner:
                      advantage + kept.value, None if memory is None else memory.unflatten(0, shape),
                      kept.privileged, going_on)
 
-    def _beside(self, first: Tensor, second: Tensor | None) -> Tensor:
-        """Each member's rows of both, (2 N, ...), so that one evaluation serves both."""
-        pair = [x.unflatten(0, (self.members, -1)) for x in (first, second) if x is not None]
-        return torch.cat(pair, dim=1).flatten(0, 1)
-
     def _spread(self, values: Tensor) -> Tensor:
         """Each member's over its environments."""
         return values if self.members == 1 else values.repeat_interleave(self.engine.num_envs // self.members)
@@ -164,7 +157,7 @@ class Learner:
         ended in all, and were cut off within the task's tolerances; mean reward of a step by term.
         """
         batch = self.batch()
-        shown = batch if self.on_chip is None else self.on_chip.prepared(batch)
+        shown = batch if self.by_hand is None else self.by_hand.prepared(batch)
         parts = minibatches(shown, self.members, self._minibatches)
         # Those of every member in every minibatch get zero mean and unit variance.
         advantage = torch.cat([part.advantage for part in parts]).view(len(parts) * self.members, -1)
@@ -184,9 +177,9 @@ class Learner:
 
     def _descend(self, part: Batch) -> Tensor:
         """Losses and the gradients' norms, (K, statistics)."""
-        found = (Losses(*self.on_chip(part)) if self.on_chip is not None else
+        found = (Losses(*self.by_hand(part)) if self.by_hand is not None else
                  self._losses(self.network, part, self.coefficients, self._with_entropy))
-        loss = None if self.on_chip is not None else found.loss.sum()
+        loss = None if self.by_hand is not None else found.loss.sum()
         norm = self.adam.descend(loss, self.coefficients.max_grad_norm, self.processes)
         return torch.stack((*found, norm), dim=1).detach()
 

@@ -6,7 +6,8 @@ import subprocess
 from ctypes import CDLL, c_void_p
 from pathlib import Path
 
-from rans.fast.kernels.update import WARPS, UpdateKernel
+from rans.fast.kernels.update import UpdateKernel
+from rans.fast.kernels.update_design import WARPS
 from rans.fast.learn.ppo import Learner
 from tests.fast.kernels.host import COMPILER
 

@@ -41,7 +41,7 @@ def by_autograd(learner: Learner, part: Batch, bf16: bool) -> tuple[Tensor, list
 def test_gradients_are_as_good_as_torchs(craft: Any, settings: Any) -> None:
     given = replace(SETTINGS, **settings)
     learner = begin(Engine(craft, GoToPose(), given.n_envs, device="cuda"), [given], [0])
-    kernel, network = learner.on_chip, learner.network
+    kernel, network = learner.by_hand, learner.network
     assert kernel is not None
     for _ in range(2):
         learner.collect()
