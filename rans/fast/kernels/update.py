@@ -60,7 +60,6 @@ class Gradients(ABC):
             self._sign[flat] = sign
         self._source, self._sign = self._source[:zero], self._sign[:zero]
         self._pack, self._gather = fused(self._packed, self._device), fused(self._gathered, self._device)
-        self._prepare = fused(self._prepared, self._device)
 
     @staticmethod
     def made(network: Network, adam: Adam, coefficients: Coefficients) -> Gradients | None:
@@ -81,35 +80,32 @@ class Gradients(ABC):
         except DoesNotFit:
             return None
 
-    def prepared(self, batch: Batch) -> Batch:
-        """The same with what the trunk is given, (T, N, inputs) of bfloat16, which is so in every epoch."""
-        return batch._replace(seen=self._prepare(batch.seen, batch.memory), memory=None)
+    def inputs(self, seen: Tensor, memory: Tensor | None) -> Tensor:
+        """What the trunk is given (N, inputs) of columns (N, k) and a history: the same in every epoch."""
+        x = self._network.inputs(seen, memory)
+        one, rest = x.new_ones(1, 1), x.new_zeros(1, self.design.inputs - self.design.columns - 1)
+        return torch.cat((x, one.expand(len(x), -1), rest.expand(len(x), -1)), dim=1).bfloat16()
 
     def __call__(self, part: Batch) -> tuple[Tensor, ...]:
-        """The loss of a minibatch of prepared inputs and its `STATISTICS`, each (1,)."""
-        gradient, found = self._gather(self._sums(*self._pack(), part), len(part.seen))
+        """The loss of a minibatch, whose memory are `inputs`, and its `STATISTICS`, each (1,)."""
+        assert part.memory is not None
+        gradient, found = self._gather(self._sums(*self._pack(), part.memory, part), len(part.memory))
         self._adam.gradient.copy_(gradient)
         return found.split(1)
 
     @abstractmethod
-    def _sums(self, weights: Tensor, biases: Tensor, part: Batch) -> Tensor:
+    def _sums(self, weights: Tensor, biases: Tensor, x: Tensor, part: Batch) -> Tensor:
         """Gradients and statistics of parts of a minibatch, (parts, `UpdateDesign.size`).
 
         Weights are as `UpdateDesign.matrices` finds them; biases, float32, the second layer's and the heads'.
         """
 
-    def _prepared(self, seen: Tensor, memory: Tensor | None) -> Tensor:
-        flat = self._network.inputs(seen.flatten(0, 1), None if memory is None else memory.flatten(0, 1))
-        one = flat.new_ones(1).expand(len(flat), 1)
-        gap = flat.new_zeros(1).expand(len(flat), self.design.inputs - self.design.columns - 1)
-        return torch.cat((flat, one, gap), dim=1).bfloat16().unflatten(0, seen.shape[:2])
-
     def _packed(self) -> tuple[Tensor, Tensor]:
         """Weights, and biases with those of the hidden layer as torch's products of bfloat16 round them."""
         row = torch.cat((self._adam.row[0], self._zero))
         weights, biases = (row[plus] - row[minus] for plus, minus in (self._weights, self._biases))
-        rest = torch.where(self._is_rest, weights - weights.bfloat16().float(), weights)
-        return rest.bfloat16(), torch.where(self._is_constant, biases, biases.bfloat16().float())
+        rest = torch.where(self._is_rest, weights - _rounded(weights), weights)
+        return rest.bfloat16(), torch.where(self._is_constant, biases, _rounded(biases))
 
     def _gathered(self, sums: Tensor, count: int) -> tuple[Tensor, Tensor]:
         """The gradient, (1, P), and the loss with its statistics."""
@@ -139,12 +135,12 @@ class UpdateKernel(Gradients):
             return Function(self.design.source(), "gradient", torch.cuda.get_device_capability(),
                             self.design.used)
 
-    def _sums(self, weights: Tensor, biases: Tensor, part: Batch) -> Tensor:
-        given = self._coefficients
+    def _sums(self, weights: Tensor, biases: Tensor, x: Tensor, part: Batch) -> Tensor:
+        by = self._coefficients
         sums = self._adam.row.new_empty(self.blocks, self.design.size)
-        tensors = (weights, biases, part.seen, part.action, part.log_prob, part.advantage, part.target,
-                   given.clip_range, given.vf_coef, given.ent_coef, sums)
-        self._launch([x.data_ptr() for x in tensors], len(part.seen))
+        tensors = (weights, biases, x, part.action, part.log_prob, part.advantage, part.target,
+                   by.clip_range, by.vf_coef, by.ent_coef, sums)
+        self._launch([given.data_ptr() for given in tensors], len(x))
         return sums
 
     def _launch(self, pointers: list[int], count: int) -> None:
@@ -161,8 +157,8 @@ class UpdateProducts(Gradients):
         self._activation = network.activation
         self._through, self._output = fused(self._before, self._device), fused(self._learnt, self._device)
 
-    def _sums(self, weights: Tensor, biases: Tensor, part: Batch) -> Tensor:
-        design, x = self.design, part.seen
+    def _sums(self, weights: Tensor, biases: Tensor, x: Tensor, part: Batch) -> Tensor:
+        design = self.design
         first, second, head, rest = design.matrices(weights)
         bias, constant = biases.tensor_split([len(second)])
         # Forward; outputs are sums of both parts of the heads' weights.
@@ -213,6 +209,12 @@ class UpdateProducts(Gradients):
 def _float32(a: Tensor, b: Tensor) -> Tensor:
     """A product of bfloat16 whose sums are not rounded."""
     return torch.mm(a, b, out_dtype=torch.float32) if a.is_cuda else a.float() @ b.float()
+
+
+def _rounded(x: Tensor) -> Tensor:
+    """To the nearest bfloat16, ties to even, but float32: torch's compiler drops conversions to and fro."""
+    bits = x.view(torch.int32)
+    return ((bits + 0x7FFF + (bits >> 16 & 1)) & ~0xFFFF).view(torch.float32)
 
 
 def _last(like: Tensor, count: int) -> Tensor:

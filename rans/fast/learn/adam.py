@@ -18,8 +18,7 @@ _PIECE = 32
 class Adam:
     """Steps of a network's weights, which become views of one row (K, P): few kernels change them all.
 
-    The step sizes, `rate` (K,), begin with those given. Both `moments` are tensors like the weights. Their
-    `row` and its `gradient` never move.
+    The step sizes, `rate` (K,), begin with those given. Both `moments` are tensors like the weights.
     """
 
     def __init__(self, network: Network, rate: Tensor) -> None:
@@ -45,14 +44,13 @@ class Adam:
         self.steps = rate.new_zeros(())
         self._step = fused(_step, rate.device)
 
-    def descend(self, loss: Tensor | None, max_norm: Tensor, world: Processes) -> Tensor:
+    def descend(self, loss: Tensor, max_norm: Tensor, world: Processes) -> Tensor:
         """One step down a sum of the members' losses, with gradients no longer than ``max_norm`` (K,).
 
-        Without a loss, `gradient` has been written already. Returns the norms (K,) of their gradients, which
-        processes exchange as one message.
+        Where it needs no gradient, `gradient` has been written. Returns the gradients' norms (K,).
         """
         with torch.no_grad():
-            if loss is not None:
+            if loss.requires_grad:
                 gradients = torch.autograd.grad(loss, self._leaves)
                 torch._foreach_copy_(self._gradients, gradients)  # type: ignore[attr-defined]  # torch hides it
             return self._step(self.row, world.average(self.gradient), self._first, self._second,

@@ -64,6 +64,7 @@ class Learner:
         self._with_entropy = any(one.ent_coef for one in settings)
         self._act, self._remember, self._gae = fused(act, device), fused(remember, device), fused(gae, device)
         self._show, self._losses = fused(shown, device), fused(losses, device)
+        self._evaluate = fused(network.evaluate, device)
         self.collect, self.update = graphed(self._collect, device), graphed(self._update, device)
 
     def slow_down(self, remaining: float) -> None:
@@ -128,23 +129,30 @@ class Learner:
         of the state it was cut off in; a failed one ends there.
         """
         kept, rollout, privileged = self.rollout.all, self.rollout, self._privileged()
-        # By columns as after a step: what is laid out otherwise would be compiled once more.
-        cut = rollout.cut.T.contiguous().T
-        last, beyond = (self._act(self.network, seen, memory, privileged, kept.action[0]).value for seen, memory
-                        in ((self.engine.observe(), rollout.memory), (cut, rollout.cut_memory)))
+        values = self._evaluate(
+            self._beside(self.engine.observe(), rollout.cut),
+            None if rollout.memory is None else self._beside(rollout.memory, rollout.cut_memory),
+            None if privileged is None else self._beside(privileged, privileged),
+        ).value.view(self.members, 2, -1)
+        last, beyond = values[:, 0].flatten(), values[:, 1].flatten()
         given = self.coefficients
         gamma, gae_lambda, scale = map(self._spread, (given.gamma, given.gae_lambda, given.reward_scale))
         reward = kept.reward * scale + gamma * kept.truncated * beyond
         advantage = self._gae(reward, kept.value, kept.ended, last, gamma, gae_lambda)
-        seen, memory, action = self._show(
-            self.network, kept.observation.flatten(0, 1),
-            None if kept.memory is None else kept.memory.flatten(0, 1), kept.action.flatten(0, 1))
+        memory = None if kept.memory is None else kept.memory.flatten(0, 1)
+        seen, memory, action = self._show(self.network, kept.observation.flatten(0, 1), memory,
+                                          kept.action.flatten(0, 1), self.by_hand)
         shape = reward.shape
         going_on = (1.0 - torch.cat((torch.zeros_like(kept.ended[:1]), kept.ended[:-1]))
                     if self.network.architecture.units else None)
         return Batch(seen.unflatten(0, shape), action.unflatten(0, shape), kept.log_prob, advantage,
                      advantage + kept.value, None if memory is None else memory.unflatten(0, shape),
                      kept.privileged, going_on)
+
+    def _beside(self, first: Tensor, second: Tensor | None) -> Tensor:
+        """Each member's rows of both, (2 N, ...), so that one evaluation serves both."""
+        pair = [x.unflatten(0, (self.members, -1)) for x in (first, second) if x is not None]
+        return torch.cat(pair, dim=1).flatten(0, 1)
 
     def _spread(self, values: Tensor) -> Tensor:
         """Each member's over its environments."""
@@ -157,8 +165,7 @@ class Learner:
         ended in all, and were cut off within the task's tolerances; mean reward of a step by term.
         """
         batch = self.batch()
-        shown = batch if self.by_hand is None else self.by_hand.prepared(batch)
-        parts = minibatches(shown, self.members, self._minibatches)
+        parts = minibatches(batch, self.members, self._minibatches)
         # Those of every member in every minibatch get zero mean and unit variance.
         advantage = torch.cat([part.advantage for part in parts]).view(len(parts) * self.members, -1)
         standard = self.processes.standardised(advantage).flatten().chunk(len(parts))
@@ -179,8 +186,7 @@ class Learner:
         """Losses and the gradients' norms, (K, statistics)."""
         found = (Losses(*self.by_hand(part)) if self.by_hand is not None else
                  self._losses(self.network, part, self.coefficients, self._with_entropy))
-        loss = None if self.by_hand is not None else found.loss.sum()
-        norm = self.adam.descend(loss, self.coefficients.max_grad_norm, self.processes)
+        norm = self.adam.descend(found.loss.sum(), self.coefficients.max_grad_norm, self.processes)
         return torch.stack((*found, norm), dim=1).detach()
 
     # Step sizes: steps too far for the desired divergence get shorter, too short ones longer.
@@ -204,13 +210,15 @@ def act(network: Network, observation: Tensor, memory: Tensor | None, privileged
                  network.remember(columns, memory, command, output))
 
 
-def shown(network: Network, observation: Tensor, memory: Tensor | None,
-          action: Tensor) -> tuple[Tensor, Tensor | None, Tensor]:
+def shown(network: Network, observation: Tensor, memory: Tensor | None, action: Tensor,
+          by_hand: Gradients | None = None) -> tuple[Tensor, Tensor | None, Tensor]:
     """Observations (N, width), memory and actions (N, thrusters) from the sides the network sees them from.
 
-    In space that costs a fifth of an update; it is the same in every epoch.
+    In space that costs a fifth of an update; it is the same in every epoch. Gradients ``by_hand`` are shown
+    all that the trunk is given, in the place of the memory.
     """
     seen, recalled, place = network.look(network.in_body(observation), memory)
+    recalled = recalled if by_hand is None else by_hand.inputs(seen, recalled)
     return seen, recalled, action if place is None else torch.empty_like(action).scatter(1, place, action)
 
 

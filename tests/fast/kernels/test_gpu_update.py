@@ -34,10 +34,13 @@ def by_autograd(learner: Learner, part: Batch, bf16: bool) -> tuple[Tensor, list
     return torch.cat(found[:]).detach(), list(gradients)
 
 
+WIDE = {"layers": (256, 192), "memory": "history", "averages": (0.5, 0.9)}
+
+
 @pytest.mark.parametrize(("craft", "settings"), [
-    (PLATFORM, {}), (PLATFORM, {"layers": (64, 64), "activation": "relu"}),
+    (PLATFORM, {}), (PLATFORM, {"layers": (64, 64), "activation": "relu"}), (PLATFORM, WIDE),
     (FLYER, {"zoom": 16.0, "layers": (100, 128), "activation": "elu"}),
-], ids=["plane", "relu", "space, elu, idle units and a second look"])
+], ids=["plane", "relu", "wide, in products", "space, elu, idle units and a second look"])
 def test_gradients_are_as_good_as_torchs(craft: Any, settings: Any) -> None:
     given = replace(SETTINGS, **settings)
     learner = begin(Engine(craft, GoToPose(), given.n_envs, device="cuda"), [given], [0])
@@ -47,15 +50,18 @@ def test_gradients_are_as_good_as_torchs(craft: Any, settings: Any) -> None:
         learner.collect()
         learner.update()
     learner.collect()
-    batch, generator = learner.batch(), torch.Generator("cuda").manual_seed(1)
-    batch = batch._replace(advantage=batch.advantage / batch.advantage.std())
+    prepared, learner.by_hand = learner.batch(), None
+    plain, generator = learner.batch(), torch.Generator("cuda").manual_seed(1)
     learner.adam.row.add_(0.02 * torch.randn(learner.adam.row.shape, device="cuda", generator=generator))
-    part, prepared = (minibatches(x, 1, 4)[1] for x in (batch, kernel.prepared(batch)))
+    advantage = plain.advantage / plain.advantage.std()
+    part, prepared = (minibatches(x._replace(advantage=advantage), 1, 4)[1] for x in (plain, prepared))
     exact, rounded = (by_autograd(learner, part, bf16) for bf16 in (False, True))
     found = torch.cat(kernel(prepared))
-    torch.testing.assert_close(found[:5], exact[0][:5], rtol=5e-3, atol=1e-3)
+    # torch rounds as often, at other places, which a sample or two in 65,536 may be clipped by.
+    allowed = 2 * (rounded[0] - exact[0]).abs() + 5e-4 * exact[0].abs() + 5e-5
+    assert ((found - exact[0]).abs() <= allowed).all()
     for name, true, theirs in zip(network.learnt, exact[1], rounded[1], strict=True):
         start = network.tensors[name].storage_offset()
         ours = learner.adam.gradient[0, start:start + true.numel()].view(true.shape)
-        # torch rounds as often, at other places; of a bias both are off by 1e-3.
+        # Of a bias both are off by 1e-3.
         assert (ours - true).norm() <= 1.5 * (theirs - true).norm() + 3e-3 * true.norm(), name

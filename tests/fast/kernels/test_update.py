@@ -63,13 +63,14 @@ def rounding(activation: Callable[[Tensor], Tensor]) -> Callable[..., Tensor]:
 
 def agree(kernel: Gradients, learner: Learner, batch: Batch, share: float) -> None:
     """Within so large a share: where sums in another order are rounded to another neighbour, or once more."""
-    network = learner.network
+    network, learner.by_hand = learner.network, kernel
+    prepared = learner.batch()
     network._through = rounding(network.activation)  # type: ignore[method-assign]
     part, = minibatches(batch, 1, 1)
     exact = losses(network, part, learner.coefficients, with_entropy=True)
     gradients = torch.autograd.grad(exact.loss.sum(), [network.tensors[name] for name in network.learnt])
     learner.adam.gradient.fill_(float("nan"))
-    part, = minibatches(kernel.prepared(batch), 1, 1)
+    part, = minibatches(prepared, 1, 1)
     found = kernel(part)
     torch.testing.assert_close(found[:5], tuple(x.detach() for x in exact[:5]), rtol=share, atol=share / 10)
     assert abs(found[5] - exact.clip_fraction) <= 2 / len(part.seen)
