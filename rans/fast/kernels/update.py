@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from functools import cached_property
+from typing import ClassVar
 
 import torch
 from torch import Tensor
@@ -32,6 +33,9 @@ class Gradients(ABC):
         adam: whose `row` and `gradient` never move.
         coefficients: of the losses.
     """
+
+    way: ClassVar[str]
+    """In which they are made."""
 
     def __init__(self, design: UpdateDesign, network: Network, adam: Adam,
                  coefficients: Coefficients) -> None:
@@ -118,6 +122,7 @@ class Gradients(ABC):
 class UpdateKernel(Gradients):
     """All in one kernel, where a block of so many bytes of ``shared`` memory has room (`KernelDesign`)."""
 
+    way = "one kernel"
     design: KernelDesign
 
     def __init__(self, network: Network, adam: Adam, coefficients: Coefficients, shared: int) -> None:
@@ -151,6 +156,8 @@ class UpdateKernel(Gradients):
 
 class UpdateProducts(Gradients):
     """In products of matrices, for networks that one kernel has no place for."""
+
+    way = "products of matrices"
 
     def __init__(self, network: Network, adam: Adam, coefficients: Coefficients) -> None:
         super().__init__(UpdateDesign(network.architecture), network, adam, coefficients)

@@ -64,7 +64,7 @@ class Learner:
         self._with_entropy = any(one.ent_coef for one in settings)
         self._act, self._remember, self._gae = fused(act, device), fused(remember, device), fused(gae, device)
         self._show, self._losses = fused(shown, device), fused(losses, device)
-        self._evaluate = fused(network.evaluate, device)
+        self._value = fused(lambda *given: network.evaluate(*given).value, device)
         self.collect, self.update = graphed(self._collect, device), graphed(self._update, device)
 
     def slow_down(self, remaining: float) -> None:
@@ -129,11 +129,11 @@ class Learner:
         of the state it was cut off in; a failed one ends there.
         """
         kept, rollout, privileged = self.rollout.all, self.rollout, self._privileged()
-        values = self._evaluate(
+        values = self._value(
             self._beside(self.engine.observe(), rollout.cut),
             None if rollout.memory is None else self._beside(rollout.memory, rollout.cut_memory),
             None if privileged is None else self._beside(privileged, privileged),
-        ).value.view(self.members, 2, -1)
+        ).view(self.members, 2, -1)
         last, beyond = values[:, 0].flatten(), values[:, 1].flatten()
         given = self.coefficients
         gamma, gae_lambda, scale = map(self._spread, (given.gamma, given.gae_lambda, given.reward_scale))

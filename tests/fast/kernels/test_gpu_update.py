@@ -1,4 +1,4 @@
-"""The update's kernel on a GPU: gradients as good as torch's of bfloat16, and trainings that learn."""
+"""Gradients without autograd on a GPU: as good as torch's of bfloat16."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The update's kernel, on a block of a CPU, against autograd."""
+"""Gradients in one kernel, on a block of a CPU, and in products, against autograd."""
 
 from __future__ import annotations
 
@@ -11,7 +11,9 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
+from rans.fast.kernels.design import DoesNotFit
 from rans.fast.kernels.update import Gradients, UpdateProducts
+from rans.fast.kernels.update_design import KernelDesign, UpdateDesign
 from rans.fast.learn.ppo import Learner, losses
 from rans.fast.learn.rollout import Batch, minibatches
 from tests.fast.engines import FLYER, PLATFORM
@@ -99,3 +101,28 @@ def test_products_find_what_autograd_finds(craft: Any, settings: Any, activation
     history = {"memory": "history", "history": 2, "averages": (0.5,)}
     learner, batch = collected(craft, **{"activation": activation} | settings | history)
     agree(UpdateProducts(learner.network, learner.adam, learner.coefficients), learner, batch, 0.03)
+
+
+@pytest.mark.parametrize(("settings", "message"), [
+    ({"memory": "recurrent"}, "a recurrent network"), ({"privileged_critic": True}, "a critic of its own"),
+    ({"continuous": True}, "continuous commands"), ({"layers": (16,)}, "other than two layers"),
+])
+def test_what_is_left_to_autograd(settings: Any, message: str) -> None:
+    with pytest.raises(DoesNotFit, match=message):
+        UpdateDesign(tiny_learner(**settings).network.architecture)
+
+
+@pytest.mark.parametrize(("layers", "zoom", "history", "shared", "message"), [
+    ((129, 64), 0.0, 1, 232448, "24 inputs and layers of \\(129, 64\\) units"),
+    ((128, 128), 16.0, 3, 232448, "64 inputs and"), ((128, 128), 0.0, 1, 166912, "shared memory a block")])
+def test_what_the_kernel_has_no_room_for(layers: Any, zoom: float, history: int, shared: int,
+                                         message: str) -> None:
+    learner = tiny_learner(layers=layers, zoom=zoom, memory="history", history=history)
+    with pytest.raises(DoesNotFit, match=message):
+        KernelDesign(learner.network.architecture, shared)
+
+
+def test_a_block_of_an_h200_has_room_for_networks_in_space() -> None:
+    design = KernelDesign(tiny_learner(FLYER, layers=(128, 128), zoom=16.0).network.architecture, 232448)
+    # Two looks at 16 columns, and a one; 16 thrusters, and a value.
+    assert (design.inputs, design.widths, design.heads) == (48, (128, 128), 32)
