@@ -17,7 +17,7 @@ from rans.fast.kernels.design import DoesNotFit
 from rans.fast.kernels.launch import CudaError, Function
 from rans.fast.kernels.update_design import PAD, STATISTICS, WARPS, KernelDesign, Places, UpdateDesign
 from rans.fast.learn.adam import Adam
-from rans.fast.learn.architecture import OnOff
+from rans.fast.learn.architecture import ACTIVATIONS, OnOff
 from rans.fast.learn.config import Coefficients
 from rans.fast.learn.graph import fused
 from rans.fast.learn.network import Network
@@ -161,7 +161,7 @@ class UpdateProducts(Gradients):
 
     def __init__(self, network: Network, adam: Adam, coefficients: Coefficients) -> None:
         super().__init__(UpdateDesign(network.architecture), network, adam, coefficients)
-        self._activation = network.activation
+        self._activation = ACTIVATIONS[network.architecture.activation]()
         self._through, self._output = fused(self._before, self._device), fused(self._learnt, self._device)
 
     def _sums(self, weights: Tensor, biases: Tensor, x: Tensor, part: Batch) -> Tensor:

@@ -137,7 +137,7 @@ class KernelDesign(UpdateDesign):
         numbers = {"INPUTS": self.inputs, "FIRST": first, "SECOND": second, "HEADS": self.heads,
                    "THRUSTERS": self.given.thrusters, "WARPS": WARPS, "PAD": PAD, "SUMS": self.size}
         texts = [files("rans.fast.kernels").joinpath(name).read_text()
-                 for name in ("functions.cuh", "warp.cuh", "policy.cuh", "update.cuh")]
-        return "\n".join((*texts[:-1], f"typedef {self.given.activation.capitalize()} Activation;",
+                 for name in ("functions.cuh", "warp.cuh", "policy.cuh", "losses.cuh", "update.cuh")]
+        return "\n".join((*texts[:3], f"typedef {self.given.activation.capitalize()} Activation;",
                           *(f"constexpr int {name} = {number};" for name, number in numbers.items()),
-                          texts[-1]))
+                          *texts[3:]))

@@ -34,7 +34,7 @@ class Network:
 
     def __init__(self, architecture: Architecture, tensors: Mapping[str, Tensor], members: int = 1) -> None:
         self.architecture, self.members, self.tensors = architecture, members, dict[str, Tensor]()
-        self.activation = ACTIVATIONS[architecture.activation]()
+        self._activation = ACTIVATIONS[architecture.activation]()
         self.adopt(tensors)
         self._nominal = self._mean.new_tensor(architecture.nominal or (1.0,) * architecture.privileged)
         kept, views = self._mean.new_tensor(architecture.averages), architecture.symmetries
@@ -182,7 +182,7 @@ class Network:
         dtype, bf16 = x.dtype, self.architecture.bf16 and x.is_cuda
         with torch.autocast("cuda", torch.bfloat16) if bf16 else nullcontext():
             for weight, bias in layers:
-                x = self.activation(product(x, weight, bias))
+                x = self._activation(product(x, weight, bias))
         return x.to(dtype)
 
     def _core(self, x: Tensor, memory: Tensor, going_on: Tensor | None) -> Tensor:

@@ -67,7 +67,7 @@ def agree(kernel: Gradients, learner: Learner, batch: Batch, share: float) -> No
     """Within so large a share: where sums in another order are rounded to another neighbour, or once more."""
     network, learner.by_hand = learner.network, kernel
     prepared = learner.batch()
-    network._through = rounding(network.activation)  # type: ignore[method-assign]
+    network._through = rounding(network._activation)  # type: ignore[method-assign]
     part, = minibatches(batch, 1, 1)
     exact = losses(network, part, learner.coefficients, with_entropy=True)
     gradients = torch.autograd.grad(exact.loss.sum(), [network.tensors[name] for name in network.learnt])
