@@ -179,7 +179,7 @@ class UpdateProducts(Gradients):
         d_one, _ = self._through(d_two @ second, one)
         sums = (_float32(d_two.T, one), _float32(d_one.T, x), _float32(two.T, d_out), of_bias, of_constant,
                 statistics, self._zero.expand(design.size - design.end - STATISTICS))
-        return torch.cat([part.flatten() for part in sums])[None]
+        return torch.cat([each.flatten() for each in sums])[None]
 
     def _before(self, gradient: Tensor, value: Tensor) -> tuple[Tensor, Tensor]:
         """Gradients before an activation from those after it, and their sums over the samples."""
@@ -203,8 +203,7 @@ class UpdateProducts(Gradients):
         # No gain where the ratio has left its range in the direction of the gain.
         slope = torch.where(gain <= clipped, -gain, 0.0)[:, None]
         opening = torch.sigmoid(policy.logit)
-        d_logit = (slope * (action - opening)
-                   + given.ent_coef * policy.logit * opening * (1 - opening))
+        d_logit = slope * (action - opening) + given.ent_coef * policy.logit * opening * (1 - opening)
         d_value = (2 * given.vf_coef * error)[:, None]
         idle = d_value.new_zeros(1).expand(len(d_value), self.design.heads - thrusters - 1)
         gradient = torch.cat((d_logit, d_value, idle), dim=1)

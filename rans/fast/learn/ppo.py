@@ -64,7 +64,7 @@ class Learner:
         self._with_entropy = any(one.ent_coef for one in settings)
         self._act, self._remember, self._gae = fused(act, device), fused(remember, device), fused(gae, device)
         self._show, self._losses = fused(shown, device), fused(losses, device)
-        self._value = fused(lambda *given: network.evaluate(*given).value, device)
+        self._value = fused(lambda seen, memory, told: network.evaluate(seen, memory, told).value, device)
         self.collect, self.update = graphed(self._collect, device), graphed(self._update, device)
 
     def slow_down(self, remaining: float) -> None:
