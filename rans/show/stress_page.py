@@ -9,6 +9,7 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
+from rans.errors import counted
 from rans.evaluation.measure.metrics import DISPLAY
 from rans.evaluation.stress.effects import Effect, Level
 from rans.evaluation.stress.outcome import WANTED, holds_to
@@ -16,7 +17,7 @@ from rans.evaluation.stress.run import Stress
 from rans.files import environment, write_json, write_text
 from rans.model.conditions_file import conditions_text
 from rans.show import stress_figures as figures
-from rans.show.page import Finding, Page, Picture, Section, Table, header
+from rans.show.page import Finding, Page, Picture, Section, Table, header, unbroken
 from rans.tasks.base import UNITS
 
 TEXT = (
@@ -50,7 +51,8 @@ class StressReport:
     def title(self) -> str:
         """What was flown, in one line."""
         contest = self.stress.contest
-        return (f"{', '.join(self.stress.names)}: {contest.episodes} episodes of seed {contest.seed}, "
+        episodes = counted(contest.episodes, "episode")
+        return (f"{', '.join(self.stress.names)}: {episodes} of seed {contest.seed}, "
                 f"{contest.craft.name}, {contest.duration:g} s at {1.0 / contest.timing.control_period:g} Hz")
 
     def notes(self) -> Iterator[str]:
@@ -58,9 +60,9 @@ class StressReport:
         for one in self.stress.contestants.values():
             count, stopped = self.stress.episodes(one), self.stress.stopped.get(one.name, 0)
             if count < self.stress.contest.episodes:
-                yield f"{one.name} is slow and flew {count} episodes in each world."
+                yield f"{one.name} is slow and flew {counted(count, 'episode')} in each world."
             if stopped:
-                yield f"{one.name}'s solver stopped {stopped} times; the plan before was flown on."
+                yield f"{one.name}'s solver stopped {counted(stopped, 'time')}; the plan before was flown on."
 
     def named_rows(self) -> list[list[str | None]]:
         """What is held in worlds without a size: name, then a text a contestant."""
@@ -180,8 +182,7 @@ class StressReport:
 
 
 def _unbroken(rows: Sequence[Sequence[str | None]]) -> list[list[str | None]]:
-    """Cells that stay in one line, so that narrow screens scroll a table instead of crushing it."""
-    return [[cell and cell.replace(" ", "\N{NO-BREAK SPACE}") for cell in row] for row in rows]
+    return [[cell and unbroken(cell) for cell in row] for row in rows]
 
 
 def _reach(stress: Stress, effect: Effect, name: str) -> str:
