@@ -151,7 +151,7 @@ def _thruster(table: dict[str, Any], index: int, lengths: tuple[int, ...]) -> Th
 def _solids(tables: Any, key: str) -> tuple[Solid, ...]:
     if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
         raise ConfigError(f"{key} must be [[solid]] tables, got {brief(tables)}.")
-    return tuple(structure(table, Solid, f"{key} {index}") for index, table in enumerate(tables))
+    return structure(tables, tuple[Solid, ...], key)
 
 
 def _actuators(table: Any, key: str) -> Actuators:

@@ -11,7 +11,7 @@ from rans.evaluation.assure.replay import Judge, Replayed, has_drake
 from rans.evaluation.measure.metrics import DISPLAY
 from rans.fast.verdicts import Failure
 from rans.flight import Flight
-from rans.show.page import Finding, Page, Picture, Section, Table, header, unbroken
+from rans.show.page import Finding, Page, Picture, Section, Table, header
 
 _JUDGES: dict[Judge, str] = {"numpy": "NumPy", "drake": "Drake"}
 _TEXT = (
@@ -183,7 +183,7 @@ def _drawn(flight: Flight, episodes: list[int], title: str) -> Iterator[Picture]
 
 
 def _evidence(assurance: Assurance) -> Section:
-    rows = [[unbroken(name), value] for name, value in assurance.hashes.items()]
+    rows = [[_unbroken(name), value] for name, value in assurance.hashes.items()]
     campaign = assurance.campaign
     listed, failed = len(campaign.listed), campaign.failures
     return Section("What it is of", (
@@ -195,5 +195,9 @@ def _evidence(assurance: Assurance) -> Section:
 
 def _signatures() -> Section:
     return Section("Signatures", "", [Table(("", "name", "date", "signature"),
-                                            [[who, *(unbroken(" " * 24),) * 3] for who in
+                                            [[who, *(_unbroken(" " * 24),) * 3] for who in
                                              ("flown by", "checked by", "accepted by")])])
+
+
+def _unbroken(text: str) -> str:
+    return text.replace(" ", "\N{NO-BREAK SPACE}")

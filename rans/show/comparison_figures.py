@@ -103,7 +103,7 @@ def _draw_sweep(axes: Axes, comparison: Comparison, starts: Sequence[int]) -> No
         axes.annotate(comparison.curve[k].name, points[k], (4, 4), textcoords="offset points", fontsize=7)
     if len(points):
         axes.plot(*points[np.isfinite(points).all(axis=1)].T, color=GREY, marker=".", linewidth=1.0,
-                  label=f"LQR, {len(points)} weights")
+                  label=f"LQR, {counted(len(points), 'weight')}")
 
 
 def _draw_contestant(axes: Axes, entry: Entry, starts: Sequence[int], bootstrap: Bootstrap, k: int) -> None:
@@ -201,10 +201,12 @@ def shares_and_latency(board: dict[str, Scores]) -> Figure:
 def side_by_side(flights: Sequence[tuple[str, Flight, int]]) -> Figure:
     """Paths and open thrusters of everybody from one start: name, flight and the episode in it."""
     figure = Figure(figsize=(max(7.0, 3.0 * len(flights)), 5.4), layout="constrained")
-    cells = figure.add_gridspec(2, len(flights), height_ratios=(1.5, 1.0))
+    columns = figure.add_gridspec(1, len(flights))
     limits = dict(zip(("xlim", "ylim", "zlim"), _common_limits(flights), strict=False))
     for k, (name, flight, episode) in enumerate(flights):
-        above, below = (figure.add_subfigure(cells[row, k]) for row in (0, 1))
+        column = figure.add_subfigure(columns[0, k])
+        cells = column.add_gridspec(2, 1, height_ratios=(1.5, 1.0))
+        above, below = (column.add_subfigure(cells[row]) for row in (0, 1))
         panels.path(above, flight, episode)
         axes: Any = above.axes[0]
         axes.set_title(textwrap.fill(name, 26))
@@ -214,8 +216,7 @@ def side_by_side(flights: Sequence[tuple[str, Flight, int]]) -> Figure:
             axes.get_legend().remove()
         timeline = below.subplots()
         panels.timeline(timeline, flight, episode)
-        timeline.set(title=f"{textwrap.shorten(name, 26)}: open thrusters",
-                     xlim=(0.0, max(flight.times[-1] for _, flight, _ in flights)))
+        timeline.set(title="", xlim=(0.0, max(flight.times[-1] for _, flight, _ in flights)))
     return figure
 
 

@@ -132,11 +132,6 @@ def show(value: Any) -> str:
     return str(value)
 
 
-def unbroken(text: str) -> str:
-    """A cell that stays in one line, so that narrow screens scroll a table instead of crushing it."""
-    return text.replace(" ", "\N{NO-BREAK SPACE}")
-
-
 def header(about: Mapping[str, Any]) -> dict[str, str]:
     """How something was made, by name; a group of values in one line, without what is not known ("")."""
     return {name: ", ".join(f"{key} {show(value)}".strip() for key, value in named(group))

@@ -13,7 +13,7 @@ from rans.errors import ConfigError, counted
 from rans.evaluation.measure.aggregate import COLUMNS, Metrics
 from rans.files import number, read_json, read_json_lines, read_text
 from rans.show.figures import learning_curve
-from rans.show.page import Finding, Page, Picture, Section, Table, header, named, show, unbroken
+from rans.show.page import Finding, Page, Picture, Section, Table, header, named, show
 
 SOLVED_SHARE = 99.0
 """Share of episodes, %, from which a task counts as solved."""
@@ -107,8 +107,7 @@ def _sweep(picture: Path, sweep: Mapping[str, Any]) -> Section:
 
 def evaluation_section(measured: Sequence[Metrics], pictures: Sequence[Picture] = ()) -> Section:
     """Metrics with their intervals, one table per flight, and figures."""
-    tables = [Table(COLUMNS, [[name, *map(unbroken, numbers), meaning]
-                              for _, (name, *numbers, meaning) in m.lines()], m.title()) for m in measured]
+    tables = [Table(COLUMNS, [texts for _, texts in m.lines()], m.title()) for m in measured]
     text = ("All episodes fly to their full length and count. Steps are the states after each command. "
             "Intervals are 95 % percentile bootstraps over episodes.")
     shares = [(m.title(), m["solved"].value) for m in measured]

@@ -57,15 +57,23 @@ def panels(picture: str) -> list[str]:
 
 def _mark_panels(figure: Figure) -> None:
     """Give every panel, parts of the figure or else axes, its place in points as the name of its group."""
+    figure.set_dpi(72.0)
     figure.draw_without_rendering()
+    figure.set_layout_engine("none")  # done: laid out again, the panels would be elsewhere, and it takes long
     width, height = 72.0 * figure.get_size_inches()
     for part in figure.subfigs or figure.axes:
-        inner = [axes for axes in (part.axes if isinstance(part, SubFigure) else [part]) if _drawn(axes)]
+        inner = [axes for axes in _inside(part) if _drawn(axes)]
         if inner:
             box = Bbox.union([*map(_extent, inner)]).transformed(figure.transFigure.inverted())
             x0, y0, x1, y1 = (width * box.x0 - 4.0, height * (1.0 - box.y1) - 4.0,
                               width * box.x1 + 4.0, height * (1.0 - box.y0) + 4.0)
             part.set_gid(f"panel {x0:.1f} {y0:.1f} {x1 - x0:.1f} {y1 - y0:.1f}")
+
+
+def _inside(part: SubFigure | Axes) -> list[Axes]:
+    if isinstance(part, Axes):
+        return [part]
+    return [*part.axes, *(axes for one in part.subfigs for axes in _inside(one))]
 
 
 def _drawn(axes: Axes) -> bool:
