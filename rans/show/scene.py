@@ -28,7 +28,7 @@ BODIES = {"grey": Rgba(0.62, 0.68, 0.75), "orange": Rgba(0.93, 0.60, 0.25), "gre
           "purple": Rgba(0.66, 0.50, 0.85), "red": Rgba(0.88, 0.42, 0.42)}
 """Colours of bodies: one per agent, then again from the first."""
 _TRAIL, _GOAL, _GHOST = Rgba(0.10, 0.52, 0.85), Rgba(0.0, 0.70, 0.50), Rgba(0.0, 0.75, 0.52, 0.28)
-_GRID, _FLOOR, _SHADOW = Rgba(0.70, 0.73, 0.77), Rgba(0.87, 0.89, 0.91), Rgba(0.66, 0.69, 0.73)
+_GRID, _FLOOR, _SHADOW = Rgba(0.70, 0.73, 0.77), Rgba(0.88, 0.90, 0.92), Rgba(0.66, 0.69, 0.73)
 
 STARS = 30.0
 """So many times as far away as what they surround is large."""

@@ -137,8 +137,8 @@ class StressReport:
             shares = [found.share.value for level in self.stress.named
                       if (found := self.stress.outcomes.get((level.name, name)))]
             held, worlds = sum(share >= WANTED for share in shares), counted(len(shares), "world")
-            yield (f"{name} holds at least {100.0 * WANTED:g} % of its episodes in {held} of {worlds} without "
-                   "a size.")
+            yield (f"{name} holds at least {100.0 * WANTED:g} % of its episodes in {held} of {worlds} "
+                   "without a size.")
 
     def _group(self, group: str, some: list[Effect]) -> Section:
         rows = [[level.effect, f"{level.size:g} {effect.unit}", *self._shares(level)]

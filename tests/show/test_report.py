@@ -166,7 +166,8 @@ def test_summary_tells_the_essence(run: Path) -> None:
     console.print(report_from_run(run).summary())
     text = console.file.getvalue()  # type: ignore[attr-defined]
     parts = ["Evaluation", "50 %", "2.45 cm", "Comparison", "agent",
-             "settles from 1 of 1 start, 6.50 s (median)", "Training", "10,000", "5.0 s", "100.0%", "Validation", "1 of 2"]
+             "settles from 1 of 1 start, 6.50 s (median)", "Training", "10,000", "5.0 s", "100.0%",
+             "Validation", "1 of 2"]
     places = [text.find(part) for part in parts]
     assert -1 not in places
     assert places == sorted(places)

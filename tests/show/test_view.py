@@ -137,7 +137,8 @@ class Told:
     """What a page is told, as it is told."""
 
     def __init__(self, meshcat: Any) -> None:
-        self.meshcat, self.places, self.colours, self.camera = meshcat, {}, {}, ()
+        self.meshcat, self.places, self.colours = meshcat, {}, {}
+        self.camera: Any = None
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self.meshcat, name)
