@@ -46,7 +46,7 @@ def plane(comparison: Comparison) -> Figure:
     """
     starts = comparison.certified_starts() or list(range(comparison.contest.episodes))
     bootstrap = Bootstrap(len(starts))
-    figure = Figure(figsize=(9.2, 4.6), layout="constrained")
+    figure = Figure(figsize=(8.0, 4.2), layout="constrained")
     cells = figure.add_gridspec(1, 2, width_ratios=(1.4, 1.0))
     left, right = figure.add_subfigure(cells[0]), figure.add_subfigure(cells[1])
     axes = left.subplots()
