@@ -47,7 +47,7 @@ function probe() {
             plumes: craft.children.filter(c => c.visible).map(c => c.name).filter(n => n.startsWith("plume")),
             clock: document.querySelector("#rans-clock").textContent, title: document.title,
             label: document.querySelector(".rans-label").innerText,
-            legend: [...document.querySelectorAll("#rans-head li")].map(x => x.textContent),
+            legend: [...document.querySelectorAll("#rans-legend li")].map(x => x.textContent),
             trail: trail.children.filter(c => c.visible).length,
             picture: viewer.renderer.domElement.toDataURL()};
   });
