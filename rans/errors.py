@@ -20,6 +20,11 @@ def brief(value: object) -> str:
     return text if len(text) <= 120 else f"{text[:80]} ... ({len(text):,} characters)"
 
 
+def counted(count: int, noun: str) -> str:
+    """How many there are, such as "1 start" or "1,024 starts"."""
+    return f"{count:,} {noun}{'s' * (count != 1)}"
+
+
 def meant(name: str, known: Iterable[str]) -> str:
     """" (did you mean ...?)" where a known name is near, for the middle of a sentence."""
     near = difflib.get_close_matches(name, list(known), 1)

@@ -9,12 +9,15 @@ import sys
 import threading
 import time
 import webbrowser
+from collections.abc import Callable, Sequence
 from functools import partial
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
 import numpy as np
 from PIL import Image
+
+from rans.errors import ConfigError
 
 _PAGE = b"""<!doctype html><title>RANS</title>
 <body style="margin: 0; display: grid; place-items: center; height: 100vh">
@@ -89,6 +92,51 @@ class _Handler(BaseHTTPRequestHandler):
         jpeg: bytes | None = b""
         while (jpeg := self._window.next(jpeg)) is not None:
             self.wfile.write(_PART % len(jpeg) + jpeg + b"\r\n")
+
+    def log_message(self, format: str, *arguments: Any) -> None:
+        """Nobody wants to read of every request."""
+
+
+class Served:
+    """One page, which may change, on the first free of some ports of this computer only.
+
+    ``/version`` counts its changes. `ConfigError` if all ports are taken.
+    """
+
+    def __init__(self, page: Callable[[], str], ports: Sequence[int]) -> None:
+        self._page, self.version = page, 0
+        self.renew()
+        for port in ports:
+            with contextlib.suppress(OSError):
+                server = ThreadingHTTPServer(("127.0.0.1", port), partial(_Page, self))
+                break
+        else:
+            ends = f"{ports[0]} to {ports[-1]}" if len(ports) > 1 else f"{ports[0]}"
+            raise ConfigError(f"cannot open a page on port {ends} of this computer, it is taken; is another "
+                              "viewer running?")
+        threading.Thread(target=server.serve_forever, args=(0.05,), daemon=True).start()
+        self.url = f"http://localhost:{server.server_port}"
+
+    def renew(self) -> None:
+        """The page has changed."""
+        self.content, self.version = self._page().encode(), self.version + 1
+
+
+class _Page(BaseHTTPRequestHandler):
+    def __init__(self, served: Served, *arguments: Any) -> None:
+        self._served = served
+        super().__init__(*arguments)
+
+    def do_GET(self) -> None:
+        """The page, or how often it has changed."""
+        version = self.path == "/version"
+        content = str(self._served.version).encode() if version else self._served.content
+        self.send_response(200)
+        self.send_header("Content-Type", "text/plain" if version else "text/html; charset=utf-8")
+        self.send_header("Content-Length", str(len(content)))
+        self.end_headers()
+        with contextlib.suppress(ConnectionError):  # the page was closed
+            self.wfile.write(content)
 
     def log_message(self, format: str, *arguments: Any) -> None:
         """Nobody wants to read of every request."""

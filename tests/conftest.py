@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import sys
 from collections.abc import Iterable
 from pathlib import Path
@@ -51,7 +52,9 @@ def _one_thread() -> None:
 @pytest.fixture
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """Figures are made, but not drawn: that takes a second each, and the test looks at something else."""
-    monkeypatch.setattr("matplotlib.figure.Figure.savefig", lambda *_, **__: None)
+    monkeypatch.setattr("matplotlib.figure.Figure.draw_without_rendering", lambda _: None)
+    monkeypatch.setattr("matplotlib.figure.Figure.savefig", lambda _, file, **__: (
+        file.write('<svg xmlns="http://www.w3.org/2000/svg"/>') if isinstance(file, io.StringIO) else None))
 
 
 @pytest.fixture(params=spacecraft_names())

@@ -51,11 +51,11 @@ def page(study: Study, spacecraft: str, conditions: str | None = None) -> Page:
         conditions: likewise.
     """
     sections = [
-        validation_section(study.to_json()),
         Section("Closest to the bound", "For each group the check with the least margin, and the command "
                 "that repeats it with the same random numbers.",
                 [_worst_table(study, spacecraft, conditions)]),
         *filter(None, (_figures(study, *section) for section in _SECTIONS)),
+        validation_section(study.to_json()),
     ]
     settings = study.settings
     return Page(f"Validation: {study.title}", sections, header({
@@ -109,7 +109,7 @@ def _points(found: dict[str, list[Curve]]) -> list[Table]:
 
 @styled
 def _figure(found: dict[str, list[Curve]]) -> Figure:
-    figure = Figure(figsize=(6.2 * len(found), 4.0), layout="constrained")
+    figure = Figure(figsize=(4.7 * len(found), 3.6), layout="constrained")
     for axes, (name, curves) in zip(np.ravel(figure.subplots(1, len(found))), found.items(), strict=True):
         _draw(axes, name, curves)
     return figure

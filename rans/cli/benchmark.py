@@ -110,7 +110,7 @@ class Benchmark:
 
     def _write(self, file: Path, about: dict[str, str], measured: list[Measurement], shares: list[Ratio],
                peers: list[PeerResult], ratios: list[Ratio]) -> None:
-        from rans.show.figures import svg
+        from rans.show.svg import svg
         from validation.speed.figure import speed_figure
 
         content: dict[str, Any] = {

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 
 from rans.cli import check_count
-from rans.errors import ConfigError
+from rans.errors import ConfigError, counted
 from rans.evaluation.fly.controllers import BESIDE, CONTROLLERS
 from rans.files import command_line, ready_folder, write_json
 from rans.scenario import EVALUATION_SEED
@@ -94,8 +94,8 @@ def _write(comparison: Comparison, folder: Path) -> None:
         console.show(comparison.contest.title(), ("", *board), cells(lambda one: one.text()),
                      cells(lambda one: figure(one.value)), "A wider terminal shows intervals too.")
     if found := gaps(comparison):
-        starts = len(comparison.certified_starts())
-        console.show(f"Median multiple of the bound of the same event, {starts} starts",
+        starts = counted(len(comparison.certified_starts()), "start")
+        console.show(f"Median multiple of the bound of the same event, {starts}",
                      ("event", *gap_names(found)), gap_rows(found))
     for sentence in (*comparison.notes, *comparison.failures):
         console.say(sentence)

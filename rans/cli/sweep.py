@@ -125,7 +125,7 @@ def _changes(text: str) -> list[str]:
 
 
 def _save(sweep: Trainings, folder: Path) -> None:
-    from rans.show.figures import svg
+    from rans.show.svg import svg
     from rans.show.sweep_figure import sweep_figure
 
     best = sweep.best()

@@ -154,7 +154,8 @@ def compile_in_this_process() -> None:
 
 def _draw(run: RunFolder) -> None:
     """The learning curve, with Matplotlib, for which training need not wait."""
-    from rans.show.figures import learning_curve, svg
+    from rans.show.figures import learning_curve
+    from rans.show.svg import svg
 
     if rows := run.metrics():
         write_text(run.path / "learning_curve.svg", svg(learning_curve(rows)))

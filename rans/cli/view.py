@@ -44,6 +44,8 @@ class View:
     """Write a page that replays the flights anywhere, without RANS and offline, and return."""
     frames: Path | None = None
     """Write ten rendered frames of the first flight of all as one picture, and return."""
+    video: Path | None = None
+    """Write all flights, side by side, as a film (.mp4, or .gif for a page of text), and return."""
     trust: bool = False
     """Run the module of a task that a run folder names as MODULE:NAME; only if you know its author."""
 
@@ -51,7 +53,6 @@ class View:
         """Serve the page, or write what was asked for."""
         from rans.evaluation.fly.contestants import contestant
         from rans.evaluation.fly.judge import flown
-        from rans.show.frames import save_frames
 
         if not self.contestants:
             raise ConfigError("say who flies, such as `rans view runs/first`.")
@@ -60,15 +61,23 @@ class View:
             raise ConfigError(f"--episode must be >= 0 and < 2^31 with all that follow, got {self.episode}.")
         if self.save is not None and self.save.suffix != ".html":
             raise ConfigError(f"--save writes a page, whose name must end in .html, got {str(self.save)!r}.")
+        if self.video is not None:
+            from rans.show.video import check_video
+
+            check_video(self.video)
         runs = [contestant(self.contestants[0]).under(self.conditions)]
         runs += [contestant(spec, lent=runs[0].judged).under(self.conditions)
                  for spec in self.contestants[1:]]
         flights = [flown(run.controller, run.judged, self.seed, self.episodes, self.engine,
                          first=self.episode).flight for run in runs]
         if self.frames is not None:
+            from rans.show.frames import save_frames
+
             save_frames(flights[0], 0, self.frames)
             print(f"Ten frames of {flights[0].controller} are in {self.frames}.")
-        if self.save is not None or self.frames is None:
+        if self.video is not None:
+            self._film(flights, self.video)
+        if self.save is not None or self.frames is self.video is None:
             self._show(flights)
         return 0
 
@@ -77,7 +86,7 @@ class View:
         from rans.window import open_browser
 
         page = Page()
-        colours = page.show(flights)
+        colours = page.show(flights, self._title(flights))
         names = [flight.controller for flight in flights]
         who = ", ".join(f"{name} ({colour})" for name, colour in zip(names, colours, strict=True))
         if self.save is not None:
@@ -85,7 +94,25 @@ class View:
             print(f"{self.save} replays {who} in any browser.")
             return
         with contextlib.suppress(KeyboardInterrupt):  # from the first moment the sentence asks for it
-            print(f"{who}: to be seen at {page.url} until Ctrl-C.", flush=True)
-            open_browser(page.url)
+            url = page.serve().url
+            print(f"{who}: to be seen at {url} until Ctrl-C.", flush=True)
+            open_browser(url)
             while True:
                 time.sleep(3600.0)
+
+    def _film(self, flights: list[Flight], file: Path) -> None:
+        from rans.show.video import save_video
+        from rans.terminal import progress
+
+        with progress() as bars:
+            task = bars.add_task("rendering", total=None)
+            save_video(flights, file, lambda k, count: bars.update(task, completed=k, total=count))
+        print(f"{file} is a film of {', '.join(dict.fromkeys(flight.controller for flight in flights))}.")
+
+    def _title(self, flights: list[Flight]) -> str:
+        """What is flown: tasks, spacecraft, conditions."""
+        from rans.evaluation.fly.tuned import task_name
+
+        tasks, crafts = (" and ".join(dict.fromkeys(names)) for names in (
+            (task_name(flight.task) for flight in flights), (flight.craft.name for flight in flights)))
+        return f"{tasks}, {crafts}" + (f", conditions {self.conditions}" if self.conditions else "")

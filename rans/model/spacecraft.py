@@ -17,6 +17,7 @@ import numpy as np
 
 from rans.errors import ConfigError, brief
 from rans.model.actuators import ON_OFF, Actuators
+from rans.model.solids import MOST_SOLIDS, Solid
 from rans.shown import Shown
 
 ThrustSharing = Literal["none", "split"]
@@ -73,9 +74,11 @@ class Spacecraft(Shown):
     radius: float = 0.31
     """Outer radius for drawings, m."""
     shape: Shape = "sphere"
-    """For drawings."""
+    """For drawings: of the platform's tank, or the free flyer's body."""
     actuators: Actuators = ON_OFF
     """How all thrusters take commands."""
+    solids: tuple[Solid, ...] = ()
+    """What it looks like; by default a platform on air bearings in the plane, a free flyer in space."""
 
     def __post_init__(self) -> None:
         check(self)
@@ -172,6 +175,8 @@ def check(craft: Spacecraft) -> None:
     _require(len(craft.thrusters) > 0, craft, "thruster", "none", "at least one thruster")
     _require(len(craft.thrusters) <= MOST_THRUSTERS, craft, "thruster", len(craft.thrusters),
              f"at most {MOST_THRUSTERS} thrusters")
+    _require(len(craft.solids) <= MOST_SOLIDS, craft, "solid", len(craft.solids),
+             f"at most {MOST_SOLIDS} solids")
     _check_inertia(craft)
     for index, thruster in enumerate(craft.thrusters):
         _check_thruster(craft, index, thruster)

@@ -14,12 +14,13 @@ from typing import Any, NamedTuple
 from rans.errors import ConfigError, brief, named
 from rans.files import first_line, regular
 from rans.model.actuators import KINDS, Actuators
+from rans.model.solids import Solid, with_meshes
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.registry import Registry
-from rans.structure import read_toml
+from rans.structure import read_toml, structure
 
 _REQUIRED = ("name", "dimension", "mass", "inertia", "thruster")
-_OPTIONAL = {f.name for f in dataclasses.fields(Spacecraft)} - {"thrusters", *_REQUIRED}
+_OPTIONAL = {"solid"} | {f.name for f in dataclasses.fields(Spacecraft)} - {"thrusters", "solids", *_REQUIRED}
 
 
 class Described(NamedTuple):
@@ -80,17 +81,18 @@ def spacecraft_text(name_or_file: str | Path) -> str:
 
 def _file_text(given: str) -> str:
     try:
-        return regular(Path(given), "the spacecraft file ").read_text("utf-8")
+        text = regular(Path(given), "the spacecraft file ").read_text("utf-8")
     except (OSError, ValueError) as error:
         raise ConfigError(f"cannot read the spacecraft file {given!r}: {error}.") from error
+    return with_meshes(text, Path(given).parent)
 
 
 def parse_spacecraft(text: str, source: str) -> Spacecraft:
     """The spacecraft that a TOML text describes; messages begin with the source.
 
-    Its keys are the fields of `Spacecraft`, with one ``[[thruster]]`` table per thruster, and ``[actuators]``
-    with their ``kind`` and its settings. Planar spacecraft may give positions and directions as two numbers
-    and the inertia as one.
+    Its keys are the fields of `Spacecraft`, with one ``[[thruster]]`` table per thruster, ``[actuators]``
+    with their ``kind`` and its settings, and a ``[[solid]]`` table for every shape that is drawn. Planar
+    spacecraft may give positions and directions of thrusters as two numbers and the inertia as one.
 
     Raises:
         ConfigError: names the source, the key, the value and the bound.
@@ -106,7 +108,9 @@ def to_toml(craft: Spacecraft) -> str:
     table: dict[str, Any] = dataclasses.asdict(craft)
     actuators = {"kind": craft.actuators.kind} | table.pop("actuators")
     thrusters = "".join(f"\n[[thruster]]\n{_lines(each)}" for each in table.pop("thrusters"))
-    return f"{_lines(table)}\n[actuators]\n{_lines(actuators)}{thrusters}"
+    solids = "".join("\n[[solid]]\n" + _lines({key: value for key, value in each.items() if value})
+                     for each in table.pop("solids"))
+    return f"{_lines(table)}\n[actuators]\n{_lines(actuators)}{thrusters}{solids}"
 
 
 def _lines(table: dict[str, Any]) -> str:
@@ -121,9 +125,9 @@ def _build(table: dict[str, Any]) -> Spacecraft:
         "name": _text, "dimension": lambda value, _: value, "mass": _number, "inertia": _inertia,
         "thruster": partial(_thrusters, lengths=lengths),
         "centre_of_mass": partial(_vector, lengths=lengths),
-        "radius": _number, "actuators": _actuators, "thrust_sharing": _text, "shape": _text}
+        "radius": _number, "actuators": _actuators, "thrust_sharing": _text, "shape": _text, "solid": _solids}
     values = {key: read(table[key], key) for key, read in readers.items() if key in table}
-    return Spacecraft(thrusters=values.pop("thruster"), **values)
+    return Spacecraft(thrusters=values.pop("thruster"), solids=values.pop("solid", ()), **values)
 
 
 def _thrusters(tables: Any, key: str, lengths: tuple[int, ...]) -> tuple[Thruster, ...]:
@@ -142,6 +146,12 @@ def _thruster(table: dict[str, Any], index: int, lengths: tuple[int, ...]) -> Th
     unit = (direction[0] / length, direction[1] / length, direction[2] / length)
     return Thruster(_vector(table["position"], f"{where} position", lengths), unit,
                     _number(table["force"], f"{where} force"))
+
+
+def _solids(tables: Any, key: str) -> tuple[Solid, ...]:
+    if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
+        raise ConfigError(f"{key} must be [[solid]] tables, got {brief(tables)}.")
+    return structure(tables, tuple[Solid, ...], key)
 
 
 def _actuators(table: Any, key: str) -> Actuators:

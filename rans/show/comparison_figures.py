@@ -12,6 +12,7 @@ from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator
 
+from rans.errors import counted
 from rans.evaluation.compare.bounds import Event
 from rans.evaluation.compare.contest import Entry
 from rans.evaluation.compare.run import Comparison
@@ -45,8 +46,10 @@ def plane(comparison: Comparison) -> Figure:
     """
     starts = comparison.certified_starts() or list(range(comparison.contest.episodes))
     bootstrap = Bootstrap(len(starts))
-    figure = Figure(figsize=(9.6, 5.6), layout="constrained")
-    axes = figure.subplots()
+    figure = Figure(figsize=(8.0, 4.2), layout="constrained")
+    cells = figure.add_gridspec(1, 2, width_ratios=(1.4, 1.0))
+    left, right = figure.add_subfigure(cells[0]), figure.add_subfigure(cells[1])
+    axes = left.subplots()
     if comparison.certified_starts():
         _draw_certified(axes, comparison)
     _draw_relaxed(axes, comparison, starts)
@@ -55,9 +58,9 @@ def plane(comparison: Comparison) -> Figure:
         _draw_contestant(axes, entry, starts, bootstrap, k)
     for axis in (axes.xaxis, axes.yaxis):
         _logarithmic(axes, axis, (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0))
-    label(axes, f"time and thrust-time to arrive, medians over {len(starts)} starts",
+    label(axes, f"time and thrust-time to arrive, medians over {counted(len(starts), 'start')}",
           "time to arrive, s", "thrust-time to arrive, N s")
-    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+    panels.legend_beside(right, axes)
     return figure
 
 
@@ -100,7 +103,7 @@ def _draw_sweep(axes: Axes, comparison: Comparison, starts: Sequence[int]) -> No
         axes.annotate(comparison.curve[k].name, points[k], (4, 4), textcoords="offset points", fontsize=7)
     if len(points):
         axes.plot(*points[np.isfinite(points).all(axis=1)].T, color=GREY, marker=".", linewidth=1.0,
-                  label=f"LQR, {len(points)} weights")
+                  label=f"LQR, {counted(len(points), 'weight')}")
 
 
 def _draw_contestant(axes: Axes, entry: Entry, starts: Sequence[int], bootstrap: Bootstrap, k: int) -> None:
@@ -125,8 +128,8 @@ def _bars(estimate: Estimate) -> np.ndarray:
 def gap_histograms(gaps: dict[str, dict[str, np.ndarray]], questions: Sequence[str]) -> Figure:
     """How far above the certified bounds flights are: a panel for each of these questions of `gaps`."""
     names = list(dict.fromkeys(name for question in questions for name in gaps[question]))
-    figure = Figure(figsize=(12.0, 1.3 + 0.5 * len(names)), layout="constrained")
-    grid = figure.subplots(1, len(questions), squeeze=False, sharey=True)[0]
+    figure = Figure(figsize=(4.6 * len(questions), 1.3 + 0.5 * len(names)), layout="constrained")
+    grid = figure.subplots(1, len(questions), squeeze=False)[0]
     for axes, question in zip(grid, questions, strict=True):
         _histograms(axes, gaps[question], names)
         label(axes, question, "times the certified bound", "")
@@ -159,7 +162,7 @@ def _histograms(axes: Axes, ratios: dict[str, np.ndarray], names: Sequence[str])
 def final_error_curves(entries: Sequence[Entry]) -> Figure:
     """Share of all starts whose mean error over the last fifth is at most so much."""
     quantities = list(entries[0].errors)
-    figure = Figure(figsize=(5.0 * len(quantities), 3.6), layout="constrained")
+    figure = Figure(figsize=(4.6 * len(quantities), 3.4), layout="constrained")
     grid = figure.subplots(1, len(quantities), squeeze=False)[0]
     for axes, quantity in zip(grid, quantities, strict=True):
         factor, unit = DISPLAY[quantity]
@@ -172,7 +175,7 @@ def final_error_curves(entries: Sequence[Entry]) -> Figure:
         _logarithmic(axes, axes.xaxis)
         label(axes, f"final {quantity} error", f"{quantity} error, mean of the last fifth, {unit}",
               "share of starts")
-    grid[0].legend(loc="best")
+        axes.legend(loc="best")
     return figure
 
 
@@ -180,8 +183,8 @@ def final_error_curves(entries: Sequence[Entry]) -> Figure:
 def shares_and_latency(board: dict[str, Scores]) -> Figure:
     """Share of the possible return, where it is known, and time an action takes."""
     keys = [key for key in (RETURN, "latency, ms") if all(key in row for row in board.values())]
-    figure = Figure(figsize=(5.5 * len(keys), 1.3 + 0.32 * len(board)), layout="constrained")
-    grid = figure.subplots(1, len(keys), squeeze=False, sharey=True)[0]
+    figure = Figure(figsize=(4.6 * len(keys), 1.3 + 0.32 * len(board)), layout="constrained")
+    grid = figure.subplots(1, len(keys), squeeze=False)[0]
     for axes, key in zip(grid, keys, strict=True):
         for k, row in enumerate(board.values()):
             colour, marker = look(k)
@@ -198,10 +201,12 @@ def shares_and_latency(board: dict[str, Scores]) -> Figure:
 def side_by_side(flights: Sequence[tuple[str, Flight, int]]) -> Figure:
     """Paths and open thrusters of everybody from one start: name, flight and the episode in it."""
     figure = Figure(figsize=(max(7.0, 3.0 * len(flights)), 5.4), layout="constrained")
-    cells = figure.add_gridspec(2, len(flights), height_ratios=(1.5, 1.0))
+    columns = figure.add_gridspec(1, len(flights))
     limits = dict(zip(("xlim", "ylim", "zlim"), _common_limits(flights), strict=False))
     for k, (name, flight, episode) in enumerate(flights):
-        above, below = (figure.add_subfigure(cells[row, k]) for row in (0, 1))
+        column = figure.add_subfigure(columns[0, k])
+        cells = column.add_gridspec(2, 1, height_ratios=(1.5, 1.0))
+        above, below = (column.add_subfigure(cells[row]) for row in (0, 1))
         panels.path(above, flight, episode)
         axes: Any = above.axes[0]
         axes.set_title(textwrap.fill(name, 26))

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from rans.errors import counted
 from rans.evaluation.compare.bounds import Event
 from rans.evaluation.compare.run import Comparison
 from rans.files import environment
@@ -82,10 +83,10 @@ def _gaps(comparison: Comparison) -> Iterator[Section]:
         best, closed = float(np.median(upper)), (upper <= lower + 1e-9).sum()
         proven = None if event.kind == "settling" else f"{closed} of {len(lower)}"
         bounds.append([event.text, float(np.median(lower)), best if np.isfinite(best) else None, proven])
-    text = (f"From {len(starts)} starts, times the certified lower bound of the same event: 1 cannot be "
-            "beaten. Who settles must first be slow enough to stay, and the bound of settling is of that "
-            "moment. Thrust-time by a time counts for flights that are in the goal set at that time, in "
-            "brackets how many; it is infinite for the others.")
+    text = (f"From {counted(len(starts), 'start')}, times the certified lower bound of the same event: 1 "
+            "cannot be beaten. Who settles must first be slow enough to stay, and the bound of settling is "
+            "of that moment. Thrust-time by a time counts for flights that are in the goal set at that time, "
+            "in brackets how many; it is infinite for the others.")
     shown = [event.text for event in (Event(), Event("settling"), comparison.events()[-1])]
     yield Section("Gaps to the certified bounds", text, [
         Table(("event", *tables.gap_names(gaps)), tables.gap_rows(gaps), "Median multiple of the bound"),
@@ -125,9 +126,9 @@ def _returns(comparison: Comparison) -> Section:
     title, optimum = "Latency", tables.best_returns(comparison)
     if optimum is not None:
         title, known = "Return and latency", np.isfinite(optimum)
-        text += (f" The return is the task's own reward, from {known.sum()} of {len(known)} starts; 100 % is "
-                 "its relaxed optimum from there, which may throttle; the mean of the former over the mean "
-                 "of the latter.")
+        text += (f" The return is the task's own reward, from {known.sum()} of "
+                 f"{counted(len(known), 'start')}; 100 % is its relaxed optimum from there, which may "
+                 "throttle; the mean of the former over the mean of the latter.")
     picture = Picture.of(figures.shares_and_latency(tables.scoreboard(comparison)), f"{title}.")
     return Section(title, text, (), [picture])
 

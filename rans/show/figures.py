@@ -6,9 +6,6 @@ Colours are those of Okabe and Ito ("Color Universal Design", 2008), which every
 
 from __future__ import annotations
 
-import base64
-import io
-import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -21,7 +18,8 @@ from matplotlib.figure import Figure
 from rans.files import write_text
 from rans.flight import Flight
 from rans.show import panels
-from rans.show.panels import BLUE, GREEN, GREY, MILLIONS, ORANGE, PURPLE, RED, SKY, STYLE, label
+from rans.show.panels import BLUE, GREEN, GREY, MILLIONS, ORANGE, PURPLE, RED, SKY, STYLE, label, only
+from rans.show.svg import svg
 
 styled = matplotlib.rc_context(STYLE)
 """Decorator: everything drawn inside has the project's style."""
@@ -53,7 +51,7 @@ def evaluation_figure(flight: Flight) -> Figure:
 @styled
 def episode_figure(flight: Flight, episode: int = 0) -> Figure:
     """One episode of the batch: its path with headings, its errors, and when each thruster fired."""
-    figure = Figure(figsize=(12.0, 5.6), layout="constrained")
+    figure = Figure(figsize=(9.4, 4.6), layout="constrained")
     cells = figure.add_gridspec(1, 2, width_ratios=(1.0, 1.3))
     left, right = figure.add_subfigure(cells[0]), figure.add_subfigure(cells[1])
     panels.path(left, flight, episode)
@@ -66,7 +64,7 @@ def episode_figure(flight: Flight, episode: int = 0) -> Figure:
 @styled
 def learning_curve(rows: Sequence[Mapping[str, Any]]) -> Figure:
     """What lines of ``metrics.jsonl`` hold of ``success`` (0 to 1) and ``return/<term>``, over ``steps``."""
-    figure = Figure(figsize=(11.0, 3.6), layout="constrained")
+    figure = Figure(figsize=(9.4, 3.4), layout="constrained")
     success, returns = figure.subplots(1, 2)
     _series(success, rows, "success", 100.0, BLUE, "")
     success.set_ylim(-2.0, 102.0)
@@ -90,23 +88,8 @@ def save_flight_figures(flight: Flight, folder: Path, suffix: str = "") -> None:
         write_text(folder / f"{name}{suffix}.svg", svg(draw(flight)))
 
 
-def svg(figure: Figure) -> str:
-    """The figure as the text of an SVG file."""
-    buffer = io.StringIO()
-    with matplotlib.rc_context(STYLE), warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "Creating legend with loc")  # only says that this machine is busy
-        figure.savefig(buffer, format="svg", metadata={"Date": None})
-    return buffer.getvalue()
-
-
-def data_uri(picture: str | bytes) -> str:
-    """A picture, text of an SVG file or bytes of a PNG file, as the source of an HTML ``img``."""
-    kind, data = ("svg+xml", picture.encode()) if isinstance(picture, str) else ("png", picture)
-    return f"data:image/{kind};base64,{base64.b64encode(data).decode()}"
-
-
 def _series(axes: Axes, rows: Sequence[Mapping[str, Any]], key: str, factor: float, colour: str,
             name: str) -> None:
     points = [(row["steps"], factor * row[key]) for row in rows if key in row and "steps" in row]
     if points:
-        axes.plot(*zip(*points, strict=True), color=colour, label=name)
+        axes.plot(*zip(*points, strict=True), color=colour, label=name, marker=only(points))

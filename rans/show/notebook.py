@@ -14,7 +14,6 @@ from rans.evaluation.measure.aggregate import COLUMNS, Metrics
 from rans.model.conditions import Conditions
 from rans.model.spacecraft import Spacecraft
 from rans.show.comparison_tables import scoreboard
-from rans.show.figures import data_uri, svg
 from rans.show.listing import (
     Listing,
     conditions_listing,
@@ -22,6 +21,7 @@ from rans.show.listing import (
     task_listings,
     thruster_listing,
 )
+from rans.show.svg import data_uri, svg
 from rans.tasks import Task
 
 _SIDE = "display:flex;flex-wrap:wrap;gap:1.5em;align-items:flex-start"

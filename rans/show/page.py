@@ -29,19 +29,19 @@ class Table:
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure inside the page."""
+    """A figure inside the page: its panels, which stand side by side where there is room."""
 
-    source: str
-    """See `rans.show.figures.data_uri`."""
+    sources: Sequence[str]
+    """See `rans.show.svg.data_uri`."""
     caption: str
     """Also read out to those who cannot see it."""
 
     @classmethod
-    def of(cls, figure: Figure, caption: str) -> Picture:
-        """A drawn one."""
-        from rans.show.figures import data_uri, svg  # a page without pictures needs no Matplotlib
+    def of(cls, figure: Figure | str, caption: str) -> Picture:
+        """A drawn one, or the text of an SVG file."""
+        from rans.show.svg import data_uri, panels, svg  # a page without pictures needs no Matplotlib
 
-        return cls(data_uri(svg(figure)), caption)
+        return cls([*map(data_uri, panels(figure if isinstance(figure, str) else svg(figure)))], caption)
 
 
 @dataclass(frozen=True)
@@ -67,6 +67,8 @@ class Section:
     """What and how much, for the terminal."""
     link: str = ""
     """File beside the page that says more."""
+    folded: bool = False
+    """Whether readers have to ask for it."""
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -18,8 +18,8 @@ from rans.flight import Flight
 from rans.model.fields import map_leaves
 
 BLUE, ORANGE, GREEN, RED, PURPLE, SKY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9"
-INK, GREY = "#1F2933", "#7B8794"
-"""Colours of Okabe and Ito ("Color Universal Design", 2008), and two neutral ones."""
+INK, GREY, LINES = "#1F2933", "#7B8794", "#E4E7EB"
+"""Colours of Okabe and Ito ("Color Universal Design", 2008), and neutral ones, which dark pages change."""
 
 _LOOKS = ((BLUE, "o"), (ORANGE, "s"), (GREEN, "D"), (PURPLE, "^"), (RED, "v"), (SKY, "P"))
 
@@ -33,7 +33,9 @@ STYLE: dict[Any, Any] = {
     "axes.axisbelow": True, "axes.edgecolor": GREY, "axes.grid": True, "axes.labelcolor": INK,
     "axes.spines.right": False, "axes.spines.top": False, "axes.titlelocation": "left",
     "axes.titlesize": 10, "axes.titleweight": "bold", "axes.titlecolor": INK, "font.size": 9,
-    "grid.color": "#E4E7EB", "grid.linewidth": 0.7, "legend.frameon": False, "legend.fontsize": 8,
+    "text.color": INK,
+    **{f"axes3d.{axis}axis.panecolor": (0.5, 0.5, 0.5, 0.07) for axis in "xyz"},
+    "grid.color": LINES, "grid.linewidth": 0.7, "legend.frameon": False, "legend.fontsize": 8,
     "lines.linewidth": 1.4, "xtick.color": INK, "ytick.color": INK,
     # Reproducible files: ids from this text and no date, so that equal figures give equal bytes.
     "svg.hashsalt": "rans", "savefig.dpi": 160,
@@ -50,6 +52,18 @@ Pick = Callable[[np.ndarray], np.intp]
 def label(axes: Axes, title: str, x: str, y: str) -> None:
     """Title and axes, units included."""
     axes.set(title=title, xlabel=x, ylabel=y)
+
+
+def only(points: Sequence[object]) -> str:
+    """The marker of a curve: a line through one point alone cannot be seen."""
+    return "o" if len(points) == 1 else ""
+
+
+def legend_beside(figure: SubFigure, axes: Axes) -> None:
+    """The legend of axes as a panel of its own, which is beside them, or below on a telephone."""
+    blank = figure.subplots()
+    blank.set_axis_off()
+    blank.legend(*axes.get_legend_handles_labels(), loc="center left", borderaxespad=0.0)
 
 
 def activations(axes: Axes, flight: Flight) -> None:
@@ -172,7 +186,7 @@ def episode_errors(axes: Axes, flight: Flight, episode: int) -> None:
 def timeline(axes: Axes, flight: Flight, episode: int) -> None:
     """When each thruster of one episode was open."""
     command = flight.commands[:, episode].T
-    shades = LinearSegmentedColormap.from_list("open", ["white", BLUE])
+    shades = LinearSegmentedColormap.from_list("open", [f"{BLUE}00", BLUE])
     axes.imshow(command, aspect="auto", interpolation="nearest", cmap=shades, vmin=0.0, vmax=1.0,
                 extent=(0.0, flight.times[-1], len(command) - 0.5, -0.5))
     axes.yaxis.set_major_locator(MaxNLocator(integer=True))

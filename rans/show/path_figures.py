@@ -17,7 +17,7 @@ from rans.show.panels import BLUE, GREEN, GREY, INK, ORANGE, RED, label
 def following_figure(following: Following, number: int = 0) -> Figure:
     """Path and trajectories; the velocities of flight ``number`` with their commands; all distances."""
     dimension = following.planner.path.dimension
-    figure = Figure(figsize=(12.0, 2.0 + 1.6 * dimension), layout="constrained")
+    figure = Figure(figsize=(9.4, 2.0 + 1.4 * dimension), layout="constrained")
     cells = figure.add_gridspec(1, 2, width_ratios=(1.0, 1.35))
     _ways(figure.add_subfigure(cells[0]), following, number)
     stack = figure.add_subfigure(cells[1]).subplots(dimension + 1, 1, sharex=True)

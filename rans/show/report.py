@@ -9,10 +9,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from rans.errors import ConfigError
+from rans.errors import ConfigError, counted
 from rans.evaluation.measure.aggregate import COLUMNS, Metrics
 from rans.files import number, read_json, read_json_lines, read_text
-from rans.show.figures import data_uri, learning_curve
+from rans.show.figures import learning_curve
 from rans.show.page import Finding, Page, Picture, Section, Table, header, named, show
 
 SOLVED_SHARE = 99.0
@@ -31,14 +31,16 @@ def report_from_run(run: Path) -> Page:
 
     A run may hold ``config.json``, ``validation.json`` (checks), ``metrics.jsonl`` (training),
     ``evaluation.json`` (one or several `Metrics`), ``evaluation.svg``, ``episode.svg``, the same of
-    protocols and tasks, as ``evaluation-paper.json``, ``compare.json`` and ``stress.json``. `ConfigError` if
-    there is no such folder or it holds no results, or a file is damaged.
+    protocols and tasks, as ``evaluation-paper.json``, ``compare.json``, ``stress.json`` and ``sweep.json``.
+    `ConfigError` if there is no such folder or it holds no results, or a file is damaged.
     """
     evaluations = sorted(run.glob("evaluation*.json"), key=lambda file: file.stem)
     builders: dict[str, Callable[[Any], Section]] = {
-        "validation.json": validation_section, "metrics.jsonl": training_section,
         **{file.name: partial(_evaluation, file) for file in evaluations}, "compare.json": comparison_section,
-        "stress.json": stress_section}
+        "stress.json": stress_section, "sweep.json": partial(_sweep, run / "sweep.svg"),
+        "metrics.jsonl": training_section, "validation.json": validation_section}
+    if (run / "sweep.json").is_file():
+        del builders["metrics.jsonl"]  # of all members, one after the other
     sections = [s for name, build in builders.items() if (s := _read(run / name, build))]
     if not sections:
         raise ConfigError(f"{run} holds no results to report; is it a run folder?")
@@ -77,7 +79,7 @@ def validation_section(study: Mapping[str, Any]) -> Section:
                         True if checks and not failed else None),
                 *(Finding(f"Not run: {one['name']}. {one['reason']}") for one in skipped)]
     return Section("Validation", f"{title}. Every value must stay within its tolerance.",
-                   [Table(columns, rows)], (), findings, [("checks within tolerance", within)])
+                   [Table(columns, rows)], (), findings, [("checks within tolerance", within)], folded=True)
 
 
 def training_section(rows: Sequence[Mapping[str, Any]]) -> Section:
@@ -86,6 +88,21 @@ def training_section(rows: Sequence[Mapping[str, Any]]) -> Section:
     summary = [(what, form.format(last[key])) for key, what, form in _PROGRESS if key in last]
     picture = Picture.of(learning_curve(rows), "Success and return by term while training.")
     return Section("Training", "", [Table(("at the end", "value"), summary)], [picture], (), summary)
+
+
+def _sweep(picture: Path, sweep: Mapping[str, Any]) -> Section:
+    """What became of every member, and the figure beside it."""
+    members, keys = sweep["members"], list(sweep["members"][0])
+    varied = keys[keys.index("seed") + 1:keys.index("solved")]
+    rows = [[one[key] for key in ("member", "seed", *varied, "solved")]
+            + [f"{one['steps']:,}", f"{one['success']:.1%}"] for one in members]
+    solved = f"{sum(one['solved'] for one in members)} of {counted(len(members), 'member')}"
+    caption = "Success while training, and steps until solved; the best is orange."
+    pictures = [Picture.of(read_text(picture), caption)] if picture.is_file() else []
+    table = Table(("member", "seed", *varied, "solved", "steps", "success"), rows)
+    return Section("Sweep", "", [table], pictures,
+                   [Finding(f"{solved} solved the task; the best is member {sweep['best']}.")],
+                   [("members that solved the task", solved), ("best member", str(sweep["best"]))])
 
 
 def evaluation_section(measured: Sequence[Metrics], pictures: Sequence[Picture] = ()) -> Section:
@@ -126,7 +143,7 @@ def stress_section(stress: Mapping[str, Any]) -> Section:
 
 
 def _outcome(row: Mapping[str, Any]) -> str:
-    text = f"settles from {row['settled']} of {row['starts']} starts"
+    text = f"settles from {row['settled']} of {counted(row['starts'], 'start')}"
     for key, what in (("median_settling_time", "s (median)"), ("mean_impulse", "N s of thrust (mean)")):
         if math.isfinite(value := number(row.get(key))):
             text += f", {value:.2f} {what}"
@@ -135,7 +152,7 @@ def _outcome(row: Mapping[str, Any]) -> str:
 
 
 def _evaluation(file: Path, found: Any) -> Section:
-    pictures = [Picture(data_uri(read_text(picture)), caption)
+    pictures = [Picture.of(read_text(picture), caption)
                 for name, caption in (("evaluation", "All episodes."), ("episode", "One episode."))
                 if (picture := file.with_name(f"{file.stem.replace('evaluation', name)}.svg")).is_file()]
     section = evaluation_section([*_find_metrics(found)], pictures)
@@ -159,4 +176,4 @@ def _header(content: Mapping[str, Any]) -> dict[str, str]:
 
 def _configuration(config: Mapping[str, Any]) -> Section:
     rows = [(name, show(value)) for name, value in named(config) if not name.startswith("about.")]
-    return Section("Configuration", tables=[Table(("setting", "value"), rows)])
+    return Section("Configuration", tables=[Table(("setting", "value"), rows)], folded=True)

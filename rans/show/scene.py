@@ -11,32 +11,33 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from pydrake.common import MemoryFile
-from pydrake.geometry import Cylinder, InMemoryMesh, Mesh, Rgba, Shape, Sphere
+from pydrake.geometry import Box, Cylinder, Rgba, Sphere
 from pydrake.math import RigidTransform, RotationMatrix
 
 from rans.drawing import columns, rotations
+from rans.evaluation.measure.metrics import DISPLAY
 from rans.flight import Flight
 from rans.model.fields import map_leaves
 from rans.model.spacecraft import Spacecraft
+from rans.show.craft import FLOOR, Part, frustum, hull_parts, mesh, rod, triad
 
-BODIES = {"grey": Rgba(0.86, 0.90, 0.94), "orange": Rgba(0.99, 0.82, 0.60), "green": Rgba(0.70, 0.90, 0.80),
-          "purple": Rgba(0.85, 0.77, 0.93), "red": Rgba(0.98, 0.75, 0.75)}
+BODIES = {"grey": Rgba(0.62, 0.68, 0.75), "orange": Rgba(0.93, 0.60, 0.25), "green": Rgba(0.36, 0.72, 0.55),
+          "purple": Rgba(0.66, 0.50, 0.85), "red": Rgba(0.88, 0.42, 0.42)}
 """Colours of bodies: one per agent, then again from the first."""
-_NOZZLE, _PLUME, _TRAIL = Rgba(0.25, 0.30, 0.35), Rgba(1.0, 0.55, 0.05, 0.9), Rgba(0.0, 0.45, 0.70)
-_GOAL, _GHOST, _GRID = Rgba(0.0, 0.62, 0.45), Rgba(0.0, 0.62, 0.45, 0.22), Rgba(0.62, 0.66, 0.70)
-_SHADOW = Rgba(0.78, 0.80, 0.83)
-_AXES = (Rgba(0.84, 0.30, 0.0), Rgba(0.0, 0.62, 0.30), Rgba(0.0, 0.35, 0.80))
+_TRAIL, _GOAL, _GHOST = Rgba(0.10, 0.52, 0.85), Rgba(0.0, 0.70, 0.50), Rgba(0.0, 0.75, 0.52, 0.28)
+_GRID, _FLOOR, _SHADOW = Rgba(0.70, 0.73, 0.77), Rgba(0.88, 0.90, 0.92), Rgba(0.66, 0.69, 0.73)
 
+STARS = 30.0
+"""So many times as far away as what they surround is large."""
 _SECONDS = 2.0
 """A velocity's arrow is as long as the way of so many seconds."""
 _STRIDE = 0.03
 """Shortest piece of a trail, m."""
-_SIDES = 20
-"""Of the polygon that stands for a circle."""
+_MARGIN = 2.2
+"""Around a spacecraft's centre, in radii: what stands out, and room for its name."""
 
 
 @dataclass(frozen=True)
@@ -53,12 +54,14 @@ class Motion:
     """X_WB at every instant."""
     velocities: np.ndarray
     """(K, 3) m/s in W."""
-    firing: np.ndarray
-    """(K, thrusters) bool: open from this instant on; at the last none is."""
+    opening: np.ndarray
+    """(K, thrusters) commands, 0 to 1, from this instant on; at the last none is open."""
     goals: list[RigidTransform]
     """The goal's pose in W at every instant; where the task bounds no position, only its rotation counts."""
     goal_velocities: np.ndarray
     """(K, 3) m/s in W."""
+    errors: dict[str, np.ndarray]
+    """(K,) of each error that the task bounds."""
 
     @classmethod
     def of(cls, flight: Flight, episode: int) -> Motion:
@@ -68,16 +71,23 @@ class Motion:
         goal = map_leaves(lambda x: x[..., episode] + instants, flight.goals)
         failed = np.asarray(flight.task.failed(states, goal))
         end = int(failed.argmax()) + 1 if failed.any() else len(failed)
-        firing = np.zeros((end, len(flight.craft.thrusters)), dtype=bool)
-        firing[:-1] = flight.commands[:end - 1, episode] > 0.0
+        opening = np.zeros((end, len(flight.craft.thrusters)))
+        opening[:-1] = flight.commands[:end - 1, episode]
+        errors = flight.errors()
         return cls(flight.craft, flight.controller, frozenset(flight.task.tolerances()), flight.times[:end],
-                   _poses(states)[:end], columns(states.v)[:end], firing,
-                   _poses(goal)[:end], columns(goal.v)[:end])
+                   _poses(states)[:end], columns(states.v)[:end], opening,
+                   _poses(goal)[:end], columns(goal.v)[:end],
+                   {name: errors[name][:end, episode] for name in flight.task.tolerances()})
 
     @property
     def way(self) -> np.ndarray:
         """Positions in W, (K, 3) m."""
         return np.array([pose.translation() for pose in self.poses])
+
+    def told(self, instant: int) -> list[str]:
+        """The errors at an instant, in their units."""
+        return [f"{DISPLAY[name][0] * float(error[instant]):.1f} {DISPLAY[name][1]}"
+                for name, error in self.errors.items()]
 
     def goal_at(self, instant: int) -> RigidTransform:
         """Where to draw the goal: at its place, or else where the spacecraft is."""
@@ -85,38 +95,23 @@ class Motion:
             return self.goals[instant]
         return RigidTransform(self.goals[instant].rotation(), self.poses[instant].translation())
 
+    def points(self) -> np.ndarray:
+        """Corners in W, (8 K, 3) m, of boxes around all that is to be seen at each instant."""
+        r, flat = self.craft.radius, self.craft.dimension == 2
+        corners = np.array([(x, y, z) for x in (-_MARGIN, _MARGIN) for y in (-_MARGIN, _MARGIN)
+                            for z in ((FLOOR, 1.1) if flat else (-_MARGIN, _MARGIN))]) * r
+        places = [*self.way]
+        if "position" in self.wanted:
+            places += [goal.translation() for goal in self.goals]
+        if "velocity" in self.wanted:
+            ways = _SECONDS * np.array([*self.velocities, *self.goal_velocities])
+            places += [*(np.tile(self.way, (2, 1)) + ways)]
+        return (np.array(places)[:, None] + corners).reshape(-1, 3)
+
     def box(self) -> tuple[np.ndarray, np.ndarray]:
-        """Lowest and highest corner in W, (3,) m, of all that is drawn."""
-        goals = [goal.translation() for goal in self.goals] if "position" in self.wanted else []
-        points = np.array([*self.way, *goals])
-        margin = 2.0 * self.craft.radius
-        return points.min(axis=0) - margin, points.max(axis=0) + margin
-
-
-class Part(NamedTuple):
-    """One shape, fixed in the frame that it belongs to."""
-
-    name: str
-    shape: Shape
-    colour: Rgba
-    pose: RigidTransform
-
-
-def craft_parts(craft: Spacecraft, body: Rgba) -> list[Part]:
-    """Body, axes x, y, z (red, green, blue; in the plane only x, the heading) and nozzles, in B."""
-    r = craft.radius
-    # The file says nothing of a cylinder's height.
-    shape = Sphere(r) if craft.shape == "sphere" else Cylinder(r, 0.8 * r)
-    parts = [Part("body", shape, body, RigidTransform()), *_triad(craft, 1.7, 0.045)]
-    return parts + [Part(f"nozzle {i}", _frustum(0.05 * r, 0.11 * r, 0.3 * r), _NOZZLE, pose)
-                    for i, pose in enumerate(_exhausts(craft, 0.0))]
-
-
-def plume_parts(craft: Spacecraft) -> list[Part]:
-    """The flame of each thruster, in B."""
-    r = craft.radius
-    return [Part(f"plume {i}", _frustum(0.10 * r, 0.02 * r, 1.1 * r), _PLUME, pose)
-            for i, pose in enumerate(_exhausts(craft, 0.3))]
+        """Lowest and highest corner in W, (3,) m, of `points`; in the plane the floor is the lowest."""
+        points = self.points()
+        return points.min(axis=0), points.max(axis=0)
 
 
 def goal_parts(craft: Spacecraft, wanted: Collection[str]) -> list[Part]:
@@ -126,9 +121,11 @@ def goal_parts(craft: Spacecraft, wanted: Collection[str]) -> list[Part]:
     """
     r = craft.radius
     if "attitude" in wanted:
-        ghost = [Part("ghost", Sphere(0.9 * r), _GHOST, RigidTransform())] if "position" in wanted else []
-        return [*ghost, *_triad(craft, 2.3, 0.025, _GOAL if craft.dimension == 2 else None)]
-    pin = [Part("needle", _frustum(0.001 * r, 0.08 * r, 2.2 * r), _GOAL, RigidTransform()),
+        # A little larger, so that no surface of the craft lies in one of its ghost.
+        hull = hull_parts(craft, _GHOST, 1.04, one_colour=True) if "position" in wanted else []
+        ghost = [part._replace(name=f"ghost {part.name}") for part in hull]
+        return [*ghost, *triad(craft, 2.1, 0.03, _GOAL if craft.dimension == 2 else None)]
+    pin = [Part("needle", frustum(0.001 * r, 0.08 * r, 2.2 * r), _GOAL, RigidTransform()),
            Part("head", Sphere(0.3 * r), _GOAL, RigidTransform([0.0, 0.0, 2.2 * r]))]
     return pin if "position" in wanted else []
 
@@ -136,7 +133,7 @@ def goal_parts(craft: Spacecraft, wanted: Collection[str]) -> list[Part]:
 def velocity_parts(goal: bool, length: float = 1.0) -> list[Part]:
     """An arrow along x of this length in m, green for the goal's velocity, blue for one's own."""
     colour, to_x = _GOAL if goal else _TRAIL, RotationMatrix.MakeYRotation(math.pi / 2.0)
-    shaft, head = _frustum(0.025, 0.025, 0.8, length), _frustum(0.08, 0.001, 0.2, length)
+    shaft, head = frustum(0.025, 0.025, 0.8, length), frustum(0.08, 0.001, 0.2, length)
     return [Part("shaft", shaft, colour, RigidTransform(to_x, [0.0, 0.0, 0.0])),
             Part("head", head, colour, RigidTransform(to_x, [0.8 * length, 0.0, 0.0]))]
 
@@ -154,65 +151,38 @@ def trail_parts(way: np.ndarray) -> Iterator[tuple[int, Part]]:
     last = way[0]
     for k, point in enumerate(way):
         if np.linalg.norm(point - last) >= _STRIDE:
-            yield k, Part(f"trail {k}", *_rod(last, point, 0.008, _TRAIL))
+            yield k, Part(f"trail {k}", *rod(last, point, 0.008, _TRAIL))
             last = point
 
 
-def floor_parts(low: np.ndarray, high: np.ndarray) -> list[Part]:
-    """Grid lines 1 m apart at height low[2], around a box of W with these corners, (3,) m."""
-    (x0, y0), (x1, y1), z = np.floor(low[:2]), np.ceil(high[:2]), low[2]
+def ground_parts(low: np.ndarray, high: np.ndarray, space: bool) -> list[Part]:
+    """What is around a box of W with these corners, (3,) m: a floor with lines 1 m apart; in space stars."""
+    if space:
+        return [_stars((low + high) / 2.0, STARS * float(np.linalg.norm(high - low)))]
+    (x0, y0), (x1, y1), z = np.floor(low[:2]) - 1.0, np.ceil(high[:2]) + 1.0, low[2]
     ends = [((x, y0, z), (x, y1, z)) for x in np.arange(x0, x1 + 0.5)]
     ends += [((x0, y, z), (x1, y, z)) for y in np.arange(y0, y1 + 0.5)]
-    return [Part(f"line {k}", *_rod(np.array(a), np.array(b), 0.006, _GRID)) for k, (a, b) in enumerate(ends)]
+    middle = RigidTransform([(x0 + x1) / 2.0, (y0 + y1) / 2.0, z - 0.05])
+    lines = [Part(f"line {k}", *rod(np.array(a), np.array(b), 0.006, _GRID)) for k, (a, b) in enumerate(ends)]
+    return [Part("floor", Box(x1 - x0, y1 - y0, 0.1), _FLOOR, middle), *lines]
 
 
 def shadow_part(craft: Spacecraft) -> Part:
-    """A disc on the floor below the spacecraft, which shows how high it is."""
-    return Part("shadow", Cylinder(craft.radius, 0.002), _SHADOW, RigidTransform())
+    """A disc on the floor below the spacecraft."""
+    return Part("shadow", Cylinder(0.95 * craft.radius, 0.004), _SHADOW, RigidTransform())
 
 
-def _exhausts(craft: Spacecraft, along: float) -> list[RigidTransform]:
-    """Frames in B whose z axes point along the exhausts, so many radii from the thrusters."""
-    away = [-np.array(thruster.direction) for thruster in craft.thrusters]
-    places = [np.array(thruster.position) - craft.centre_of_mass for thruster in craft.thrusters]
-    return [RigidTransform(RotationMatrix.MakeFromOneVector(z, 2), place + along * craft.radius * z)
-            for z, place in zip(away, places, strict=True)]
-
-
-def _triad(craft: Spacecraft, length: float, width: float, colour: Rgba | None = None) -> list[Part]:
-    """Axes of length and radius in units of the spacecraft's radius; in the plane only x."""
-    ends = craft.radius * length * np.eye(3)[:1 if craft.dimension == 2 else 3]
-    return [Part(f"{name} axis", *_rod(np.zeros(3), end, width * craft.radius, colour or own))
-            for name, end, own in zip("xyz", ends, _AXES, strict=False)]
-
-
-def _rod(start: np.ndarray, end: np.ndarray, radius: float,
-         colour: Rgba) -> tuple[Shape, Rgba, RigidTransform]:
-    way = end - start
-    pose = RigidTransform(RotationMatrix.MakeFromOneVector(way, 2), (start + end) / 2.0)
-    return Cylinder(radius, float(np.linalg.norm(way))), colour, pose
-
-
-def _frustum(bottom: float, top: float, height: float, scale: float = 1.0) -> Mesh:
-    """A closed cone, cut off, along z: radii at z = 0 and z = height, all of them times a scale.
-
-    As a text in the format OBJ: points (v), normals (vn), and faces (f) of "point//normal", from 1.
-    """
-    n, angles = _SIDES, np.linspace(0.0, math.tau, _SIDES, endpoint=False)
-    around = np.stack((np.cos(angles), np.sin(angles)), axis=1)
-    points = [*((*(bottom * a), 0.0) for a in around), *((*(top * a), height) for a in around)]
-    points += [(0.0, 0.0, 0.0), (0.0, 0.0, height)]
-    normals = [*((*a, (bottom - top) / height) for a in around), (0.0, 0.0, -1.0), (0.0, 0.0, 1.0)]
-    faces = []
-    for i in range(1, n + 1):
-        j = i % n + 1
-        faces += [((i, i), (j, j), (n + j, j)), ((i, i), (n + j, j), (n + i, i)),
-                  ((2 * n + 1, n + 1), (j, n + 1), (i, n + 1)),
-                  ((2 * n + 2, n + 2), (n + i, n + 2), (n + j, n + 2))]
-    lines = [*("v {:.5g} {:.5g} {:.5g}".format(*p) for p in points),
-             *("vn {:.5g} {:.5g} {:.5g}".format(*v) for v in normals),
-             *("f " + " ".join(f"{point}//{normal}" for point, normal in face) for face in faces)]
-    return Mesh(InMemoryMesh(mesh_file=MemoryFile("\n".join(lines), ".obj", "frustum.obj")), scale)
+def _stars(middle: np.ndarray, distance: float) -> Part:
+    """Points of light in all directions, as one mesh of tetrahedra; always the same ones."""
+    random = np.random.default_rng(0)
+    ways = random.normal(size=(700, 3))
+    sizes = distance * random.uniform(6e-4, 2.2e-3, 700)
+    corners = np.array([(1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1)]) / math.sqrt(3.0)
+    places = distance * ways / np.linalg.norm(ways, axis=1, keepdims=True)
+    points = (places[:, None] + sizes[:, None, None] * corners).reshape(-1, 3)
+    faces = [(k + a, k + b, k + c) for k in range(0, len(points), 4)
+             for a, b, c in ((0, 1, 2), (0, 3, 1), (0, 2, 3), (1, 3, 2))]
+    return Part("stars", mesh(points.tolist(), faces, 1.0), Rgba(1.0, 1.0, 1.0), RigidTransform(middle))
 
 
 def _poses(states: Any) -> list[RigidTransform]:

@@ -11,7 +11,7 @@ from rans.evaluation.stress.effects import Effect
 from rans.evaluation.stress.outcome import WANTED
 from rans.evaluation.stress.run import Stress
 from rans.show.figures import styled
-from rans.show.panels import INK, label, look
+from rans.show.panels import INK, label, legend_beside, look
 
 
 @styled
@@ -39,8 +39,10 @@ def effect_figure(stress: Stress, effect: Effect) -> Figure:
 def named_figure(stress: Stress) -> Figure:
     """Held episodes in each world without a size."""
     levels, names = stress.named, stress.names
-    figure = Figure(figsize=(7.6, 1.1 + 0.2 * len(levels) * (1 + len(names))), layout="constrained")
-    axes = figure.subplots()
+    figure = Figure(figsize=(6.6, 1.1 + 0.2 * len(levels) * (1 + len(names))), layout="constrained")
+    cells = figure.add_gridspec(1, 2, width_ratios=(2.2, 1.0))
+    left, right = figure.add_subfigure(cells[0]), figure.add_subfigure(cells[1])
+    axes = left.subplots()
     for k, name in enumerate(names):
         for row, level in enumerate(levels):
             if (level.name, name) in stress.outcomes:
@@ -49,7 +51,7 @@ def named_figure(stress: Stress) -> Figure:
     axes.axvline(100.0 * WANTED, color=INK, linestyle=":", linewidth=0.8)
     axes.set_yticks(range(len(levels)), [level.effect for level in levels])
     axes.set(ylim=(len(levels) - 0.4, -0.6), xlim=(-3.0, 103.0))
-    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+    legend_beside(right, axes)
     label(axes, "conditions and failed thrusters", "held, %", "")
     return figure
 

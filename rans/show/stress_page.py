@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from itertools import groupby
 from pathlib import Path
 from typing import Any
 
+from rans.errors import counted
 from rans.evaluation.measure.metrics import DISPLAY
 from rans.evaluation.stress.effects import Effect, Level
 from rans.evaluation.stress.outcome import WANTED, holds_to
@@ -50,7 +51,8 @@ class StressReport:
     def title(self) -> str:
         """What was flown, in one line."""
         contest = self.stress.contest
-        return (f"{', '.join(self.stress.names)}: {contest.episodes} episodes of seed {contest.seed}, "
+        episodes = counted(contest.episodes, "episode")
+        return (f"{', '.join(self.stress.names)}: {episodes} of seed {contest.seed}, "
                 f"{contest.craft.name}, {contest.duration:g} s at {1.0 / contest.timing.control_period:g} Hz")
 
     def notes(self) -> Iterator[str]:
@@ -58,9 +60,9 @@ class StressReport:
         for one in self.stress.contestants.values():
             count, stopped = self.stress.episodes(one), self.stress.stopped.get(one.name, 0)
             if count < self.stress.contest.episodes:
-                yield f"{one.name} is slow and flew {count} episodes in each world."
+                yield f"{one.name} is slow and flew {counted(count, 'episode')} in each world."
             if stopped:
-                yield f"{one.name}'s solver stopped {stopped} times; the plan before was flown on."
+                yield f"{one.name}'s solver stopped {counted(stopped, 'time')}; the plan before was flown on."
 
     def named_rows(self) -> list[list[str | None]]:
         """What is held in worlds without a size: name, then a text a contestant."""
@@ -108,14 +110,15 @@ class StressReport:
         """Everything on one page."""
         stress, contest = self.stress, self.stress.contest
         sections = [Section("Conditions and failed thrusters", " ".join([TEXT, *self.notes()]),
-                            [Table(("held, %", *stress.names), _unbroken(self.named_rows()))],
+                            [Table(("held, %", *stress.names), self.named_rows())],
                             [Picture.of(figures.named_figure(stress), "Held episodes, %.")],
-                            [Finding(text, False) for text in stress.failures])]
+                            [*(Finding(text, False) for text in stress.failures),
+                             *map(Finding, self.held())])]
         if stress.effects:
             text = (f"The size up to which at least {100 * WANTED:g} % are held, of the sizes flown, and "
                     "that to which two are equally good; where the lead changes hands, between two sizes.")
             sections.append(Section("How much each bears", text,
-                                    [Table(self.effect_columns(), _unbroken(self.effect_rows()))]))
+                                    [Table(self.effect_columns(), self.effect_rows())]))
         sections += [self._group(group, [*some]) for group, some in
                      groupby(stress.effects, key=lambda effect: effect.group)]
         if self.worst:
@@ -126,14 +129,23 @@ class StressReport:
                 ("world", "who", "episode", "largest errors", "see it"), [*self.worst_rows()])]))
         return Page(f"Stress: {self.title()}", sections, header({
             "command": self.made_by, "task": type(contest.task).__name__, "spacecraft": contest.craft.name,
-            "environment": environment()}))
+            "environment": environment()}), "" if stress.failures else next(self.held(), ""))
+
+    def held(self) -> Iterator[str]:
+        """In how many worlds without a size each holds what is wanted, in a sentence."""
+        for name in self.stress.names:
+            shares = [found.share.value for level in self.stress.named
+                      if (found := self.stress.outcomes.get((level.name, name)))]
+            held, worlds = sum(share >= WANTED for share in shares), counted(len(shares), "world")
+            yield (f"{name} holds at least {100.0 * WANTED:g} % of its episodes in {held} of {worlds} "
+                   "without a size.")
 
     def _group(self, group: str, some: list[Effect]) -> Section:
         rows = [[level.effect, f"{level.size:g} {effect.unit}", *self._shares(level)]
                 for effect in some for level in effect.levels()]
         pictures = [Picture.of(figures.effect_figure(self.stress, effect),
                                f"Held episodes over {effect.name}, {effect.unit}.") for effect in some]
-        return Section(group, "", [Table(("held, %", "size", *self.stress.names), _unbroken(rows))], pictures)
+        return Section(group, "", [Table(("held, %", "size", *self.stress.names), rows)], pictures)
 
     def _shares(self, level: Level) -> list[str | None]:
         found = (self.stress.outcomes.get((level.name, name)) for name in self.stress.names)
@@ -177,11 +189,6 @@ class StressReport:
                 "holds_to": {name: holds_to(*stress.curve(effect, name)) for name in stress.names},
                 "break_even_of_first": {name: pair and {**pair._asdict(), "text": _lead(stress, effect, name)}
                                         for name, pair in pairs.items()}}
-
-
-def _unbroken(rows: Sequence[Sequence[str | None]]) -> list[list[str | None]]:
-    """Cells that stay in one line, so that narrow screens scroll a table instead of crushing it."""
-    return [[cell and cell.replace(" ", "\N{NO-BREAK SPACE}") for cell in row] for row in rows]
 
 
 def _reach(stress: Stress, effect: Effect, name: str) -> str:

@@ -8,10 +8,11 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from rans.errors import counted
 from rans.fast.learn.member import Member
 from rans.fast.learn.sweep import Sweep, short
 from rans.show.figures import styled
-from rans.show.panels import BLUE, GREEN, GREY, MILLIONS, ORANGE, PURPLE, RED, SKY, label
+from rans.show.panels import BLUE, GREEN, GREY, MILLIONS, ORANGE, PURPLE, RED, SKY, label, only
 
 _COLOURS = (BLUE, GREEN, PURPLE, SKY, RED, GREY)
 
@@ -20,7 +21,7 @@ _COLOURS = (BLUE, GREEN, PURPLE, SKY, RED, GREY)
 def sweep_figure(sweep: Sweep) -> Figure:
     """Success of every member while it trained, and its steps until solved, by config; the best in orange."""
     configs, best = sweep.configs(), sweep.best()
-    figure = Figure(figsize=(11.0, max(3.6, 1.2 + 0.3 * len(configs))), layout="constrained")
+    figure = Figure(figsize=(9.4, max(3.6, 1.2 + 0.3 * len(configs))), layout="constrained")
     curves, ends = figure.subplots(1, 2)
     for row, members in enumerate(configs):
         colour = _COLOURS[row % len(_COLOURS)]
@@ -30,8 +31,8 @@ def sweep_figure(sweep: Sweep) -> Figure:
     _curve(curves, best, ORANGE, linewidth=2.5, zorder=3, label=f"best: seed {best.config.seed}")
     curves.set(xlim=(0.0, None), ylim=(-2.0, 102.0))
     curves.legend(loc="best")
-    label(curves, f"success of {len(sweep.members)} members while training", "environment steps a member",
-          "episodes, %")
+    label(curves, f"success of {counted(len(sweep.members), 'member')} while training",
+          "environment steps a member", "episodes, %")
     ends.margins(x=0.08)
     ends.set(xlim=(0.0, None), ylim=(len(configs) - 0.5, -0.5), yticks=range(len(configs)))
     ends.set_yticklabels([_name(sweep, members) for members in configs])
@@ -43,7 +44,7 @@ def sweep_figure(sweep: Sweep) -> Figure:
 
 def _curve(axes: Axes, member: Member, colour: str, **looks: Any) -> None:
     points = [(row["steps"], 100.0 * row["success"]) for row in member.rows]
-    axes.plot(*zip(*points, strict=True), color=colour, **looks)
+    axes.plot(*zip(*points, strict=True), color=colour, marker=only(points), **looks)
 
 
 def _ends(axes: Axes, row: int, members: Sequence[Member], best: Member, colour: str) -> None:
@@ -56,5 +57,5 @@ def _ends(axes: Axes, row: int, members: Sequence[Member], best: Member, colour:
 
 def _name(sweep: Sweep, members: Sequence[Member]) -> str:
     choice = sweep.choice(members[0])
-    seeds = f"{len(members)} seed{'s' * (len(members) > 1)}"
+    seeds = counted(len(members), "seed")
     return "\n".join(f"{short(name)} {value}" for name, value in choice.items()) or seeds

@@ -29,13 +29,15 @@ def watch(run: Path, port: int) -> None:
     real time without help. `ConfigError` if the port is taken, or the run folder damaged.
     """
     torch.set_num_threads(1)  # of small networks; more would disturb the training
-    view, file, shown = View(port), RunFolder(run).policy_file, 0
-    open_browser(view.url)
+    view, file, shown = View(), RunFolder(run).policy_file, 0
+    served = view.serve(port)
+    open_browser(served.url)
     while True:
         changed = file.stat().st_mtime_ns if file.exists() else 0
         if changed != shown:
             agent = load_agent(run)
             view.show([flown(agent.controller, agent.judged, EVALUATION_SEED, _EPISODES).flight])
+            served.renew()
             shown = changed
             time.sleep(_SECONDS)
         time.sleep(_PAUSE)

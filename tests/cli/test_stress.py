@@ -109,5 +109,5 @@ def test_figures_show_what_was_flown() -> None:
     assert [line.get_color() for line in lines.values()] == [BLUE, ORANGE]
     points = np.asarray(lines["LQR"].get_xydata())
     np.testing.assert_allclose(points, [(0.0, 100.0), (0.025, 100.0), (0.05, 100.0), (0.1, 100.0)])
-    named, = stress_figures.named_figure(stress).axes
+    named, _ = stress_figures.named_figure(stress).axes
     assert [text.get_text() for text in named.get_yticklabels()] == ["perfect"]

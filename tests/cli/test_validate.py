@@ -33,7 +33,7 @@ def test_quick_validation_passes_and_is_written(tmp_path, capsys) -> None:
     page = (folder / "validation.html").read_text("utf-8")
     assert "Everything checked has passed" in page
     assert "rans validate --spacecraft floating-platform --seed 7 --quick --layer accelerations" in page
-    assert page.count("<img") == 1
+    assert page.count("<figure") == 1
     assert not re.search(r'(src|href)="(?!data:|#)', page), "a page that needs another file"
 
     alone = tmp_path / "alone"
@@ -98,7 +98,7 @@ def test_conditions_are_flown_effect_by_effect(tmp_path, capsys) -> None:
         for what in ("motion", "told")]
     page = (folder / "validation.html").read_text("utf-8")
     assert f"--layer conditions --conditions {file}" in page
-    assert page.count("<img") == 1  # how errors grow under all of them
+    assert page.count("<figure") == 1  # how errors grow under all of them
 
 
 @pytest.mark.parametrize(("arguments", "sentence"), [

@@ -40,6 +40,7 @@ def test_a_replay_is_saved(engine: str, capsys: pytest.CaptureFixture[str]) -> N
     assert main(["view", *arguments, "--save", "replay.html"]) == 0
     assert capsys.readouterr().out == "replay.html replays LQR (grey), LQR (orange) in any browser.\n"
     assert 2e6 < Path("replay.html").stat().st_size < 5e6
+    assert "<title>go-to-pose, floating-platform and free-flyer</title>" in Path("replay.html").read_text()
 
 
 def test_one_episode_of_a_seed_by_number(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -73,6 +74,7 @@ def test_it_serves_until_it_is_interrupted() -> None:
     (["lqr:go-to-pose-2d", "--episode", "-1"], "--episode must be >= 0"),
     (["lqr:go-to-pose-2d", "--episodes", "0"], "--episodes must be >= 1 and < 2^31, got 0"),
     (["lqr:go-to-pose-2d", "--frames", "frames.xyz"], "use .png"),
+    (["lqr:go-to-pose-2d", "--video", "film.avi"], "must end in .mp4 or .gif, got 'film.avi'"),
     (["lqr:go-to-pose-2d", "--save", ""], "must end in .html, got '.'"),
 ])
 def test_wrong_use_is_a_sentence(arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:

@@ -43,7 +43,7 @@ def points(axes: Axes) -> dict[str, list[list[float]]]:
 def test_the_plane_draws_bounds_below_what_was_found() -> None:
     found = bounded()
     assert found.horizons() == HORIZONS
-    axes, = plane(found).axes
+    axes, _ = plane(found).axes
     drawn = points(axes)
     assert [x for x, _ in drawn["certified least time to arrive"]] == [0.5, 0.5]  # the median of 0.4 and 0.6
     assert drawn["certified least thrust-time at these times"] == [
@@ -64,12 +64,12 @@ def test_the_plane_counts_all_starts_where_no_bound_is_known() -> None:
     other, lost = replace(one, start=1, arrival=6.0, thrust=9.0), replace(one, start=2, solved=False)
     rows = {"time": [one, other, lost],
             "fuel": [fuel] * 3, "reward": [reward] * 3}
-    axes, = plane(comparison(relaxed=rows, curve=[entry()])).axes
+    axes, _ = plane(comparison(relaxed=rows, curve=[entry()])).axes
     drawn = points(axes)
     assert drawn["agent (2 of 3 arrive)"] == [[2.0, 1.0]]  # 1 s, 2 s and never; 1 N s, 1 N s and never
     # the greatest reward arrives nowhere: two points
     assert drawn["relaxed thrust, exact goal (no controller, where found)"] == [[5.0, 8.0], [6.0, 2.0]]
-    assert drawn["LQR, 1 weights"] == [[2.0, 1.0]]
+    assert drawn["LQR, 1 weight"] == [[2.0, 1.0]]
     assert "medians over 3 starts" in axes.get_title(loc="left")
 
 
@@ -131,7 +131,7 @@ def test_who_comes_next_has_another_look() -> None:
     found = bounded()
     again = Contestant("second", NOBODY, "observation", "none")
     found.entries.append(replace(found.entries[0], contestant=again))
-    axes, = plane(found).axes
+    axes, _ = plane(found).axes
     looks = {str(bar.get_label()): (bar.lines[0].get_color(), bar.lines[0].get_marker())  # type: ignore[attr-defined]
              for bar in axes.containers}
     assert looks == {"agent": (BLUE, "o"), "second": (ORANGE, "s")}

@@ -21,15 +21,9 @@ from rans.flight import Flight, fly
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.scenario import scenarios
-from rans.show.figures import (
-    data_uri,
-    episode_figure,
-    evaluation_figure,
-    learning_curve,
-    save_flight_figures,
-    svg,
-)
+from rans.show.figures import episode_figure, evaluation_figure, learning_curve, save_flight_figures
 from rans.show.panels import RED
+from rans.show.svg import data_uri, svg
 from rans.tasks import GoToPose
 from tests.evaluation.flights import TrackNothing, flight_of, many_episodes, two_episodes
 

@@ -69,13 +69,16 @@ def run(tmp_path: Path) -> Path:
 
 def test_report_from_run_holds_everything(run: Path) -> None:
     page = Read(report_from_run(run).html())
-    headings = ["Validation", "Training", "Evaluation", "Comparison", "Stress", "Configuration"]
+    headings = ["Evaluation", "Comparison", "Stress", "Training", "Validation", "Configuration"]
     assert [text for text in page.text if text in headings] == headings * 2  # in the links and above
     for text in ("rans train go-to-pose", "rans 0.1.0, revision abc1234", "timing.control_period",
                  "2.45 cm", "compare.html", "stress.html", "50.0% (15.0% to 85.0%)", "10,000", "5.0 s",
                  "100.0%"):
         assert text in page.text
-    assert page.tags.count("img") == 3  # learning curve, two of the flight
+    assert page.tags.count("img") == 4  # two panels of the learning curve, two of the flight
+    assert page.tags.count("details") == 2  # validation and configuration are there for those who ask
+    made = page.text.index("How it was made")
+    assert page.text.index("FAIL") < page.text.index("2.45 cm") < page.text.index("tolerance") < made
 
 
 def test_report_loads_nothing_from_elsewhere(run: Path) -> None:
@@ -98,6 +101,19 @@ def test_how_it_was_made_is_on_top(run: Path) -> None:
     checked = {"checks": [CHECK], "environment": {"drake": "1.51.1"}, "settings": {"seed": 3}}
     (run / "validation.json").write_text(json.dumps(checked))
     assert report_from_run(run).header == {"environment": "drake 1.51.1"}
+
+
+def test_a_sweep_is_a_row_a_member(tmp_path: Path) -> None:
+    """Its metrics.jsonl holds rows of all members: no curve of one agent."""
+    members = [{"member": k, "seed": k, "learning_rate": 1e-3 * k, "solved": k == 1, "diverged": False,
+                "steps": 1000 * (k + 1), "success": 0.5 * (k + 1)} for k in range(2)]
+    (tmp_path / "sweep.json").write_text(json.dumps({"best": 1, "members": members}))
+    (tmp_path / "metrics.jsonl").write_text("\n".join(map(json.dumps, members)))
+    page, = report_from_run(tmp_path).sections
+    table, = page.tables
+    assert list(table.columns) == ["member", "seed", "learning_rate", "solved", "steps", "success"]
+    assert table.rows[1] == [1, 1, 1e-3, True, "2,000", "100.0%"]
+    assert page.findings[0].text == "1 of 2 members solved the task; the best is member 1."
 
 
 def test_failures_come_first(run: Path) -> None:
@@ -149,8 +165,9 @@ def test_summary_tells_the_essence(run: Path) -> None:
     console = Console(width=120, file=io.StringIO())
     console.print(report_from_run(run).summary())
     text = console.file.getvalue()  # type: ignore[attr-defined]
-    parts = ["Validation", "1 of 2", "Training", "10,000", "5.0 s", "100.0%", "Evaluation", "50 %", "2.45 cm",
-             "Comparison", "agent", "settles from 1 of 1 starts, 6.50 s (median)"]
+    parts = ["Evaluation", "50 %", "2.45 cm", "Comparison", "agent",
+             "settles from 1 of 1 start, 6.50 s (median)", "Training", "10,000", "5.0 s", "100.0%",
+             "Validation", "1 of 2"]
     places = [text.find(part) for part in parts]
     assert -1 not in places
     assert places == sorted(places)

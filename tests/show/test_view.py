@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import html
 import io
 import json
 import logging
@@ -36,7 +37,7 @@ function probe() {
   if (!viewer.animator.actions.length) return setTimeout(probe, 100);
   const at = (...path) => viewer.scene_tree.find(["flights", ...path]).object;
   const found = TIMES.map(t => {
-    viewer.animator.seek(t);
+    rans.seek(t);
     viewer.scene.updateMatrixWorld(true);
     viewer.renderer.render(viewer.scene, viewer.camera);
     const craft = at("0 LQR", "episode 0", "craft"), trail = at("0 LQR", "episode 0", "trail");
@@ -44,10 +45,13 @@ function probe() {
     const seen = world.clone().project(viewer.camera);
     return {place: at().worldToLocal(world.clone()).toArray(), pixel: [(1 + seen.x) / 2, (1 - seen.y) / 2],
             plumes: craft.children.filter(c => c.visible).map(c => c.name).filter(n => n.startsWith("plume")),
+            clock: document.querySelector("#rans-clock").textContent, title: document.title,
+            label: document.querySelector(".rans-label").innerText,
+            legend: [...document.querySelectorAll("#rans-legend li")].map(x => x.textContent),
             trail: trail.children.filter(c => c.visible).length,
             picture: viewer.renderer.domElement.toDataURL()};
   });
-  document.body.innerHTML = `<pre id="found">${JSON.stringify(found)}</pre>`;
+  document.body.innerHTML = `<pre id="found">${JSON.stringify(found).replaceAll("<", "\\\\u003c")}</pre>`;
 }
 probe();
 </script></body>"""
@@ -69,11 +73,11 @@ def browse(page: Path) -> str:
 def test_the_browser_finds_the_body_where_it_flew(tmp_path: Path) -> None:
     flight, page = lqr_flight(episodes=1), tmp_path / "replay.html"
     view = View()
-    assert view.show([flight]) == ["grey"]
+    assert view.show([flight], "Flight <of> LQR") == ["grey"]
     view.save(page)
     assert page.stat().st_size < 5e6
     page.write_text(page.read_text().replace("</body>", PROBE.replace("TIMES", str(list(TIMES)))))
-    found = json.loads(re.findall('<pre id="found">(.*?)</pre>', browse(page), re.DOTALL)[-1])
+    found = json.loads(html.unescape(re.findall('<pre id="found">(.*?)</pre>', browse(page), re.DOTALL)[-1]))
     for time, frame in zip(TIMES, found, strict=True):
         before, after = int(time / 0.2), -int(-time // 0.2)
         p = np.array(leaves(flight.states.p))[:, :, 0]
@@ -81,6 +85,14 @@ def test_the_browser_finds_the_body_where_it_flew(tmp_path: Path) -> None:
         np.testing.assert_allclose(frame["place"], (p[:, before] + p[:, after]) / 2, atol=1e-5)
         firing = np.flatnonzero(flight.commands[before, 0])
         assert {int(name.split()[1]) for name in frame["plumes"]} == set(firing)
+        errors = {name: error[int(time / 0.2), 0] for name, error in flight.errors().items()}
+        place, turn = 100.0 * errors["position"], np.degrees(errors["attitude"])
+        said = [float(word) for word in re.findall(r"([\d.]+) (?:cm|deg)", frame["label"])]
+        assert said == pytest.approx([place, turn], abs=0.51)  # rounded to a whole number from 10 on
+        assert frame["label"].startswith("LQR")
+        assert (frame["clock"], frame["title"]) == (f"{time:.1f} s of 25 s", "Flight <of> LQR")
+    assert found[0]["legend"] == ["LQR", "goal", "open thruster, as long as its command", "way flown",
+                                  "x axis", "y axis", "z axis"]
     trails = [frame["trail"] for frame in found]
     assert trails[0] == 0 < trails[1] < trails[2]
     check_pictures(found)
@@ -109,11 +121,16 @@ def test_several_flights_and_episodes_are_on_one_page(tmp_path: Path) -> None:
     messages = re.findall(r'base64,([^"]*)"', (tmp_path / "three.html").read_text())
     text = b"".join(base64.b64decode(message) for message in messages)
     for path in (b"/flights/0 LQR/episode 1/craft", b"/flights/1 nobody/episode 0/target velocity",
-                 b"/flights/2 LQR/episode 1/goal", b"/flights/floor"):
+                 b"/flights/2 LQR/episode 1/goal", b"/flights/ground"):
         assert path in text
     assert b"/flights/0 LQR/episode 0/velocity" not in text
-    with urllib.request.urlopen(view.url, timeout=PATIENCE) as page:
-        assert b"meshcat" in page.read()
+    served = view.serve()
+    for address, said in (("", b"MeshCat"), ("/version", b"1")):
+        with urllib.request.urlopen(f"{served.url}{address}", timeout=PATIENCE) as answer:
+            assert said in answer.read()
+    served.renew()
+    with urllib.request.urlopen(f"{served.url}/version", timeout=PATIENCE) as answer:
+        assert answer.read() == b"2"
 
 
 class Told:
@@ -121,12 +138,16 @@ class Told:
 
     def __init__(self, meshcat: Any) -> None:
         self.meshcat, self.places, self.colours = meshcat, {}, {}
+        self.camera: Any = None
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self.meshcat, name)
 
     def SetTransform(self, path: str, pose: Any) -> None:
         self.places[path] = pose.translation()
+
+    def SetCameraPose(self, place: Any, target: Any) -> None:
+        self.camera = place, target
 
     def SetObject(self, path: str, shape: Any, colour: Any) -> None:
         self.colours[path] = colour
@@ -153,7 +174,28 @@ def test_every_episode_has_a_tile_of_its_own() -> None:
     for (low, high), (other_low, other_high) in combinations(boxes, 2):
         assert ((high < other_low) | (low > other_high)).any()
     for row, colour in zip(names, colours, strict=True):
-        assert all(told.colours[f"{name}/craft/body"] is BODIES[colour] for name in row)
+        assert all(told.colours[f"{name}/craft/bus"] is BODIES[colour] for name in row)
+
+
+@pytest.mark.parametrize("episodes", [1, 4])
+def test_the_camera_sees_whole_flights_however_many(episodes: int) -> None:
+    """Meshcat's camera sees 40 degrees upright here, and 1.6 times as wide as high."""
+    view, flight = View(), lqr_flight(episodes=episodes, steps=25)
+    told = view._meshcat = Told(view._meshcat)  # type: ignore[assignment]
+    view.show([flight, flight])
+    place, target = told.camera
+    back = (place - target) / np.linalg.norm(place - target)
+    right = np.cross([0.0, 0.0, 1.0], back) / np.hypot(*back[:2])
+    tangent = np.tan(np.radians(20.0))
+    edge = 0.0
+    for row in range(2):
+        for k in range(episodes):
+            tile = told.places[f"/flights/{row} LQR/episode {k}"]
+            way = np.array(leaves(flight.states.p))[:, :, k].T + tile - place
+            depth = -way @ back
+            x, y = way @ right / (1.6 * tangent * depth), way @ np.cross(back, right) / (tangent * depth)
+            edge = max(edge, np.abs([x, y]).max())
+    assert 0.3 < edge < 1.0  # near, and with room for what surrounds the centres
 
 
 def test_showing_again_replaces(tmp_path: Path) -> None:
@@ -169,7 +211,7 @@ def test_a_taken_port_is_a_sentence() -> None:
     with socket.create_server(("localhost", 0)) as taken:
         port = taken.getsockname()[1]
         with pytest.raises(ConfigError, match=f"port {port} of this computer, it is taken"):
-            View(port)
+            View().serve(port)
 
 
 def test_the_page_announces_itself_once(caplog: pytest.LogCaptureFixture) -> None:

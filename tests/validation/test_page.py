@@ -29,7 +29,7 @@ def test_the_page_of_a_study() -> None:
         ("Dynamics of x (3DoF): 3 of 3 checks within tolerance.", True),
         ("Not run: kernel. No compiler.", None)]
     command = "rans validate --spacecraft x.toml --seed 3 --quick"
-    assert shown.sections[1].tables[0].rows == [
+    assert shown.sections[0].tables[0].rows == [
         ("way 2", "5.0e-01", "state 2", f"{command} --layer mass"),
         ("way 3", "3.0e-01", "state 3", f"{command} --layer period")]
     assert shown.header["command"] == command
@@ -41,14 +41,14 @@ def test_a_failed_check_is_on_top_and_the_closest(value: float) -> None:
     shown = page(study_of(check("way 1", 9e-4, 1e-3), check("way 2", value, 1e-3)), "x")
     assert shown.passed is False
     assert shown.findings[0].text == f"way 2: {f'{value:.4g}'.replace('inf', 'never')} m, tolerance 0.001."
-    assert shown.sections[1].tables[0].rows[0][0] == "way 2"
+    assert shown.sections[0].tables[0].rows[0][0] == "way 2"
     assert "1 of 2 checks within tolerance." in shown.findings[1].text
 
 
 def test_figures_show_their_points() -> None:
     curve = Curve("error of one control period", "ours", (0.2, 0.1), (1e-6, 1e-8))
     shown = page(Study("x", (check("way 1", 0.0, 1.0),), SETTINGS, (), (curve,)), "x")
-    table = shown.sections[2].tables[0]
+    table = shown.sections[1].tables[0]
     assert list(table.columns) == ["method", "step, s", "position error, m (RMS)"]
     assert table.rows == [("ours", "0.2", "1.0e-06"), ("ours", "0.1", "1.0e-08")]
 
@@ -72,8 +72,8 @@ def test_two_figures_of_the_same_points_share_a_table() -> None:
     curves = (Curve("position error after 25 s", "Euler", x, (1e-3, 5e-4)),
               Curve("attitude error after 25 s", "Euler", x, (2e-3, 1e-3)))
     shown = page(Study("x", (check("way 1", 0.0, 1.0),), SETTINGS, (), curves), "x")
-    table, = shown.sections[2].tables
-    assert shown.sections[2].title == "What the time step costs"
+    table, = shown.sections[1].tables
+    assert shown.sections[1].title == "What the time step costs"
     assert list(table.columns) == ["method", "force evaluations per second", "median position error, m",
                                    "median attitude error, rad"]
     assert table.rows == [("Euler", "50", "1.0e-03", "2.0e-03"), ("Euler", "100", "5.0e-04", "1.0e-03")]

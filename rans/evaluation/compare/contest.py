@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from rans.errors import ConfigError
+from rans.errors import ConfigError, counted
 from rans.evaluation.compare.bounds import REST_SPEED, REST_SPIN, Amounts, Event, whole_periods
 from rans.evaluation.fly.judge import EngineName, Flown, flown
 from rans.evaluation.fly.protocols import Setup
@@ -92,8 +92,8 @@ class Contest:
     def title(self) -> str:
         """What is compared, in one line."""
         world = "" if self.conditions is None else f"; {self.conditions.description or 'own conditions'}"
-        return (f"{self.episodes} starts of seed {self.seed}, {self.craft.name}, {self.duration:g} s at "
-                f"{1.0 / self.timing.control_period:g} Hz{world}")
+        return (f"{counted(self.episodes, 'start')} of seed {self.seed}, {self.craft.name}, "
+                f"{self.duration:g} s at {1.0 / self.timing.control_period:g} Hz{world}")
 
 
 def arrived(task: Task, states: Any, goals: Any) -> np.ndarray:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rans.errors import RansError
+from rans.errors import RansError, counted
 from rans.evaluation.compare import relaxed, roster
 from rans.evaluation.compare.bounds import Amounts, Bound, Event, no_certificate, staying_set
 from rans.evaluation.compare.certified import certify
@@ -162,7 +162,7 @@ def _find_relaxed(comparison: Comparison, track: Track, workers: int | None) -> 
             lost = [one.status for one in found if not one.solved]
             if lost:
                 comparison.failures.append(
-                    f"{objective.name}: no trajectory from {len(lost)} of {len(found)} starts "
+                    f"{objective.name}: no trajectory from {len(lost)} of {counted(len(found), 'start')} "
                     f"({'; '.join(sorted(set(lost)))}).")
 
 

@@ -16,6 +16,7 @@ import numpy as np
 from rich.table import Table
 from rich.text import Text
 
+from rans.errors import counted
 from rans.evaluation.measure.metrics import samples
 from rans.evaluation.measure.statistics import Bootstrap, figure
 from rans.files import number, replace_file
@@ -79,7 +80,8 @@ class Metrics(Shown):
 
     def title(self) -> str:
         """What was measured, in one line."""
-        return (f"{self.controller}: {self.episodes} episodes of {self.steps * self.control_period:g} s with "
+        duration = self.steps * self.control_period
+        return (f"{self.controller}: {counted(self.episodes, 'episode')} of {duration:g} s with "
                 f"{self.spacecraft} ({self.engine} engine)")
 
     def lines(self) -> Iterator[tuple[str, tuple[str, str, str, str]]]:

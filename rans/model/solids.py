@@ -1,0 +1,110 @@
+"""What a spacecraft looks like, where its file says so: boxes, cylinders, cones, spheres and meshes."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Literal
+
+from rans.errors import ConfigError, brief
+from rans.files import read_text
+
+_SIZES = {"box": ("x", "y", "z"), "cylinder": ("radius", "length"), "cone": ("radius", "length"),
+          "sphere": ("radius",), "mesh": ("scale",)}
+"""What the numbers of a solid's size are, m; a mesh has a factor."""
+_COLOUR = re.compile("#[0-9a-fA-F]{6}")
+_LARGEST = 1e6
+"""Characters of a mesh: it travels with the spacecraft, in every run folder and every page."""
+_NAMED = re.compile(r"""(?m)^(\s*mesh\s*=\s*)(?:"([^"\\\n]*\.obj)"|'([^'\n]*\.obj)')""")
+
+MOST_SOLIDS = 200
+"""More would make pages slow, and takes a mesh."""
+
+
+@dataclass(frozen=True)
+class Solid:
+    """One shape that is fixed to the spacecraft; for drawings only, it has no mass.
+
+    Raises:
+        ConfigError: a value that cannot be drawn.
+    """
+
+    shape: Literal["box", "cylinder", "cone", "sphere", "mesh"]
+    size: tuple[float, ...]
+    """m: the lengths of a box along x, y and z; radius and length along z of a cylinder, or of a cone, which
+    points along z; a sphere's radius; a mesh's factor."""
+    position: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Of its centre (of a mesh: of its origin) in G, m."""
+    axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    """Where its z axis points in G; of any length but zero."""
+    colour: str = ""
+    """"#rrggbb"; by default the colour that tells agents apart."""
+    mesh: str = ""
+    """Text of a mesh in the format OBJ: its lines v and f count."""
+
+    def __post_init__(self) -> None:
+        wanted = _SIZES.get(self.shape, ())
+        for holds, what, value in (
+                (bool(wanted), f"shape must be one of {', '.join(_SIZES)}", self.shape),
+                (len(self.size) == len(wanted) and all(1e-6 <= x <= 1e6 for x in self.size),
+                 f"size of a {self.shape} must be [{', '.join(wanted)}], each from 1e-6 to 1e6", self.size),
+                (all(abs(x) <= 1e6 for x in self.position), "position must lie within 1e6 m", self.position),
+                (math.isfinite(length := math.hypot(*self.axis)) and length > 1e-9,
+                 "axis must be three finite numbers that are not all zero", self.axis),
+                (not self.colour or _COLOUR.fullmatch(self.colour), 'colour must be "#rrggbb"', self.colour)):
+            if not holds:
+                raise ConfigError(f"{what}, got {brief(value)}")
+        if (self.shape == "mesh") is not bool(self.mesh):
+            raise ConfigError('the shape "mesh", and no other, has the key mesh')
+        if self.mesh:
+            triangles(self.mesh)
+
+
+def triangles(text: str) -> tuple[list[tuple[float, ...]], list[tuple[int, int, int]]]:
+    """Corners, m, and triangles of a mesh, each three indices of corners; polygons become fans.
+
+    Raises:
+        ConfigError: it is no such text, has no triangle, or is too large.
+    """
+    if "\n" not in text or len(text) > _LARGEST:
+        raise ConfigError("mesh must be the name of an .obj file beside the spacecraft's file, of at most "
+                          f"{_LARGEST:g} characters, got {brief(text)}")
+    corners, faces = [], []
+    for number, line in enumerate(text.splitlines(), 1):
+        key, *values = line.split() or [""]
+        try:
+            if key == "v":
+                corners.append(tuple(float(x) for x in values[:3]))
+                if len(corners[-1]) < 3 or not all(abs(x) <= 1e6 for x in corners[-1]):
+                    raise ValueError(line)
+            elif key == "f":
+                first, *rest = (int(value.partition("/")[0]) - 1 for value in values)
+                if len(rest) < 2 or not all(0 <= k < len(corners) for k in (first, *rest)):
+                    raise ValueError(line)
+                faces += [(first, *pair) for pair in pairwise(rest)]
+        except ValueError as error:
+            raise ConfigError(f"line {number} of the mesh must be `v x y z`, or `f i j k` with earlier "
+                              f"corners from 1 on, got {brief(line)}") from error
+    if not faces:
+        raise ConfigError("the mesh has no triangle: no line begins with f")
+    return corners, faces
+
+
+def with_meshes(text: str, folder: Path) -> str:
+    """A spacecraft's TOML text in which the meshes themselves stand where names of files did.
+
+    So it is whole wherever it is copied to. `ConfigError` where such a file cannot be read or lies elsewhere.
+    """
+    def found(match: re.Match[str]) -> str:
+        name = match[2] or match[3]
+        file = folder / name
+        if Path(name).name != name or file.resolve().parent != folder.resolve():
+            raise ConfigError("mesh must be the name of a file beside the spacecraft's file, "
+                              f"got {brief(name)}.")
+        return match[1] + json.dumps(read_text(file))
+
+    return _NAMED.sub(found, text)

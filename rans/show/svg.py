@@ -1,0 +1,106 @@
+"""Matplotlib's figures as SVG that suits light and dark pages, and telephones: a picture for each panel."""
+
+from __future__ import annotations
+
+import base64
+import io
+import re
+import warnings
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator
+
+import matplotlib
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure, SubFigure
+from matplotlib.transforms import Bbox
+
+from rans.show.panels import GREY, INK, LINES, STYLE
+
+_SVG, _LINK = "http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink"
+_DARK = {INK: "#e4e7eb", LINES: "#3a4552", GREY: "#a3afbd"}
+"""Inks, and what they are where readers like dark pages."""
+_PANEL = re.compile(r"panel((?: -?[\d.]+){4})")
+
+
+def svg(figure: Figure) -> str:
+    """The figure as the text of an SVG file: without a ground, with inks that follow the reader's choice."""
+    buffer = io.StringIO()
+    with matplotlib.rc_context(STYLE), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Creating legend with loc")  # only says that this machine is busy
+        _mark_panels(figure)
+        figure.savefig(buffer, format="svg", metadata={"Date": None}, transparent=True)
+    rules = "".join(f'[style*="{what}: {ink.lower()}"]{{{what}:{dark}!important}}'
+                    for ink, dark in _DARK.items() for what in ("fill", "stroke"))
+    return buffer.getvalue().replace(
+        "</style>", f"@media screen and (prefers-color-scheme: dark){{{rules}}}</style>", 1)
+
+
+def data_uri(picture: str | bytes) -> str:
+    """A picture, text of an SVG file or bytes of a PNG file, as the source of an HTML ``img``."""
+    kind, data = ("svg+xml", picture.encode()) if isinstance(picture, str) else ("png", picture)
+    return f"data:image/{kind};base64,{base64.b64encode(data).decode()}"
+
+
+def panels(picture: str) -> list[str]:
+    """The text of an SVG file by `svg` as one for each panel, in order; others, or one panel, as they are."""
+    ET.register_namespace("", _SVG)
+    ET.register_namespace("xlink", _LINK)
+    root = ET.fromstring(picture)
+    marked = [(group, _PANEL.fullmatch(group.get("id", ""))) for group in root.iter(f"{{{_SVG}}}g")]
+    found = [(group, match[1].split()) for group, match in marked if match]
+    if len(found) < 2:
+        return [picture]
+    shared = {one.get("id", ""): one for group in root.iter(f"{{{_SVG}}}defs") for one in group}
+    style = root.find(f".//{{{_SVG}}}style")
+    return [_document(group, box, shared, style) for group, box in found]
+
+
+def _mark_panels(figure: Figure) -> None:
+    """Give every panel, parts of the figure or else axes, its place in points as the name of its group."""
+    figure.set_dpi(72.0)
+    figure.draw_without_rendering()
+    figure.set_layout_engine("none")  # done: laid out again, the panels would be elsewhere, and it takes long
+    width, height = 72.0 * figure.get_size_inches()
+    for part in figure.subfigs or figure.axes:
+        inner = [axes for axes in _inside(part) if _drawn(axes)]
+        if inner:
+            box = Bbox.union([*map(_extent, inner)]).transformed(figure.transFigure.inverted())
+            x0, y0, x1, y1 = (width * box.x0 - 4.0, height * (1.0 - box.y1) - 4.0,
+                              width * box.x1 + 4.0, height * (1.0 - box.y0) + 4.0)
+            part.set_gid(f"panel {x0:.1f} {y0:.1f} {x1 - x0:.1f} {y1 - y0:.1f}")
+
+
+def _inside(part: SubFigure | Axes) -> list[Axes]:
+    if isinstance(part, Axes):
+        return [part]
+    return [*part.axes, *(axes for one in part.subfigs for axes in _inside(one))]
+
+
+def _drawn(axes: Axes) -> bool:
+    return axes.axison or axes.get_legend() is not None
+
+
+def _extent(axes: Axes) -> Bbox:
+    """Of everything, or of a legend that stands by itself, in pixels."""
+    drawn = axes if axes.axison else axes.get_legend()
+    return (drawn and drawn.get_tightbbox()) or axes.bbox
+
+
+def _document(group: ET.Element, box: list[str], shared: dict[str, ET.Element],
+              style: ET.Element | None) -> str:
+    """A file of one group, with whatever it refers to."""
+    sizes = {"viewBox": " ".join(box), "width": f"{box[2]}pt", "height": f"{box[3]}pt"}
+    root = ET.Element(f"{{{_SVG}}}svg", sizes)
+    if style is not None:
+        root.append(style)
+    own = {one.get("id") for one in group.iter()}
+    ET.SubElement(root, f"{{{_SVG}}}defs").extend(shared[name] for name in dict.fromkeys(_references(group))
+                                                if name in shared and name not in own)
+    root.append(group)
+    return ET.tostring(root, "unicode")
+
+
+def _references(group: ET.Element) -> Iterator[str]:
+    for one in group.iter():
+        for value in one.attrib.values():
+            yield from re.findall(r"#([\w-]+)", value)
