@@ -87,14 +87,15 @@ class Engine:
         first = np.arange(num_envs) % each * processes.size + processes.rank
         self._draws = draws = Draws(*place.words(seeds, each), place.put(first, torch.int32),
                                     each * processes.size, place.fields)
-        self._step = (step_arrays if place.on_numpy else step_tensors if not self.compiled else
-                      torch.compile(step_tensors, fullgraph=True, dynamic=False))
         buffers = self._world, self.body, num_envs, draws
         self._episode, self._kernel = place.episodes(*buffers, remember), None
         if generated and self.compiled and self.device.type == "cuda":
             self._kernel = Kernel.made(self._world, self._episode, draws, processes, dtype, self.members)
         if self._kernel is None:
             self._episode = place.episodes(*buffers, remember=True)
+        self._step = step_arrays if place.on_numpy else step_tensors
+        if self.compiled and self._kernel is None:  # importing a compiler takes seconds
+            self._step = torch.compile(step_tensors, fullgraph=True, dynamic=False)
         self.state, self.goal = self._episode.state, self._episode.goal
         """Current ones; fields are views that the next step overwrites, those that never vary floats."""
         self.reset(seeds)

@@ -11,6 +11,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from rans.fast.distributed import ALONE, Processes
+from rans.fast.kernels.look import Look
 from rans.fast.learn.architecture import ACTIVATIONS, EXTRACTOR, Architecture, Duty, OnOff
 from rans.fast.learn.memory import continued, recurrent, viewed
 
@@ -32,8 +33,10 @@ class Network:
     without that axis: a product of two matrices is faster than a batch of one.
     """
 
-    def __init__(self, architecture: Architecture, tensors: Mapping[str, Tensor], members: int = 1) -> None:
+    def __init__(self, architecture: Architecture, tensors: Mapping[str, Tensor], members: int = 1,
+                 kernels: Look | None = None) -> None:
         self.architecture, self.members, self.tensors = architecture, members, dict[str, Tensor]()
+        self._kernels = kernels
         self._activation = ACTIVATIONS[architecture.activation]()
         self.adopt(tensors)
         self._nominal = self._mean.new_tensor(architecture.nominal or (1.0,) * architecture.privileged)
@@ -53,8 +56,10 @@ class Network:
                 device: torch.device, dtype: torch.dtype) -> Network:
         """A copy of K members' weights and statistics."""
         lead = torch.stack if len(tables) > 1 else lambda lone: lone[0].clone()
-        return cls(architecture, {name: lead([table[name].detach().to(device, dtype) for table in tables])
-                                  for name in tables[0]}, len(tables))
+        tensors = {name: lead([table[name].detach().to(device, dtype) for table in tables])
+                   for name in tables[0]}
+        return cls(architecture, tensors, len(tables),
+                   Look(architecture, device, dtype) if device.type == "cuda" else None)
 
     def _chain(self, name: str) -> Iterator[tuple[Tensor, Tensor]]:
         return (self._layer(key.removesuffix(".weight")) for key in self.tensors
@@ -93,8 +98,10 @@ class Network:
 
     def in_body(self, observation: Tensor) -> Tensor:
         """The columns (N, k) of observations (N, width) in the body frame."""
-        columns = self.architecture.layout.in_body(observation.to(self._mean.dtype).unbind(dim=1))
-        return torch.stack(columns, dim=1)
+        observation = observation.to(self._mean.dtype)
+        if self._kernels and self._kernels.works(observation):
+            return self._kernels.in_body(observation)
+        return torch.stack(self.architecture.layout.in_body(observation.unbind(dim=1)), dim=1)
 
     def look(self, columns: Tensor,
              memory: Tensor | None = None) -> tuple[Tensor, Tensor | None, Tensor | None]:
@@ -108,8 +115,12 @@ class Network:
         way = layout.ahead(fields)
         if views is None or way is None:
             return columns, memory, None
-        which = views.which(way)
-        place, seen = views.place[which], torch.stack(views.viewed(layout, fields, which), dim=1)
+        if self._kernels and self._kernels.works(columns):
+            seen, which = self._kernels.seen(columns)
+        else:
+            which = views.which(way)
+            seen = torch.stack(views.viewed(layout, fields, which), dim=1)
+        place = views.place[which]
         if memory is None or not given.recalled:
             return seen, memory, place
         return seen, viewed(memory, given.recalled, layout, views, which), place

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import json
+import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from statistics import fmean
@@ -68,7 +69,7 @@ class Sweep:
     def _train(self, run: RunFolder, batch: Sequence[int], report: Callable[[Sequence[Member]], object],
                stop: Callable[[], bool]) -> None:
         configs = [self.members[number].config for number in batch]
-        if configs[0].device == "cuda":
+        if "torch._dynamo" in sys.modules:
             torch.compiler.reset()  # what earlier batches compiled counts towards the compiler's limit
         if self.processes.is_first and not run.config_file.exists():
             run.begin(configs[0], self.command)

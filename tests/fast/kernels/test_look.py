@@ -1,0 +1,65 @@
+"""What a network sees, by generated kernels that run on the CPU."""
+
+from __future__ import annotations
+
+from ctypes import CDLL, c_int, c_uint, c_void_p
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+
+from rans.fast.engine import Engine
+from rans.fast.kernels.look import Look
+from rans.fast.learn.architecture import Architecture
+from rans.fast.learn.config import PPOSettings
+from rans.fast.learn.network import Network
+from rans.model.spacecraft import Spacecraft
+from rans.tasks import TASKS
+from tests.fast.engines import both_crafts
+from tests.fast.kernels.host import compiled_on_host, needs_compiler
+
+pytestmark = needs_compiler
+
+
+class HostLook(Look):
+    """Its kernels made by a C++ compiler."""
+
+    def __init__(self, given: Architecture, dtype: torch.dtype, folder: Path) -> None:
+        super().__init__(given, torch.device("cpu"), dtype)
+        self._libraries = [compiled_on_host(text, folder / f"rows_{i}")
+                           for i, text in enumerate(self.sources())]
+
+    def works(self, observation: torch.Tensor) -> bool:
+        return not observation.requires_grad
+
+    @cached_property
+    def _functions(self) -> Any:
+        return self._libraries
+
+    def _launch(self, number: int, pointers: list[int], numbers: list[int]) -> None:
+        library: CDLL = self._libraries[number]
+        index = c_uint.in_dll(library, "blockIdx")
+        for index.value in range(numbers[0]):
+            library.rows(*map(c_void_p, pointers), *map(c_int, numbers))
+
+
+@both_crafts
+@pytest.mark.parametrize("task", ["go-to-pose", "multi-task"])
+def test_kernels_see_what_torch_sees(task: str, craft: Spacecraft, tmp_path: Path) -> None:
+    """From the same side, so that thrusters are in the same places; rows lie in memory either way."""
+    engine = Engine(craft, TASKS[task](), 64, seed=3, dtype=torch.float64)
+    settings = PPOSettings(n_envs=64, symmetric=TASKS[task].symmetric)
+    given = Architecture.of(engine, settings)
+    tensors = {name: x.double() for name, x in given.initial(0, 0.5)[0].items()}
+    ours = Network(given, tensors, 1, HostLook(given, torch.float64, tmp_path))
+    theirs, observation = Network(given, tensors), engine.observe()
+    for rows in (observation, observation.contiguous()):
+        columns = ours.in_body(rows)
+        # The sums of three products may be rounded in another order.
+        torch.testing.assert_close(columns, theirs.in_body(rows), rtol=0, atol=1e-12)
+        (seen, _, place), (right, _, there) = ours.look(columns), theirs.look(columns)
+        torch.testing.assert_close(seen, right, rtol=0, atol=1e-12)
+        assert (place is None) == (not settings.symmetric)
+        assert (place is there) if place is None or there is None else torch.equal(place, there)
