@@ -92,12 +92,12 @@ class Sweep:
         if self.resume is not None:
             if replace(self, resume=None, trust=False) != Sweep():
                 raise ConfigError("--resume takes everything from the sweep's folder; give nothing else.")
-            configs, command = read_configs(self.resume)
-            return Trainings(configs, self.resume, command, join(configs[0].device))
+            configs, command, parts = read_configs(self.resume)
+            return Trainings(configs, self.resume, command, join(configs[0].device, apart=True), parts)
         config, *_ = configs = list(self._configs())
         if self.output is not None and self.output.exists():
             raise ConfigError(f"{self.output} exists already; choose another folder with --output.")
-        world = join(config.device)
+        world = join(config.device, apart=True)
         folder = self.output or unused_path(f"sweep-{config.task}-{Path(config.spacecraft).stem}")
         return Trainings(configs, world.first_says(folder), command_line(), world)
 

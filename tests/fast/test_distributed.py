@@ -61,7 +61,7 @@ def one_of_two(rank: int, folder: Path) -> None:
             "any": world.any(rank == 1, False), "first": world.first_says(f"from {rank}")}
         torch.save(found, folder / f"{rank}-{members}.pt")
     if rank == 0:
-        with pytest.raises(WorkerLost, match="another process of this training is gone"):
+        with pytest.raises(WorkerLost, match="another process of this command is gone"):
             world.average(torch.zeros(1))
     # Not by returning: threads of gloo that lost their peer abort a process now and then while it ends.
     os._exit(0)
@@ -167,7 +167,7 @@ def test_a_lost_process_leaves_a_sentence_and_a_checkpoint(
     ended = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=PATIENCE,
                            check=False)
     assert ended.returncode != 0
-    sentence = "rans: another process of this training is gone;"
+    sentence = "rans: another process of this command is gone;"
     assert ended.stderr.count(sentence) == 1, ended.stderr
     assert "Continue from the last checkpoint with --resume run." in ended.stderr
     steps = RunFolder(Path("run")).load_checkpoint("cpu")["steps"]

@@ -10,9 +10,10 @@ from typing import Any
 from rans.errors import ConfigError
 from rans.evaluation.assure.bounds import Bound, Decision, Plan, lower, upper
 from rans.evaluation.fly.protocols import Setup
+from rans.fast.distributed import ALONE, Processes
 from rans.fast.flights import Flights
 from rans.fast.learn.network import Network
-from rans.fast.verdicts import Failure, Verdicts
+from rans.fast.verdicts import Failure, Verdicts, together
 
 _PIECES = {"cpu": 2**17, "cuda": 2**26}
 """Flights between two moments at which what was flown is kept: from so many on all processors fly."""
@@ -67,7 +68,7 @@ class Campaign:
 
     def fly(self, network: Network, setup: Setup, device: str,
             told: Callable[[int], object] = lambda _: None,
-            keep: Callable[[], object] = lambda: None) -> None:
+            keep: Callable[[], object] = lambda: None, processes: Processes = ALONE) -> None:
         """Fly on until the plan ends; whatever was flown before is kept, also when somebody interrupts.
 
         Args:
@@ -76,13 +77,17 @@ class Campaign:
             device: torch device.
             told: called with the number of flights that were flown since the last call.
             keep: called now and then, and at every look.
+            processes: those that share the flights, and all learn of all.
         """
+        none = Verdicts.none(setup.timing.episode_steps, LISTED)
         fleet = Flights(network, setup, device, listed=LISTED)
-        piece = _PIECES[fleet.device.type]
+        piece = _PIECES[fleet.device.type] * processes.size
         while not self.over:
             look = next(one for one in self.plan.looks if one.flights > self.flights)
             began = time.monotonic()
-            self.add(fleet.fly(self.flights, min(piece, look.flights - self.flights), self.seed, told))
+            first, count = processes.part(min(piece, look.flights - self.flights))
+            own = fleet.fly(self.flights + first, count, self.seed, told) if count else none
+            self.add(together(processes.everyone_says(own), none))
             self.seconds += time.monotonic() - began
             keep()
 
