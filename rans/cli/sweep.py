@@ -33,7 +33,8 @@ class Sweep:
     """Train many agents as one batch: every seed with every combination of hyper-parameters.
 
     The folder holds sweep.json, sweep.svg, metrics.jsonl and best/, the run folder of the best agent; and
-    under batches/ checkpoints and TensorBoard events. Ctrl-C stops early and keeps what there is.
+    under batches/ checkpoints and TensorBoard events. Ctrl-C stops early and keeps what there is. torchrun
+    divides the members among GPUs (`torchrun --nproc-per-node 8 -m -- rans sweep ...`).
     """
 
     task: Annotated[str | None, Positional, arg(metavar="[TASK]")] = None
@@ -52,7 +53,7 @@ class Sweep:
     """What episodes do not promise: a name (see `rans list CONDITIONS`) or your own TOML file; by default a
     perfect world."""
     output: Annotated[Path | None, arg(aliases=["--run"])] = None
-    """Folder for the results; by default a new one under runs/. torchrun takes --run for its own option."""
+    """Folder for the results; by default a new one under runs/."""
     config: Path | None = None
     """Start from the config.json of a run instead of the task's preset."""
     resume: Path | None = None

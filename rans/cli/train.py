@@ -37,7 +37,8 @@ class Train:
     """Train an agent until it has solved its task; Ctrl-C stops early and keeps everything.
 
     The run folder holds the config, metrics, checkpoints, TensorBoard events, the learning curve and
-    the agent (policy.zip, which stable_baselines3.PPO.load opens too).
+    the agent (policy.zip, which stable_baselines3.PPO.load opens too). Several GPUs share a training that
+    torchrun starts (`torchrun --nproc-per-node 8 -m -- rans train ...`).
     """
 
     task: Annotated[str | None, Positional, arg(metavar="[TASK]")] = None
@@ -57,7 +58,7 @@ class Train:
     set: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="KEY=VALUE")] = ()
     """Change any entry of the config, e.g. --set ppo.n_steps=32 --set settings.thrust_weight=0.05."""
     output: Annotated[Path | None, arg(aliases=["--run"])] = None
-    """Folder for the run; by default a new one under runs/. torchrun takes --run for its own option."""
+    """Folder for the run; by default a new one under runs/."""
     config: Path | None = None
     """Start from the config.json of another run instead of a task's preset."""
     resume: Path | None = None
