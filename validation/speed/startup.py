@@ -6,6 +6,7 @@ milliseconds at what is being done. What a look finds counts towards the first o
 
 from __future__ import annotations
 
+import atexit
 import json
 import subprocess
 import sys
@@ -41,7 +42,7 @@ _EVERY = 0.005
 def main() -> None:
     """Print the table."""
     if sys.argv[1:2] == ["--watch"]:
-        sys.exit(_watched(Path(sys.argv[2]), float(sys.argv[3]), sys.argv[4:]))
+        _watched(Path(sys.argv[2]), float(sys.argv[3]), sys.argv[4:])
     with tempfile.TemporaryDirectory() as folder:
         found = measured(sys.argv[1:], Path(folder) / "parts.json")
     for part, seconds in [*sorted(found.items(), key=lambda row: -row[1]), ("in all", sum(found.values()))]:
@@ -58,7 +59,7 @@ def measured(arguments: list[str], file: Path) -> dict[str, float]:
     return parts | {"end Python": whole - sum(parts.values())}
 
 
-def _watched(file: Path, begun: float, arguments: list[str]) -> int:
+def _watched(file: Path, begun: float, arguments: list[str]) -> None:
     """Be that process; what is not over when the table is written ends Python."""
     parts = defaultdict[str, float](float, {_START: time.time() - begun})
     thread, over = threading.main_thread().ident or 0, threading.Event()
@@ -71,14 +72,15 @@ def _watched(file: Path, begun: float, arguments: list[str]) -> int:
             last = now
 
     threading.Thread(target=look, daemon=True).start()
-    from rans_command import main
+    from rans_command import run
 
-    sys.argv = ["rans", *arguments]
-    try:
-        return main()
-    finally:
+    def write() -> None:
         over.set()
         file.write_text(json.dumps(parts))
+
+    atexit.register(write)
+    sys.argv = ["rans", *arguments]
+    run()
 
 
 def _part(thread: int) -> str:
