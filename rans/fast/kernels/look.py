@@ -1,14 +1,18 @@
-"""What a network sees of observations, in a kernel each instead of hundreds of operations in space.
+"""What a network sees of observations, as two straight-line programs instead of hundreds of operations.
 
-Where functions are compiled they are part of what torch's compiler fuses, and nobody asks for these.
+On a GPU they are a kernel each; where functions are compiled they are part of what torch's compiler fuses,
+and nobody asks for these. On a CPU NumPy runs them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+import contextlib
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
 from functools import cached_property
 from importlib.resources import files
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -16,21 +20,111 @@ from rans.fast.kernels.flight_program import side, viewed
 from rans.fast.kernels.launch import CudaError, Function
 from rans.fast.kernels.source import Lines, indented
 from rans.fast.learn.architecture import Architecture
+from rans.fast.straight import Memory, Straight
 from rans.model.trace import UNTRACEABLE, Symbol
 
 _THREADS = 128
 """Of a block."""
+RowProgram = Callable[[Sequence[Symbol]], tuple[list[Symbol], Symbol]]
+"""Numbers and a whole number of the columns of one row."""
 _REALS = {torch.float32: "float", torch.float64: "double"}
 
 
-class Look:
-    """Two kernels of a network on a CUDA device, compiled when they are first asked for."""
+class Look(ABC):
+    """Two programs of a network, made when they are first asked for."""
 
-    def __init__(self, given: Architecture, device: torch.device, dtype: torch.dtype) -> None:
-        self._given, self._device, self._real = given, device, _REALS[dtype]
+    def __init__(self, given: Architecture) -> None:
+        self._given = given
+
+    @abstractmethod
+    def works(self, observation: Tensor) -> bool:
+        """Whether there are programs for it: not while torch's compiler looks on, nor for gradients."""
+
+    @abstractmethod
+    def in_body(self, observation: Tensor) -> Tensor:
+        """The columns (N, k) of observations (N, width) in the body frame, as `Network.in_body`."""
+
+    @abstractmethod
+    def seen(self, columns: Tensor) -> tuple[Tensor, Tensor]:
+        """Columns (N, k) from the side that has the goal ahead, and which side that is, (N,) int64."""
+
+    @property
+    def programs(self) -> tuple[tuple[RowProgram, int], tuple[RowProgram, int]]:
+        """What changes observations to the body frame and what chooses a side, and of how many columns."""
+        given, layout = self._given, self._given.layout
+
+        def turned(columns: Sequence[Symbol]) -> tuple[list[Symbol], Symbol]:
+            return list(map(Symbol.constant, layout.in_body(columns))), Symbol.constant(0)
+
+        def seen(columns: Sequence[Symbol]) -> tuple[list[Symbol], Symbol]:
+            way = layout.body.ahead(columns)
+            if given.symmetries is None or way is None:
+                return list(columns), Symbol.constant(0)
+            which, turn, hand = side(given.symmetries, way)
+            return list(viewed(layout.body, columns, turn, hand)), which
+
+        return (turned, layout.width), (seen, layout.body.width)
+
+
+def look(given: Architecture, device: torch.device, dtype: torch.dtype) -> Look | None:
+    """Of a network there; None where nothing is gained: in double precision on a CPU, for comparisons."""
+    if device.type == "cuda":
+        return CudaLook(given, device, dtype)
+    return ArrayLook(given) if device.type == "cpu" and dtype == torch.float32 else None
+
+
+class ArrayLook(Look):
+    """By NumPy, in single precision, for up to so many rows as a rollout has; not for two threads at once."""
+
+    _MOST = 4096
 
     def works(self, observation: Tensor) -> bool:
-        """Whether there are kernels for it: not while torch's compiler looks on, nor for gradients."""
+        """See `Look`; batches as large as a rollout are left to torch's vectors."""
+        other = torch.compiler.is_compiling() or observation.requires_grad or len(observation) > self._MOST
+        return not other and self._programs is not None
+
+    @cached_property
+    def _programs(self) -> list[Straight] | None:
+        made = []
+        with contextlib.suppress(*UNTRACEABLE):
+            for program, width in self.programs:
+                columns = [Symbol.input(f"column_{i}") for i in range(width)]
+                found, which = program(columns)
+                made.append(Straight(columns, [*found, which]))
+            return made
+        return None
+
+    @cached_property
+    def _memory(self) -> dict[tuple[int, int], Memory]:
+        return {}
+
+    def in_body(self, observation: Tensor) -> Tensor:
+        """See `Look`."""
+        return self._rows(0, observation)[0]
+
+    def seen(self, columns: Tensor) -> tuple[Tensor, Tensor]:
+        """See `Look`."""
+        return self._rows(1, columns)
+
+    def _rows(self, number: int, rows: Tensor) -> tuple[Tensor, Tensor]:
+        assert self._programs is not None
+        if (memory := self._memory.get((number, len(rows)))) is None:
+            self._memory[number, len(rows)] = memory = self._programs[number].memory(len(rows))
+        memory.give(rows.numpy().T)
+        *found, which = memory.run(0)
+        side = torch.from_numpy(np.broadcast_to(which, len(rows)).astype(np.int64))
+        return torch.from_numpy(np.stack(found)).T, side
+
+
+class CudaLook(Look):
+    """By a kernel each on a CUDA device."""
+
+    def __init__(self, given: Architecture, device: torch.device, dtype: torch.dtype) -> None:
+        super().__init__(given)
+        self._device, self._real = device, _REALS[dtype]
+
+    def works(self, observation: Tensor) -> bool:
+        """See `Look`."""
         other = torch.compiler.is_compiling() or observation.requires_grad
         return not other and self._functions is not None
 
@@ -44,28 +138,16 @@ class Look:
         except (OSError, CudaError, *UNTRACEABLE):
             return None
 
-    def sources(self) -> tuple[str, str]:
-        """CUDA C++ of what changes observations to the body frame, and of what chooses a side."""
-        given, layout = self._given, self._given.layout
-
-        def seen(columns: Sequence[Symbol]) -> tuple[Iterable[Symbol], Symbol]:
-            way = layout.body.ahead(columns)
-            if given.symmetries is None or way is None:
-                return columns, Symbol.constant(0)
-            which, turn, hand = side(given.symmetries, way)
-            return viewed(layout.body, columns, turn, hand), which
-
-        def turned(columns: Sequence[Symbol]) -> tuple[Iterable[Symbol], Symbol]:
-            return layout.in_body(columns), Symbol.constant(0)
-
-        return source(turned, layout.width, self._real), source(seen, layout.body.width, self._real)
+    def sources(self) -> list[str]:
+        """CUDA C++ of the programs."""
+        return [source(program, width, self._real) for program, width in self.programs]
 
     def in_body(self, observation: Tensor) -> Tensor:
-        """The columns (N, k) of observations (N, width) in the body frame, as `Network.in_body`."""
+        """See `Look`."""
         return self._rows(0, observation)[0]
 
     def seen(self, columns: Tensor) -> tuple[Tensor, Tensor]:
-        """Columns (N, k) from the side that has the goal ahead, and which side that is, (N,) int64."""
+        """See `Look`."""
         return self._rows(1, columns)
 
     def _rows(self, number: int, rows: Tensor) -> tuple[Tensor, Tensor]:
@@ -82,16 +164,15 @@ class Look:
             self._functions[number].launch(-(-numbers[0] // _THREADS), _THREADS, stream, pointers, numbers)
 
 
-def source(function: Callable[[Sequence[Symbol]], tuple[Iterable[Symbol], Symbol]], width: int,
-           real: str) -> str:
+def source(program: RowProgram, width: int, real: str) -> str:
     """CUDA C++ of a kernel ``rows``: numbers and a whole number of each row of so many columns.
 
     Its arguments are the rows, the numbers found, row by row, and the whole ones; how many rows there are,
     and how far it is in memory to the next row and to the next column.
     """
     given, lines = [Symbol.input(f"column_{i}") for i in range(width)], Lines()
-    numbers, which = function(given)
-    found, text = list(map(Symbol.constant, numbers)), [
+    found, which = program(given)
+    text = [
         "const unsigned i = blockIdx.x * blockDim.x + threadIdx.x;",
         "if (i >= count) return;",
         *(f"const real {s.value} = from[size_t(i) * row + size_t({k}) * column];"

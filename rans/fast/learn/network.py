@@ -11,7 +11,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from rans.fast.distributed import ALONE, Processes
-from rans.fast.kernels.look import Look
+from rans.fast.kernels.look import Look, look
 from rans.fast.learn.architecture import ACTIVATIONS, EXTRACTOR, Architecture, Duty, OnOff
 from rans.fast.learn.memory import continued, recurrent, viewed
 
@@ -58,8 +58,7 @@ class Network:
         lead = torch.stack if len(tables) > 1 else lambda lone: lone[0].clone()
         tensors = {name: lead([table[name].detach().to(device, dtype) for table in tables])
                    for name in tables[0]}
-        return cls(architecture, tensors, len(tables),
-                   Look(architecture, device, dtype) if device.type == "cuda" else None)
+        return cls(architecture, tensors, len(tables), look(architecture, device, dtype))
 
     def _chain(self, name: str) -> Iterator[tuple[Tensor, Tensor]]:
         return (self._layer(key.removesuffix(".weight")) for key in self.tensors

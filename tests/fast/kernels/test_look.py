@@ -11,7 +11,7 @@ import pytest
 import torch
 
 from rans.fast.engine import Engine
-from rans.fast.kernels.look import Look
+from rans.fast.kernels.look import ArrayLook, CudaLook
 from rans.fast.learn.architecture import Architecture
 from rans.fast.learn.config import PPOSettings
 from rans.fast.learn.network import Network
@@ -23,7 +23,7 @@ from tests.fast.kernels.host import compiled_on_host, needs_compiler
 pytestmark = needs_compiler
 
 
-class HostLook(Look):
+class HostLook(CudaLook):
     """Its kernels made by a C++ compiler."""
 
     def __init__(self, given: Architecture, dtype: torch.dtype, folder: Path) -> None:
@@ -47,19 +47,24 @@ class HostLook(Look):
 
 @both_crafts
 @pytest.mark.parametrize("task", ["go-to-pose", "multi-task"])
-def test_kernels_see_what_torch_sees(task: str, craft: Spacecraft, tmp_path: Path) -> None:
+@pytest.mark.parametrize("dtype", [torch.float64, torch.float32], ids=["kernels", "numpy"])
+def test_programs_see_what_torch_sees(dtype: torch.dtype, task: str, craft: Spacecraft,
+                                      tmp_path: Path) -> None:
     """From the same side, so that thrusters are in the same places; rows lie in memory either way."""
-    engine = Engine(craft, TASKS[task](), 64, seed=3, dtype=torch.float64)
+    engine = Engine(craft, TASKS[task](), 64, seed=3, dtype=dtype)
     settings = PPOSettings(n_envs=64, symmetric=TASKS[task].symmetric)
     given = Architecture.of(engine, settings)
-    tensors = {name: x.double() for name, x in given.initial(0, 0.5)[0].items()}
-    ours = Network(given, tensors, 1, HostLook(given, torch.float64, tmp_path))
+    tensors = {name: x.to(dtype) for name, x in given.initial(0, 0.5)[0].items()}
+    look = ArrayLook(given) if dtype == torch.float32 else HostLook(given, dtype, tmp_path)
+    assert look.works(engine.observe())
+    assert not look.works(engine.observe().requires_grad_())
+    ours, slack = Network(given, tensors, 1, look), 100 * torch.finfo(dtype).eps
     theirs, observation = Network(given, tensors), engine.observe()
     for rows in (observation, observation.contiguous()):
         columns = ours.in_body(rows)
-        # The sums of three products may be rounded in another order.
-        torch.testing.assert_close(columns, theirs.in_body(rows), rtol=0, atol=1e-12)
+        # The sums of three products, of metres up to ten, may be rounded in another order.
+        torch.testing.assert_close(columns, theirs.in_body(rows), rtol=0, atol=slack)
         (seen, _, place), (right, _, there) = ours.look(columns), theirs.look(columns)
-        torch.testing.assert_close(seen, right, rtol=0, atol=1e-12)
+        torch.testing.assert_close(seen, right, rtol=0, atol=slack)
         assert (place is None) == (not settings.symmetric)
         assert (place is there) if place is None or there is None else torch.equal(place, there)
