@@ -87,6 +87,10 @@ class ArrayStep:
         self._straight: StraightStep | None = None
         self._tried = False
 
+    def __reduce__(self) -> tuple[type[ArrayStep], tuple[()]]:
+        """A copy steps other episodes and makes a program of its own."""
+        return ArrayStep, ()
+
     def __call__(self, world: World, episode: Episode, action: Tensor, draws: Draws) -> Step:
         """As `rans.fast.step.step_arrays`."""
         if not self._tried and draws.dtype is np.float32:

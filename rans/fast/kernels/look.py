@@ -78,6 +78,10 @@ class ArrayLook(Look):
 
     _MOST = 4096
 
+    def __reduce__(self) -> tuple[type[ArrayLook], tuple[Architecture]]:
+        """A copy has memory of its own."""
+        return ArrayLook, (self._given,)
+
     def works(self, observation: Tensor) -> bool:
         """See `Look`; batches as large as a rollout are left to torch's vectors."""
         other = torch.compiler.is_compiling() or observation.requires_grad or len(observation) > self._MOST
