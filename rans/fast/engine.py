@@ -18,8 +18,8 @@ from rans.errors import ConfigError, brief, checked
 from rans.fast.distributed import ALONE, Processes
 from rans.fast.kernels.launch import Kernel
 from rans.fast.privileged import Known
-from rans.fast.step import Place, Step, holding, restore, snapshot, step_tensors, write
-from rans.fast.straight_step import ArrayStep
+from rans.fast.step import Place, Step, holding, restore, snapshot, write
+from rans.fast.straight_step import stepping
 from rans.model.accuracy import chosen
 from rans.model.body import Body, in_memory
 from rans.model.conditions import Conditions
@@ -94,9 +94,7 @@ class Engine:
             self._kernel = Kernel.made(self._world, self._episode, draws, processes, dtype, self.members)
         if self._kernel is None:
             self._episode = place.episodes(*buffers, remember=True)
-        self._step = ArrayStep() if place.on_numpy else step_tensors
-        if self.compiled and self._kernel is None:  # importing a compiler takes seconds
-            self._step = torch.compile(step_tensors, fullgraph=True, dynamic=False)
+        self._step = stepping(place, self.compiled and self._kernel is None)
         self.state, self.goal = self._episode.state, self._episode.goal
         """Current ones; fields are views that the next step overwrites, those that never vary floats."""
         self.reset(seeds)

@@ -7,7 +7,7 @@ number; for a hundred spacecraft that is what a step's time goes into.
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,7 @@ from torch import Tensor
 
 from rans.episode import Episode, World
 from rans.fast.kernels.program import Program, Shape, Store, trace
-from rans.fast.step import Step, step_arrays
+from rans.fast.step import Place, Step, step_arrays, step_tensors
 from rans.fast.straight import Memory, Straight
 from rans.model.random import Draws
 from rans.model.trace import UNTRACEABLE, Symbol
@@ -98,6 +98,13 @@ class ArrayStep:
                 self._straight = StraightStep(world, episode, draws)
         self._tried = True
         return self._straight(action) if self._straight else step_arrays(world, episode, action, draws)
+
+
+def stepping(place: Place, compiled: bool) -> Callable[[World, Episode, Tensor, Draws], Step]:
+    """What steps the episodes of one engine there."""
+    if compiled:  # and only then: importing torch's compilers takes seconds
+        return torch.compile(step_tensors, fullgraph=True, dynamic=False)
+    return ArrayStep() if place.on_numpy else step_tensors
 
 
 def _everywhere(program: Program) -> Iterator[Store]:

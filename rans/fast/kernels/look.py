@@ -21,6 +21,7 @@ from rans.fast.kernels.launch import CudaError, Function
 from rans.fast.kernels.source import Lines, indented
 from rans.fast.learn.architecture import Architecture
 from rans.fast.straight import Memory, Straight
+from rans.fast.symmetry import Symmetries
 from rans.model.trace import UNTRACEABLE, Symbol
 
 _THREADS = 128
@@ -31,67 +32,94 @@ _REALS = {torch.float32: "float", torch.float64: "double"}
 
 
 class Look(ABC):
-    """Two programs of a network, made when they are first asked for."""
-
-    def __init__(self, given: Architecture) -> None:
-        self._given = given
-
-    @abstractmethod
-    def works(self, observation: Tensor) -> bool:
-        """Whether there are programs for it: not while torch's compiler looks on, nor for gradients."""
+    """A network's eyes."""
 
     @abstractmethod
     def in_body(self, observation: Tensor) -> Tensor:
-        """The columns (N, k) of observations (N, width) in the body frame, as `Network.in_body`."""
+        """The columns (N, k) of observations (N, width) in the body frame."""
 
     @abstractmethod
     def seen(self, columns: Tensor) -> tuple[Tensor, Tensor]:
         """Columns (N, k) from the side that has the goal ahead, and which side that is, (N,) int64."""
 
-    @property
-    def programs(self) -> tuple[tuple[RowProgram, int], tuple[RowProgram, int]]:
-        """What changes observations to the body frame and what chooses a side, and of how many columns."""
-        given, layout = self._given, self._given.layout
 
-        def turned(columns: Sequence[Symbol]) -> tuple[list[Symbol], Symbol]:
-            return list(map(Symbol.constant, layout.in_body(columns))), Symbol.constant(0)
+def look(given: Architecture, views: Symmetries | None, like: Tensor, programs: bool) -> Look:
+    """Of a network with tensors like this one: by programs, if wanted, where they gain something.
 
-        def seen(columns: Sequence[Symbol]) -> tuple[list[Symbol], Symbol]:
-            way = layout.body.ahead(columns)
-            if given.symmetries is None or way is None:
-                return list(columns), Symbol.constant(0)
-            which, turn, hand = side(given.symmetries, way)
-            return list(viewed(layout.body, columns, turn, hand)), which
-
-        return (turned, layout.width), (seen, layout.body.width)
+    In double precision on a CPU, which is for comparisons, that is nowhere.
+    """
+    plain = TorchLook(given, views)
+    if programs and like.is_cuda:
+        return CudaLook(given, plain, like.device, like.dtype)
+    return ArrayLook(given, plain) if programs and like.is_cpu and like.dtype == torch.float32 else plain
 
 
-def look(given: Architecture, device: torch.device, dtype: torch.dtype) -> Look | None:
-    """Of a network there; None where nothing is gained: in double precision on a CPU, for comparisons."""
-    if device.type == "cuda":
-        return CudaLook(given, device, dtype)
-    return ArrayLook(given) if device.type == "cpu" and dtype == torch.float32 else None
+class TorchLook(Look):
+    """By torch's operations."""
+
+    def __init__(self, given: Architecture, views: Symmetries | None) -> None:
+        self._layout, self._views = given.layout, views
+
+    def in_body(self, observation: Tensor) -> Tensor:
+        """See `Look`."""
+        return torch.stack(self._layout.in_body(observation.unbind(dim=1)), dim=1)
+
+    def seen(self, columns: Tensor) -> tuple[Tensor, Tensor]:
+        """See `Look`; there are several sides, and a way to go."""
+        layout, fields = self._layout.body, columns.unbind(dim=1)
+        way = layout.ahead(fields)
+        assert self._views is not None
+        assert way is not None
+        which = self._views.which(way)
+        return torch.stack(self._views.viewed(layout, fields, which), dim=1), which
+
+
+def row_programs(given: Architecture) -> tuple[tuple[RowProgram, int], tuple[RowProgram, int]]:
+    """What changes observations to the body frame and what chooses a side, and of how many columns."""
+    layout = given.layout
+
+    def turned(columns: Sequence[Symbol]) -> tuple[list[Symbol], Symbol]:
+        return list(map(Symbol.constant, layout.in_body(columns))), Symbol.constant(0)
+
+    def seen(columns: Sequence[Symbol]) -> tuple[list[Symbol], Symbol]:
+        way = layout.body.ahead(columns)
+        if given.symmetries is None or way is None:
+            return list(columns), Symbol.constant(0)
+        which, turn, hand = side(given.symmetries, way)
+        return list(viewed(layout.body, columns, turn, hand)), which
+
+    return (turned, layout.width), (seen, layout.body.width)
 
 
 class ArrayLook(Look):
-    """By NumPy, in single precision, for up to so many rows as a rollout has; not for two threads at once."""
+    """By NumPy, in single precision; not for two threads at once."""
 
     _MOST = 4096
+    """Rows; more, as a whole rollout's, are left to torch, which divides them among a processor's lanes."""
 
-    def __reduce__(self) -> tuple[type[ArrayLook], tuple[Architecture]]:
+    def __init__(self, given: Architecture, plain: TorchLook) -> None:
+        self._given, self._plain = given, plain
+
+    def __reduce__(self) -> tuple[type[ArrayLook], tuple[Architecture, TorchLook]]:
         """A copy has memory of its own."""
-        return ArrayLook, (self._given,)
+        return ArrayLook, (self._given, self._plain)
 
-    def works(self, observation: Tensor) -> bool:
-        """See `Look`; batches as large as a rollout are left to torch's vectors."""
-        other = torch.compiler.is_compiling() or observation.requires_grad or len(observation) > self._MOST
-        return not other and self._programs is not None
+    def in_body(self, observation: Tensor) -> Tensor:
+        """See `Look`."""
+        return self._rows(0, observation)[0] if self._works(observation) else self._plain.in_body(observation)
+
+    def seen(self, columns: Tensor) -> tuple[Tensor, Tensor]:
+        """See `Look`."""
+        return self._rows(1, columns) if self._works(columns) else self._plain.seen(columns)
+
+    def _works(self, rows: Tensor) -> bool:
+        return _may(rows) and len(rows) <= self._MOST and self._programs is not None
 
     @cached_property
     def _programs(self) -> list[Straight] | None:
         made = []
         with contextlib.suppress(*UNTRACEABLE):
-            for program, width in self.programs:
+            for program, width in row_programs(self._given):
                 columns = [Symbol.input(f"column_{i}") for i in range(width)]
                 found, which = program(columns)
                 made.append(Straight(columns, [*found, which]))
@@ -101,14 +129,6 @@ class ArrayLook(Look):
     @cached_property
     def _memory(self) -> dict[tuple[int, int], Memory]:
         return {}
-
-    def in_body(self, observation: Tensor) -> Tensor:
-        """See `Look`."""
-        return self._rows(0, observation)[0]
-
-    def seen(self, columns: Tensor) -> tuple[Tensor, Tensor]:
-        """See `Look`."""
-        return self._rows(1, columns)
 
     def _rows(self, number: int, rows: Tensor) -> tuple[Tensor, Tensor]:
         assert self._programs is not None
@@ -121,16 +141,22 @@ class ArrayLook(Look):
 
 
 class CudaLook(Look):
-    """By a kernel each on a CUDA device."""
+    """By a kernel each on a CUDA device, compiled when they are first asked for."""
 
-    def __init__(self, given: Architecture, device: torch.device, dtype: torch.dtype) -> None:
-        super().__init__(given)
-        self._device, self._real = device, _REALS[dtype]
+    def __init__(self, given: Architecture, plain: TorchLook, device: torch.device,
+                 dtype: torch.dtype) -> None:
+        self._given, self._plain, self._device, self._real = given, plain, device, _REALS[dtype]
 
-    def works(self, observation: Tensor) -> bool:
+    def in_body(self, observation: Tensor) -> Tensor:
         """See `Look`."""
-        other = torch.compiler.is_compiling() or observation.requires_grad
-        return not other and self._functions is not None
+        return self._rows(0, observation)[0] if self._works(observation) else self._plain.in_body(observation)
+
+    def seen(self, columns: Tensor) -> tuple[Tensor, Tensor]:
+        """See `Look`."""
+        return self._rows(1, columns) if self._works(columns) else self._plain.seen(columns)
+
+    def _works(self, rows: Tensor) -> bool:
+        return _may(rows) and self._functions is not None
 
     @cached_property
     def _functions(self) -> Sequence[Function] | None:
@@ -144,15 +170,7 @@ class CudaLook(Look):
 
     def sources(self) -> list[str]:
         """CUDA C++ of the programs."""
-        return [source(program, width, self._real) for program, width in self.programs]
-
-    def in_body(self, observation: Tensor) -> Tensor:
-        """See `Look`."""
-        return self._rows(0, observation)[0]
-
-    def seen(self, columns: Tensor) -> tuple[Tensor, Tensor]:
-        """See `Look`."""
-        return self._rows(1, columns)
+        return [source(program, width, self._real) for program, width in row_programs(self._given)]
 
     def _rows(self, number: int, rows: Tensor) -> tuple[Tensor, Tensor]:
         assert self._functions is not None
@@ -189,3 +207,8 @@ def source(program: RowProgram, width: int, real: str) -> str:
         "    const real* from, real* found, long long* which,",
         "    const int count, const int row, const int column) {",
         *indented([*text, f"which[i] = {lines.operand(which)};"]), "}\n"))
+
+
+def _may(rows: Tensor) -> bool:
+    """Whether nobody looks on: torch's compiler, which makes better kernels, or gradients."""
+    return not (torch.compiler.is_compiling() or rows.requires_grad)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import tempfile
 from ctypes import CDLL, c_int, c_uint, c_void_p
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import pytest
 import torch
@@ -26,13 +27,11 @@ pytestmark = needs_compiler
 class HostLook(CudaLook):
     """Its kernels made by a C++ compiler."""
 
-    def __init__(self, given: Architecture, dtype: torch.dtype, folder: Path) -> None:
-        super().__init__(given, torch.device("cpu"), dtype)
+    def __init__(self, given: Architecture, plain: Any) -> None:
+        super().__init__(given, plain, torch.device("cpu"), torch.float64)
+        folder = Path(tempfile.mkdtemp())
         self._libraries = [compiled_on_host(text, folder / f"rows_{i}")
                            for i, text in enumerate(self.sources())]
-
-    def works(self, observation: torch.Tensor) -> bool:
-        return not observation.requires_grad
 
     @cached_property
     def _functions(self) -> Any:
@@ -48,18 +47,20 @@ class HostLook(CudaLook):
 @both_crafts
 @pytest.mark.parametrize("task", ["go-to-pose", "multi-task"])
 @pytest.mark.parametrize("dtype", [torch.float64, torch.float32], ids=["kernels", "numpy"])
-def test_programs_see_what_torch_sees(dtype: torch.dtype, task: str, craft: Spacecraft,
-                                      tmp_path: Path) -> None:
+def test_programs_see_what_torch_sees(dtype: torch.dtype, task: str, craft: Spacecraft, tmp_path: Path,
+                                      monkeypatch: pytest.MonkeyPatch) -> None:
     """From the same side, so that thrusters are in the same places; rows lie in memory either way."""
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     engine = Engine(craft, TASKS[task](), 64, seed=3, dtype=dtype)
     settings = PPOSettings(n_envs=64, symmetric=TASKS[task].symmetric)
     given = Architecture.of(engine, settings)
     tensors = {name: x.to(dtype) for name, x in given.initial(0, 0.5)[0].items()}
-    look = ArrayLook(given) if dtype == torch.float32 else HostLook(given, dtype, tmp_path)
-    assert look.works(engine.observe())
-    assert not look.works(engine.observe().requires_grad_())
-    ours, slack = Network(given, tensors, 1, look), 100 * torch.finfo(dtype).eps
+    ours, slack = Network(given, tensors), 100 * torch.finfo(dtype).eps
     theirs, observation = Network(given, tensors), engine.observe()
+    programs: Any = (ArrayLook if dtype == torch.float32 else HostLook)(given, cast("Any", theirs._look))
+    ours._look = programs
+    assert ours.in_body(observation.clone().requires_grad_()).requires_grad
+    programs._plain = None  # nobody else looks from here on
     for rows in (observation, observation.contiguous()):
         columns = ours.in_body(rows)
         # The sums of three products, of metres up to ten, may be rounded in another order.
