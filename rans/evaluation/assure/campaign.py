@@ -5,6 +5,8 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import reduce
+from operator import add
 from typing import Any
 
 from rans.errors import ConfigError
@@ -13,7 +15,7 @@ from rans.evaluation.fly.protocols import Setup
 from rans.fast.distributed import ALONE, Processes
 from rans.fast.flights import Flights
 from rans.fast.learn.network import Network
-from rans.fast.verdicts import Failure, Verdicts, together
+from rans.fast.verdicts import Failure, Verdicts
 
 _PIECES = {"cpu": 2**17, "cuda": 2**26}
 """Flights between two moments at which what was flown is kept: from so many on all processors fly."""
@@ -79,15 +81,14 @@ class Campaign:
             keep: called now and then, and at every look.
             processes: those that share the flights, and all learn of all.
         """
-        none = Verdicts.none(setup.timing.episode_steps, LISTED)
         fleet = Flights(network, setup, device, listed=LISTED)
         piece = _PIECES[fleet.device.type] * processes.size
         while not self.over:
             look = next(one for one in self.plan.looks if one.flights > self.flights)
             began = time.monotonic()
             first, count = processes.part(min(piece, look.flights - self.flights))
-            own = fleet.fly(self.flights + first, count, self.seed, told) if count else none
-            self.add(together(processes.everyone_says(own), none))
+            own = fleet.fly(self.flights + first, count, self.seed, told) if count else None
+            self.add(reduce(add, filter(None, processes.everyone_says(own))))
             self.seconds += time.monotonic() - began
             keep()
 

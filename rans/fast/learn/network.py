@@ -106,7 +106,7 @@ class Network:
         on weights, so one look serves an update.
         """
         given, views = self.architecture, self._views
-        if views is None or given.layout.body.ahead(columns.unbind(dim=1)) is None:
+        if views is None or given.layout.body.ahead(tuple(range(given.seen))) is None:
             return columns, memory, None
         seen, which = self._look.seen(columns)
         place = views.place[which]
