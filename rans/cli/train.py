@@ -170,8 +170,10 @@ def _summary(trainer: Trainer, stopped: bool, seconds: float) -> str:
     ending = ("Stopped" if stopped else "Solved" if trainer.solved else
               "Done" if trainer.config.solved_share is None else "Out of steps, not solved")
     warm_up = f" after {trainer.warm_up:.1f} s of warm-up" if trainer.warm_up else ""
+    by_hand = trainer.learner.by_hand
+    way = f", gradients in {by_hand.way}" if by_hand else ""
     text = (f"{ending} after {trainer.steps:,} steps: {trainer.seconds:.1f} s of training "
-            f"({trainer.rate:,.0f} steps/s){warm_up}, {seconds:.1f} s in all. "
+            f"({trainer.rate:,.0f} steps/s{way}){warm_up}, {seconds:.1f} s in all. "
             f"The agent is {path}/policy.zip.")
     if stopped:
         text += f" Continue with: {shlex.join(['rans', 'train', '--resume', str(path)])}"

@@ -58,12 +58,12 @@ class Design:
     @cached_property
     def widths(self) -> tuple[int, ...]:
         """Of inputs and layers, as multiples of 16."""
-        return tuple(_up(width, 16) for width in (self.columns, *self.given.layers))
+        return tuple(up(width, 16) for width in (self.columns, *self.given.layers))
 
     @property
     def outputs(self) -> int:
         """Of the network, as a multiple of 8."""
-        return _up(self.given.thrusters, 8)
+        return up(self.given.thrusters, 8)
 
     @property
     def tiles(self) -> int:
@@ -93,7 +93,7 @@ class Design:
                  **{f"bias_{i}": width for i, width in enumerate(self.widths[1:])}, "constant": self.outputs}
         found, at = {}, 0
         for name, size in sizes.items():
-            found[name], at = at, at + 4 * _up(size, 4)
+            found[name], at = at, at + 4 * up(size, 4)
         found["small"] = at
         blocks = {"head": self.outputs * self.widths[-1],
                   **{f"layer_{i}": a * b for i, (a, b) in enumerate(
@@ -149,12 +149,12 @@ class Design:
         if not self.given.continuous:
             weight, bias = weight[1::2] - weight[0::2], bias[1::2] - bias[0::2]
         parts = {"mean": mean, "scale": scale, "zoom": scale * self.given.zoom,
-                 "constant": _padded(bias, (self.outputs,)),
+                 "constant": padded(bias, (self.outputs,)),
                  "head": self._ordered(weight, self.outputs, self.widths[-1], 8)}
         for i, (width, units) in enumerate(zip(self.widths, self.widths[1:], strict=False)):
             # torch's modules of a trunk are a linear layer and its activation, by turns.
             own = f"{EXTRACTOR}trunk.{2 * i}"
-            parts[f"bias_{i}"] = _padded(table[f"{own}.bias"], (units,))
+            parts[f"bias_{i}"] = padded(table[f"{own}.bias"], (units,))
             parts[f"layer_{i}"] = self._ordered(table[f"{own}.weight"], units, width, 16)
         whole = torch.zeros(self.places["end"], dtype=torch.uint8)
         for name, part in parts.items():
@@ -169,7 +169,7 @@ class Design:
         `mma.m16n8k16` side by side (PTX ISA, "Matrix fragments for mma.m16n8k16"); of the head's units,
         columns come first.
         """
-        rest, parts = _padded(weight, (units, width)), []
+        rest, parts = padded(weight, (units, width)), []
         for _ in range(self.parts):
             parts.append(rest.to(torch.bfloat16))
             rest = rest - parts[-1].float()
@@ -178,12 +178,13 @@ class Design:
         return split.permute(0, *((1, 4, 3, 6, 2, 5, 7) if together == 16 else (4, 1, 3, 6, 2, 5, 7)))
 
 
-def _up(number: int, step: int) -> int:
+def up(number: int, step: int) -> int:
+    """The next multiple of a step."""
     return -(-number // step) * step
 
 
-def _padded(x: Tensor, shape: Sequence[int]) -> Tensor:
-    """With zeros at the ends of all axes."""
+def padded(x: Tensor, shape: Sequence[int], value: float = 0.0) -> Tensor:
+    """With zeros, or another value, at the ends of all axes."""
     missing = [want - have for have, want in zip(x.shape, shape, strict=True)]
     gaps = [gap for n in reversed(missing) for gap in (0, n)]
-    return functional.pad(x, gaps)
+    return functional.pad(x, gaps, value=value)

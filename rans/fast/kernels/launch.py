@@ -18,6 +18,7 @@ from rans.episode import Episode, World
 from rans.fast.distributed import Processes
 from rans.fast.kernels.driver import LIBRARY
 from rans.fast.kernels.kept import kept
+from rans.fast.kernels.observation import Observation
 from rans.fast.kernels.program import Shape, trace
 from rans.fast.kernels.source import THREADS, source
 from rans.fast.step import Step
@@ -119,7 +120,7 @@ class Kernel:
 
     def __init__(self, world: World, episode: Episode, draws: Draws, processes: Processes,
                  dtype: torch.dtype, members: int = 1) -> None:
-        self._program = trace(world, episode, dtype)
+        self._program, self._observation = trace(world, episode, dtype), Observation.of(world, episode, dtype)
         self._inputs = [given.source for given in (*self._program.memory, *self._program.settings)]
         self._seed, self._members = (draws.low, draws.high), members
         self._thrusters = len(world.craft.thrusters)
@@ -131,7 +132,7 @@ class Kernel:
                                 f"{given.source.dtype} on {given.source.device}.")
         self._numbers = (self._count, self._count // members, processes.rank, processes.size,
                          self._blocks_ahead())
-        self._functions: dict[torch.dtype, Function] = {}
+        self._functions: dict[torch.dtype | None, Function] = {}
 
     @classmethod
     def made(cls, *given: Any) -> Kernel | None:
@@ -145,17 +146,20 @@ class Kernel:
             return None
         return kernel
 
-    def source(self, action: torch.dtype) -> str:
-        """The kernel's text for actions that are bytes or reals."""
+    def source(self, action: torch.dtype | None) -> str:
+        """The kernel's text for actions that are bytes or reals; None: of an observation's."""
+        if action is None:
+            return self._observation.source(_C_TYPES[self._real], self._members > 1)
         return source(self._program, self._thrusters, _C_TYPES[action], _C_TYPES[self._real],
                       self._together, self._members > 1)
 
-    def function(self, action: torch.dtype) -> Function:
-        """The compiled kernel for such actions; errors are those of `Function`."""
+    def function(self, action: torch.dtype | None) -> Function:
+        """The compiled kernel of such a `source`; errors are those of `Function`."""
         if action not in self._functions:
             with torch.cuda.device(self._device):  # a compiled kernel belongs to one device
                 capability = torch.cuda.get_device_capability()
-                self._functions[action] = Function(self.source(action), "step", capability)
+                name = "step" if action else "observe"
+                self._functions[action] = Function(self.source(action), name, capability)
         return self._functions[action]
 
     def __call__(self, action: Tensor) -> Step:
@@ -165,12 +169,20 @@ class Kernel:
         final = torch.empty((count, shape.final_width), dtype=self._real, device=self._device)
         flags = torch.empty((len(Shape.FLAGS), count), dtype=torch.bool, device=self._device)
         tensors = (action, *self._seed, reals, final, flags, *self._inputs)
-        self._launch(action.dtype, [tensor.data_ptr() for tensor in tensors], self._numbers)
+        self._launch(action.dtype, [tensor.data_ptr() for tensor in tensors], self._numbers, self._together)
         terms = shape.width + shape.terms
         terminated, truncated, reached = flags
         return Step(observation=reals[:shape.width].T, reward=reals[terms], terminated=terminated,
                     truncated=truncated, final_observation=final[:, :shape.width], reached=reached,
                     terms=reals[shape.width:terms])
+
+    def observe(self) -> Tensor:
+        """The current observation, (N, width), see `rans.fast.engine.Engine.observe`."""
+        given = self._observation
+        found = torch.empty((len(given.columns), self._count), dtype=self._real, device=self._device)
+        tensors = (*self._seed, found, *(each.source for each in given.inputs))
+        self._launch(None, [tensor.data_ptr() for tensor in tensors], self._numbers[:-1], 1)
+        return found.T
 
     def _blocks_ahead(self) -> int:
         """What so many blocks read, of actions in bytes, fills a twelfth of the second-level cache.
@@ -183,10 +195,11 @@ class Kernel:
         cache = torch.cuda.get_device_properties(self._device).L2_cache_size
         return cache // (12 * THREADS * self._together * bytes_read)
 
-    def _launch(self, action: torch.dtype, pointers: list[int], numbers: tuple[int, ...]) -> None:
+    def _launch(self, action: torch.dtype | None, pointers: list[int], numbers: tuple[int, ...],
+                together: int) -> None:
         with torch.cuda.device(self._device):
             stream = torch.cuda.current_stream().cuda_stream
-            blocks = -(-numbers[0] // (THREADS * self._together))
+            blocks = -(-numbers[0] // (THREADS * together))
             self.function(action).launch(blocks, THREADS, stream, pointers, numbers)
 
     def _readable(self, action: Tensor) -> Tensor:

@@ -112,9 +112,7 @@ class Program:
 
 def trace(world: World, episode: Episode, dtype: Any) -> Program:
     """Run one step of these episodes on symbols; TypeError where a task does more than arithmetic on them."""
-    settings: list[Input] = []
-    world = dataclasses.replace(world, task=_with_symbols(world.task, settings))
-    memory, inputs = _remembered(episode)
+    world, inputs, memory, settings = on_symbols(world, episode)
     command = tuple(Symbol.input(f"command_{i}") for i in range(len(world.craft.thrusters)))
     low, high, first, stride = (Symbol.input(name, "int") for name in ("low", "high", "first", "stride"))
     seen = step_and_restart(world, inputs, command, Draws(low, high, first, stride, dtype))
@@ -130,8 +128,17 @@ def trace(world: World, episode: Episode, dtype: Any) -> Program:
             always.append(store)
         elif begun.value is not known:
             at_end.append(begun)
-    return Program(memory, tuple(settings), ended, tuple(always), tuple(at_end),
+    return Program(memory, settings, ended, tuple(always), tuple(at_end),
                    Shape(len(seen.observation), len(outcome.terms)))
+
+
+def on_symbols(world: World, episode: Episode
+               ) -> tuple[World, Episode, tuple[Input, ...], tuple[Input, ...]]:
+    """World and episode with symbols for what lies in memory: the episode's, and the task's settings."""
+    settings: list[Input] = []
+    world = dataclasses.replace(world, task=_with_symbols(world.task, settings))
+    memory, inputs = _remembered(episode)
+    return world, inputs, memory, tuple(settings)
 
 
 def _rows(array: Any, values: Any) -> Iterator[Store]:

@@ -28,14 +28,14 @@ class Adam:
         for value in tensors.values():
             starts.append(end)
             end += -(-value.numel() // members // _PIECE) * _PIECE
-        self._row, self._gradient, self._first, self._second = (
+        self.row, self.gradient, self._first, self._second = (
             rate.new_zeros(members, end) for _ in range(4))
 
         def views(row: Tensor) -> list[Tensor]:
             return [row[:, start:start + value.numel() // members].view(*lead, *value.shape[len(lead):])
                     for start, value in zip(starts, tensors.values(), strict=True)]
 
-        weights, self._gradients = views(self._row), views(self._gradient)
+        weights, self._gradients = views(self.row), views(self.gradient)
         self.moments = views(self._first), views(self._second)
         for weight, value in zip(weights, tensors.values(), strict=True):
             weight.copy_(value)
@@ -47,12 +47,13 @@ class Adam:
     def descend(self, loss: Tensor, max_norm: Tensor, world: Processes) -> Tensor:
         """One step down a sum of the members' losses, with gradients no longer than ``max_norm`` (K,).
 
-        Returns the norms (K,) of their gradients, which processes exchange as one message.
+        Where it needs no gradient, `gradient` has been written. Returns the gradients' norms (K,).
         """
         with torch.no_grad():
-            gradients = torch.autograd.grad(loss, self._leaves)
-            torch._foreach_copy_(self._gradients, gradients)  # type: ignore[attr-defined]  # torch hides it
-            return self._step(self._row, world.average(self._gradient), self._first, self._second,
+            if loss.requires_grad:
+                gradients = torch.autograd.grad(loss, self._leaves)
+                torch._foreach_copy_(self._gradients, gradients)  # type: ignore[attr-defined]  # torch hides it
+            return self._step(self.row, world.average(self.gradient), self._first, self._second,
                               self.steps, self.rate, max_norm)
 
     def state(self) -> dict[str, Tensor]:

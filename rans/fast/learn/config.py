@@ -73,7 +73,8 @@ class PPOSettings:
     """Magnification of a second look at everything observed, for agents that hold millimetres (decision
     008). 0: none, which learns the rough way to go sooner."""
     matmul: Precision = "tf32"
-    """How a GPU multiplies matrices; a CPU always does in float32."""
+    """How a GPU multiplies matrices; a CPU always does in float32. In bf16 gradients are one kernel for most
+    networks (decision 020)."""
     memory: Memory = "none"
     """What the network remembers of an episode: nothing, the last observations and commands, or what a gated
     recurrent unit keeps."""

@@ -126,9 +126,7 @@ class Network:
     def features(self, seen: Tensor, memory: Tensor | None = None, privileged: Tensor | None = None,
                  going_on: Tensor | None = None) -> tuple[Tensor, Tensor]:
         """What actor and critic are heads on, by member; the same tensor unless the critic is privileged."""
-        given, x = self.architecture, self._looks(self._rows(seen))
-        if given.recalled and memory is not None:
-            x = torch.cat((x, self._recalled(memory)), dim=-1)
+        given, x = self.architecture, self.inputs(seen, memory)
         features = self._through(self._trunk, x)
         if given.units and memory is not None:
             features = self._core(features, memory, going_on)
@@ -137,20 +135,22 @@ class Network:
         known = self._nominal.expand(len(seen), -1) if privileged is None else privileged
         return features, self._through(self._critic, torch.cat((x, self._rows(known)), dim=-1))
 
+    def inputs(self, seen: Tensor, memory: Tensor | None = None) -> Tensor:
+        """What the trunk is given of columns (N, k) and a history (N, m), by member."""
+        given, x = self.architecture, self._looks(self._rows(seen))
+        if not given.recalled or memory is None:
+            return x
+        rows = self._rows(memory.unflatten(1, (given.recalled, -1))).flatten(-3, -2)
+        then, told = rows.tensor_split([given.seen], dim=-1)
+        rows = torch.cat((self._normalised(then), told), dim=-1)
+        return torch.cat((x, rows.unflatten(-2, (-1, given.recalled)).flatten(-2)), dim=-1)
+
     def remember(self, columns: Tensor, memory: Tensor | None, command: Tensor,
                  output: Output) -> Tensor | None:
         """The memory (N, m) after a command (N, thrusters) to columns (N, k) in the body frame."""
         if memory is None or self.architecture.units:
             return memory if memory is None else output.core
         return continued(memory, torch.cat((columns, command), dim=1), self._kept)
-
-    def _recalled(self, memory: Tensor) -> Tensor:
-        """A history (N, m) by member, its columns normalised as those seen now are."""
-        given = self.architecture
-        rows = self._rows(memory.unflatten(1, (given.recalled, -1))).flatten(-3, -2)
-        then, told = rows.tensor_split([given.seen], dim=-1)
-        rows = torch.cat((self._normalised(then), told), dim=-1)
-        return rows.unflatten(-2, (-1, given.recalled)).flatten(-2)
 
     def _rows(self, x: Tensor) -> Tensor:
         """(N, ...) by member: (K, N / K, ...)."""

@@ -14,6 +14,7 @@ import torch
 from torch import Tensor
 
 from rans.fast.engine import Engine
+from rans.fast.kernels.update import Gradients
 from rans.fast.learn.adam import Adam
 from rans.fast.learn.config import Coefficients, PPOSettings
 from rans.fast.learn.graph import fused, graphed
@@ -57,11 +58,13 @@ class Learner:
         self.rollout = Rollout(engine, network, first.n_steps)
         self.coefficients = Coefficients.of(settings, self.rollout.reached)
         self.adam = Adam(network, self.coefficients.learning_rate)
+        self.by_hand = Gradients.made(network, self.adam, self.coefficients)
         # In memory that never moves: a CUDA graph reads it.
         self._ceiling = self.coefficients.max_learning_rate.clone()
         self._with_entropy = any(one.ent_coef for one in settings)
         self._act, self._remember, self._gae = fused(act, device), fused(remember, device), fused(gae, device)
         self._show, self._losses = fused(shown, device), fused(losses, device)
+        self._value = fused(lambda seen, memory, told: network.evaluate(seen, memory, told).value, device)
         self.collect, self.update = graphed(self._collect, device), graphed(self._update, device)
 
     def slow_down(self, remaining: float) -> None:
@@ -126,19 +129,19 @@ class Learner:
         of the state it was cut off in; a failed one ends there.
         """
         kept, rollout, privileged = self.rollout.all, self.rollout, self._privileged()
-        values = self.network.evaluate(
+        values = self._value(
             self._beside(self.engine.observe(), rollout.cut),
             None if rollout.memory is None else self._beside(rollout.memory, rollout.cut_memory),
             None if privileged is None else self._beside(privileged, privileged),
-        ).value.view(self.members, 2, -1)
+        ).view(self.members, 2, -1)
         last, beyond = values[:, 0].flatten(), values[:, 1].flatten()
         given = self.coefficients
         gamma, gae_lambda, scale = map(self._spread, (given.gamma, given.gae_lambda, given.reward_scale))
         reward = kept.reward * scale + gamma * kept.truncated * beyond
         advantage = self._gae(reward, kept.value, kept.ended, last, gamma, gae_lambda)
-        seen, memory, action = self._show(
-            self.network, kept.observation.flatten(0, 1),
-            None if kept.memory is None else kept.memory.flatten(0, 1), kept.action.flatten(0, 1))
+        memory = None if kept.memory is None else kept.memory.flatten(0, 1)
+        seen, memory, action = self._show(self.network, kept.observation.flatten(0, 1), memory,
+                                          kept.action.flatten(0, 1), self.by_hand)
         shape = reward.shape
         going_on = (1.0 - torch.cat((torch.zeros_like(kept.ended[:1]), kept.ended[:-1]))
                     if self.network.architecture.units else None)
@@ -181,7 +184,8 @@ class Learner:
 
     def _descend(self, part: Batch) -> Tensor:
         """Losses and the gradients' norms, (K, statistics)."""
-        found = self._losses(self.network, part, self.coefficients, self._with_entropy)
+        found = (Losses(*self.by_hand(part)) if self.by_hand is not None else
+                 self._losses(self.network, part, self.coefficients, self._with_entropy))
         norm = self.adam.descend(found.loss.sum(), self.coefficients.max_grad_norm, self.processes)
         return torch.stack((*found, norm), dim=1).detach()
 
@@ -206,13 +210,15 @@ def act(network: Network, observation: Tensor, memory: Tensor | None, privileged
                  network.remember(columns, memory, command, output))
 
 
-def shown(network: Network, observation: Tensor, memory: Tensor | None,
-          action: Tensor) -> tuple[Tensor, Tensor | None, Tensor]:
+def shown(network: Network, observation: Tensor, memory: Tensor | None, action: Tensor,
+          by_hand: Gradients | None = None) -> tuple[Tensor, Tensor | None, Tensor]:
     """Observations (N, width), memory and actions (N, thrusters) from the sides the network sees them from.
 
-    In space that costs a fifth of an update; it is the same in every epoch.
+    In space that costs a fifth of an update; it is the same in every epoch. Gradients ``by_hand`` are shown
+    all that the trunk is given, in the place of the memory.
     """
     seen, recalled, place = network.look(network.in_body(observation), memory)
+    recalled = recalled if by_hand is None else by_hand.inputs(seen, recalled)
     return seen, recalled, action if place is None else torch.empty_like(action).scatter(1, place, action)
 
 

@@ -35,9 +35,10 @@ class HostKernel(Kernel):
         super().__init__(engine._world, engine._episode, engine._draws, engine.processes, engine.dtype,
                          engine.members)
         self._folder = folder
-        self._libraries: dict[torch.dtype, CDLL] = {}
+        self._libraries: dict[torch.dtype | None, CDLL] = {}
 
-    def _launch(self, action: torch.dtype, pointers: list[int], numbers: tuple[int, ...]) -> None:
+    def _launch(self, action: torch.dtype | None, pointers: list[int], numbers: tuple[int, ...],
+                together: int) -> None:
         if action not in self._libraries:
             path = self._folder / str(action).removeprefix("torch.")
             self._libraries[action] = compiled_on_host(self.source(action), path)
@@ -45,7 +46,7 @@ class HostKernel(Kernel):
         index = c_uint.in_dll(library, "blockIdx")
         arguments = (*map(c_void_p, pointers), *map(c_int, numbers))
         for index.value in range(numbers[0]):
-            library.step(*arguments)
+            (library.step if action else library.observe)(*arguments)
 
 
 def compiled_on_host(text: str, path: Path) -> CDLL:

@@ -1,4 +1,4 @@
-// The 32 threads of one warp on a CPU, by turns: each runs up to what they do together, then the next.
+// The threads of a block on a CPU, by turns: each runs up to what they do together, then the next.
 #include <cstdint>
 #include <ucontext.h>
 
@@ -6,30 +6,38 @@
 #define __constant__
 #define __shared__
 #define __syncwarp meet
-#define __syncthreads meet
+#ifndef BLOCK
+#define BLOCK 32
+#endif
 
 struct uint2 { unsigned x, y; };
 struct uint4 { unsigned x, y, z, w; };
 struct float4 { float x, y, z, w; };
 alignas(16) uint4 shared[1 << 16];
 
-static ucontext_t outside, threads[32];
+static ucontext_t outside, threads[BLOCK];
 static int running;
 #define threadIdx (Index{unsigned(running)})
-static int rounds[32];
-static unsigned char given[2][32][32];  // what threads tell one another, in this round and the one before
+static int rounds[BLOCK];
+static unsigned char given[2][BLOCK][32];  // what threads tell one another, in this round and the one before
 
-static int lane() { return running; }
+static int lane() { return running % 32; }
 static void meet() {
   const int own = running;
-  running = (own + 1) % 32;
+  running = (own + 1) % BLOCK;
   swapcontext(&threads[own], &threads[running]);
   running = own;
 }
+static void __syncthreads() {
+  static int arrived = 0, times = 0;
+  const int before = times;
+  if (++arrived == BLOCK) arrived = 0, ++times;
+  while (times == before) meet();
+}
 
-// Every thread's value; it lasts until the next but one exchange.
+// The values of a warp's threads; they last until the next but one exchange.
 template <class T> static unsigned char (*tell(const T& value))[32] {
-  auto* all = given[rounds[lane()]++ % 2];
+  auto* all = given[rounds[running]++ % 2] + running / 32 * 32;
   std::memcpy(all[lane()], &value, sizeof(T));
   meet();
   return all;
@@ -39,6 +47,7 @@ template <class T> static T told(unsigned char (*all)[32], int by) {
   std::memcpy(&value, all[by], sizeof(T));
   return value;
 }
+static float __shfl_xor_sync(unsigned, float own, int other) { return told<float>(tell(own), lane() ^ other); }
 
 static bool __any_sync(unsigned, bool own) {
   auto* all = tell(own);
@@ -84,6 +93,12 @@ static void gather(unsigned (&rows)[4], const unsigned short* from, int stride) 
   for (int i = 0; i < 4; ++i) {
     const auto* at = from + (lane() / 4 + i % 2 * 8) * stride + lane() % 4 * 2 + i / 2 * 8;
     rows[i] = at[0] | unsigned(at[1]) << 16;
+  }
+}
+static void gather_turned(unsigned (&rows)[4], const unsigned short* from, int stride) {
+  for (int i = 0; i < 4; ++i) {
+    const auto* at = from + (lane() % 4 * 2 + i % 2 * 8) * stride + lane() / 4 + i / 2 * 8;
+    rows[i] = at[0] | unsigned(at[stride]) << 16;
   }
 }
 static float quick_tanh(float x) { return std::tanh(x); }

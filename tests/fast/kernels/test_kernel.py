@@ -61,6 +61,16 @@ def test_every_task_steps_and_restarts_as_on_numpy(on_host: Any, task: str, craf
     assert compare(Engine(*made, **how), engine) >= 2 * 16
 
 
+@pytest.mark.parametrize("name", ["sensors", "dropout"])
+def test_an_observation_is_that_of_numpy(on_host: Any, name: str) -> None:
+    """Of two members, in what their episodes drew, after a step."""
+    given: Any = {"seed": (SEED, 3), "dtype": torch.float64, "conditions": EFFECTS[name]}
+    ours, theirs = Engine(PLATFORM, NEAR, 16, SHORT, **given), on_host(PLATFORM, NEAR, 16, SHORT, **given)
+    for engine in (ours, theirs):
+        engine.step(torch.ones(16, 8))
+    torch.testing.assert_close(theirs.observe(), ours.observe(), rtol=0, atol=TOLERANCE[torch.float64])
+
+
 @both_crafts
 def test_float32_and_failures(on_host: Any, craft: Spacecraft) -> None:
     made = (craft, NEAR, 16, SHORT)
