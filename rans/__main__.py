@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import sys
+from rans_command import run
 
-from rans_command import main
-
-sys.exit(main())
+if __name__ == "__main__":
+    run()

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import os
 import re
 import shlex
+import subprocess
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,6 +15,7 @@ from typing import Any
 
 import pytest
 import torch
+from torch.distributed.run import get_args_parser
 
 import rans
 from rans.cli import COMMANDS, _parse
@@ -82,6 +85,30 @@ def test_commands_parse(page: Path) -> None:
         arguments = shlex.split(line, comments=True)[1:]
         if len(arguments) > 1 and arguments[0] in COMMANDS:
             _parse(arguments)
+
+
+@every_page
+def test_torchrun_takes_no_option_of_ours_for_its_own(page: Path) -> None:
+    """Which it does with beginnings of their names, such as --run and --log, unless "--" comes before."""
+    for line in re.findall(r"^torchrun .+$|(?<=`)torchrun [^`\n]+", page.read_text("utf-8"), re.MULTILINE):
+        parsed = get_args_parser().parse_args(shlex.split(line)[1:])
+        assert (parsed.module, parsed.training_script) == (True, "rans")
+        assert "-m -- rans" in line
+        _parse(parsed.training_script_args)
+
+
+def test_the_slurm_script_starts_torchrun_on_every_machine(tmp_path: Path) -> None:
+    """With stand-ins for what SLURM brings; --log would be ambiguous to torchrun."""
+    for name, text in (("scontrol", "echo n7; echo n8"), ("srun", 'exec "$@"'), ("torchrun", 'echo "$@"')):
+        (tmp_path / name).write_text(f"#!/bin/sh\n{text}\n")
+        (tmp_path / name).chmod(0o755)
+    given = {"SLURM_NNODES": "2", "SLURM_GPUS_ON_NODE": "8", "SLURM_JOB_ID": "5", "SLURM_JOB_NODELIST": "n7"}
+    own = ["train", "go-to-pose", "--log", "wandb", "--run", "x"]
+    run = subprocess.run(["bash", ROOT / "examples/slurm/rans.sh", *own], check=True, capture_output=True,
+                         text=True, env=os.environ | given | {"PATH": f"{tmp_path}:{os.environ['PATH']}"})
+    parsed = get_args_parser().parse_args(run.stdout.split())
+    assert (parsed.nnodes, parsed.nproc_per_node, parsed.rdzv_endpoint) == ("2", "8", "n7:29500")
+    assert (parsed.training_script, parsed.training_script_args) == ("rans", own)
 
 
 @every_page

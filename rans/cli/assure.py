@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -31,7 +30,8 @@ class Assure:
 
     Writes assurance.json and assurance.html, a page to sign. Ctrl-C keeps what was flown, and the same
     command goes on from there. Failed flights are flown again in NumPy and in Drake, and `rans view` shows
-    them. With --failure-below the exit code is 1 unless that was shown.
+    them. With --failure-below the exit code is 1 unless that was shown. Under torchrun processes share the
+    flights.
     """
 
     agent: Annotated[str, Positional, arg(metavar="AGENT")]
@@ -82,15 +82,24 @@ class Assure:
             return 0
         folder = ready_folder(self.output or output_folder(self.agent))
         names = "assurance", picked_task(self.agent), Path(self.conditions or "").stem
-        self._fly(assurance, folder / f"{'-'.join(filter(None, names))}.json")
-        return 0 if self.failure_below is None or assurance.campaign.decision == "below" else 1
+        first = self._fly(assurance, folder / f"{'-'.join(filter(None, names))}.json")
+        shown = self.failure_below is None or assurance.campaign.decision == "below"
+        return 0 if shown or not first else 1
 
-    def _fly(self, assurance: Assurance, file: Path) -> None:
-        """Until the plan ends; whatever happens, what was flown is written and shown."""
+    def _fly(self, assurance: Assurance, file: Path) -> bool:
+        """Until the plan ends; whatever happens, what was flown is written and shown.
+
+        Whether this is the first of torchrun's processes, which share the flights: the others only fly.
+        """
         import torch
 
+        from rans.fast.distributed import join
+
         device = ("cuda" if torch.cuda.is_available() else "cpu") if self.device == "auto" else self.device
-        campaign, kept = assurance.campaign, time.monotonic()
+        campaign, kept, processes = assurance.campaign, time.monotonic(), join(device, apart=True)
+        if not processes.is_first:
+            assurance.fly(device, lambda _: None, lambda: None, processes)
+            return False
 
         def keep() -> None:
             nonlocal kept
@@ -103,7 +112,7 @@ class Assure:
         try:
             with progress() as bars:
                 bar = bars.add_task("flights", total=campaign.plan.flights, completed=campaign.flights)
-                assurance.fly(device, partial(bars.advance, bar), keep)
+                assurance.fly(device, lambda n: bars.advance(bar, n * processes.size), keep, processes)
                 bars.update(bar, description="failed flights again", total=None)
                 assurance.replay(self.worst, self.worst)
                 if self.rare:
@@ -115,6 +124,7 @@ class Assure:
         finally:  # also after Ctrl-C: what was flown is kept
             if campaign.flights:
                 _show(assurance, file)
+        return True
 
 
 def _show(assurance: Assurance, file: Path) -> None:

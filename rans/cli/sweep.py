@@ -33,7 +33,8 @@ class Sweep:
     """Train many agents as one batch: every seed with every combination of hyper-parameters.
 
     The folder holds sweep.json, sweep.svg, metrics.jsonl and best/, the run folder of the best agent; and
-    under batches/ checkpoints and TensorBoard events. Ctrl-C stops early and keeps what there is.
+    under batches/ checkpoints and TensorBoard events. Ctrl-C stops early and keeps what there is. torchrun
+    divides the members among GPUs (`torchrun --nproc-per-node 8 -m -- rans sweep ...`).
     """
 
     task: Annotated[str | None, Positional, arg(metavar="[TASK]")] = None
@@ -52,7 +53,7 @@ class Sweep:
     """What episodes do not promise: a name (see `rans list CONDITIONS`) or your own TOML file; by default a
     perfect world."""
     output: Annotated[Path | None, arg(aliases=["--run"])] = None
-    """Folder for the results; by default a new one under runs/. torchrun takes --run for its own option."""
+    """Folder for the results; by default a new one under runs/."""
     config: Path | None = None
     """Start from the config.json of a run instead of the task's preset."""
     resume: Path | None = None
@@ -92,12 +93,12 @@ class Sweep:
         if self.resume is not None:
             if replace(self, resume=None, trust=False) != Sweep():
                 raise ConfigError("--resume takes everything from the sweep's folder; give nothing else.")
-            configs, command = read_configs(self.resume)
-            return Trainings(configs, self.resume, command, join(configs[0].device))
+            configs, command, parts = read_configs(self.resume)
+            return Trainings(configs, self.resume, command, join(configs[0].device, apart=True), parts)
         config, *_ = configs = list(self._configs())
         if self.output is not None and self.output.exists():
             raise ConfigError(f"{self.output} exists already; choose another folder with --output.")
-        world = join(config.device)
+        world = join(config.device, apart=True)
         folder = self.output or unused_path(f"sweep-{config.task}-{Path(config.spacecraft).stem}")
         return Trainings(configs, world.first_says(folder), command_line(), world)
 

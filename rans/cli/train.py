@@ -10,7 +10,7 @@ import signal
 import socket
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -24,11 +24,11 @@ from rans.files import command_line, write_text
 from rans.model.spacecraft_file import SPACECRAFT, load_spacecraft
 from rans.processes import beside
 from rans.registry import trust_files
+from rans.show.curve import Rows, drawn_beside
 from rans.terminal import Terminal
 
 if TYPE_CHECKING:
     from rans.fast.learn.config import TrainConfig
-    from rans.fast.learn.run_folder import RunFolder
     from rans.fast.learn.trainer import Trainer
 
 
@@ -37,7 +37,8 @@ class Train:
     """Train an agent until it has solved its task; Ctrl-C stops early and keeps everything.
 
     The run folder holds the config, metrics, checkpoints, TensorBoard events, the learning curve and
-    the agent (policy.zip, which stable_baselines3.PPO.load opens too).
+    the agent (policy.zip, which stable_baselines3.PPO.load opens too). Several GPUs share a training that
+    torchrun starts (`torchrun --nproc-per-node 8 -m -- rans train ...`).
     """
 
     task: Annotated[str | None, Positional, arg(metavar="[TASK]")] = None
@@ -57,7 +58,7 @@ class Train:
     set: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="KEY=VALUE")] = ()
     """Change any entry of the config, e.g. --set ppo.n_steps=32 --set settings.thrust_weight=0.05."""
     output: Annotated[Path | None, arg(aliases=["--run"])] = None
-    """Folder for the run; by default a new one under runs/. torchrun takes --run for its own option."""
+    """Folder for the run; by default a new one under runs/."""
     config: Path | None = None
     """Start from the config.json of another run instead of a task's preset."""
     resume: Path | None = None
@@ -120,9 +121,19 @@ class Train:
 
     def run(self) -> int:
         """Train with progress; 130 when it was stopped early."""
+        from rans.fast.kernels.driver import open_ahead
+
+        if self.device != "cpu":
+            open_ahead()
+        compile_in_this_process()
+        if os.environ.get("RANK", "0") != "0":
+            return self._train(lambda rows: "")
+        with drawn_beside() as curve:
+            return self._train(curve)
+
+    def _train(self, curve: Callable[[Rows], str]) -> int:
         from rans.fast.learn.loggers import check, loggers
 
-        compile_in_this_process()
         check(self.log)
         trainer = self._trainer()
         if not trainer.processes.is_first:
@@ -138,7 +149,8 @@ class Train:
                           lambda: stop.asked)
         for other in others:
             other.close()
-        _draw(trainer.run)
+        if rows := trainer.run.metrics():
+            write_text(trainer.run.path / "learning_curve.svg", curve(rows))
         Terminal().say(_summary(trainer, stop.asked, time.monotonic() - STARTED))
         return 130 if stop.asked else 0
 
@@ -150,15 +162,6 @@ def compile_in_this_process() -> None:
     cold one loses 3 s without.
     """
     os.environ.setdefault("TORCHINDUCTOR_COMPILE_THREADS", "1")
-
-
-def _draw(run: RunFolder) -> None:
-    """The learning curve, with Matplotlib, for which training need not wait."""
-    from rans.show.figures import learning_curve
-    from rans.show.svg import svg
-
-    if rows := run.metrics():
-        write_text(run.path / "learning_curve.svg", svg(learning_curve(rows)))
 
 
 def _summary(trainer: Trainer, stopped: bool, seconds: float) -> str:

@@ -1,8 +1,9 @@
-"""One training on several processes, started by torchrun: each has a GPU and its share of the environments.
+"""Several processes, started by torchrun: each has a GPU and its share of one training's environments.
 
-Process r of n owns every n-th environment of the batch, from environment r on, and draws the random
-numbers that these environments would get on one process. A minibatch so holds the same transitions however
-many processes share it, and averaged gradients are those of one process up to the order of summation.
+Or of the members of a sweep and of the flights of an assurance, where processes work apart. In one training
+process r of n owns every n-th environment of the batch, from environment r on, and draws the random numbers
+that these environments would get on one process. A minibatch so holds the same transitions however many
+processes share it, and averaged gradients are those of one process up to the order of summation.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from datetime import timedelta
 from functools import partial
 from typing import Any
 
@@ -104,13 +106,29 @@ class Processes:
         return box[0]
 
 
+    def part(self, count: int) -> tuple[int, int]:
+        """First of so many things that are this process's, and how many are."""
+        first, end = (count * place // self.size for place in (self.rank, self.rank + 1))
+        return first, end - first
+
+    def everyone_says(self, value: Any) -> list[Any]:
+        """What every process holds, in the order of their ranks; all must ask."""
+        said = [value] * self.size
+        if self.size > 1:
+            _collective(dist.all_gather_object, said, value)
+        return said
+
+
 ALONE = Processes()
+_PATIENCE = timedelta(days=30)
+"""For the slowest of processes that work apart."""
 
 
-def join(device: str) -> Processes:
+def join(device: str, apart: bool = False) -> Processes:
     """The processes torchrun started, this one among them; `ALONE` where it started none.
 
-    From then on ``cuda`` means this process's own GPU; ConfigError where there are too few.
+    From then on ``cuda`` means this process's own GPU; ConfigError where there are too few. Those that work
+    ``apart`` meet on the CPU alone, and wait for one another as long as it takes.
     """
     size = int(os.environ.get("WORLD_SIZE", "1"))
     if size == 1:
@@ -121,10 +139,12 @@ def join(device: str) -> Processes:
             raise ConfigError(f"torchrun started more processes than the {count} GPUs here; lower "
                               "--nproc-per-node.")
         torch.cuda.set_device(local)
+    if device.startswith("cuda") and not apart:
         # Decisions travel through the CPU, so that asking does not wait for the GPU.
-        dist.init_process_group("cpu:gloo,cuda:nccl", device_id=torch.device("cuda", local))
+        dist.init_process_group("cpu:gloo,cuda:nccl",
+                                device_id=torch.device("cuda", torch.cuda.current_device()))
     else:
-        dist.init_process_group("gloo")
+        dist.init_process_group("gloo", timeout=_PATIENCE if apart else None)
         # A thread of its own that still works while Python ends would abort the process.
         atexit.register(dist.destroy_process_group)
     leave_when_stuck()
@@ -156,5 +176,5 @@ def _collective(function: Callable[..., Any], *arguments: Any, **settings: Any) 
     try:
         function(*arguments, **settings)
     except RuntimeError as error:
-        raise WorkerLost("another process of this training is gone; the usual cause is lack of memory, "
+        raise WorkerLost("another process of this command is gone; the usual cause is lack of memory, "
                          "and its own message is above.") from error

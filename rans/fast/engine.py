@@ -18,7 +18,8 @@ from rans.errors import ConfigError, brief, checked
 from rans.fast.distributed import ALONE, Processes
 from rans.fast.kernels.launch import Kernel
 from rans.fast.privileged import Known
-from rans.fast.step import Place, Step, holding, restore, snapshot, step_arrays, step_tensors, write
+from rans.fast.step import Place, Step, holding, restore, snapshot, write
+from rans.fast.straight_step import stepping
 from rans.model.accuracy import chosen
 from rans.model.body import Body, in_memory
 from rans.model.conditions import Conditions
@@ -87,14 +88,13 @@ class Engine:
         first = np.arange(num_envs) % each * processes.size + processes.rank
         self._draws = draws = Draws(*place.words(seeds, each), place.put(first, torch.int32),
                                     each * processes.size, place.fields)
-        self._step = (step_arrays if place.on_numpy else step_tensors if not self.compiled else
-                      torch.compile(step_tensors, fullgraph=True, dynamic=False))
         buffers = self._world, self.body, num_envs, draws
         self._episode, self._kernel = place.episodes(*buffers, remember), None
         if generated and self.compiled and self.device.type == "cuda":
             self._kernel = Kernel.made(self._world, self._episode, draws, processes, dtype, self.members)
         if self._kernel is None:
             self._episode = place.episodes(*buffers, remember=True)
+        self._step = stepping(place, self.compiled and self._kernel is None)
         self.state, self.goal = self._episode.state, self._episode.goal
         """Current ones; fields are views that the next step overwrites, those that never vary floats."""
         self.reset(seeds)

@@ -114,7 +114,7 @@ class Flights:
         """What became of the parts, by one process a processor: threads would wait for Python's lock."""
         jobs = [(*part, seed) for part in parts]
         given = pickle.dumps((self._network, self._setup, self.listed))  # torch would share tensors by files
-        with submitted(_work, jobs, min(len(jobs), os.cpu_count() or 1), _load, (given,)) as futures:
+        with submitted(_work, jobs, min(len(jobs), _processors()), _load, (given,)) as futures:
             try:
                 for future in as_completed(futures):
                     progress(future.result().flights)
@@ -165,6 +165,11 @@ def _load(given: bytes) -> None:
 
 def _work(first: int, count: int, seed: int) -> Verdicts:
     return _given[0].fly(first, count, seed)
+
+
+def _processors() -> int:
+    """This process's share of the machine's, beside others that torchrun started here."""
+    return max(1, (os.cpu_count() or 1) // int(os.environ.get("LOCAL_WORLD_SIZE", "1")))
 
 
 def _parts(first: int, count: int, size: int) -> list[tuple[int, int]]:

@@ -14,7 +14,8 @@ _FUNCTIONS: dict[str, Callable[..., Any]] = {
     "+": np.add, "-": np.subtract, "*": np.multiply, "/": np.divide, "&": np.bitwise_and,
     "|": np.bitwise_or, "^": np.bitwise_xor, ">>": np.right_shift, "<": np.less, "<=": np.less_equal,
     ">": np.greater, ">=": np.greater_equal, "==": np.equal, "!=": np.not_equal, "neg": np.negative,
-    "abs": np.abs, "minimum": np.minimum, "maximum": np.maximum, "atan2": np.arctan2,
+    "abs": np.abs, "minimum": lambda a, b, to: np.minimum(a, b, out=to),
+    "maximum": lambda a, b, to: np.maximum(a, b, out=to), "atan2": np.arctan2,
     **{name: getattr(np, name) for name in ("sin", "cos", "exp", "log", "sqrt", "floor")}}
 _TYPES = {"real": np.float32, "int": np.int32, "bool": np.bool_}
 _Value = Symbol | tuple[str, Symbol]

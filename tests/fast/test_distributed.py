@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import os
 import signal
+import socket
 import subprocess
 import sys
 from dataclasses import replace
@@ -15,14 +16,24 @@ from torch.multiprocessing.spawn import start_processes
 
 from rans.cli import main
 from rans.errors import ConfigError, WorkerLost
+from rans.evaluation.assure.bounds import plan
+from rans.evaluation.assure.campaign import Campaign
+from rans.evaluation.fly.protocols import Setup
 from rans.fast.distributed import ALONE, Processes, join
 from rans.fast.engine import Engine
+from rans.fast.learn.architecture import Architecture
+from rans.fast.learn.config import PPOSettings
 from rans.fast.learn.member import begin, statistics
+from rans.fast.learn.network import Network
 from rans.fast.learn.ppo import Learner, act
 from rans.fast.learn.run_folder import RunFolder
+from rans.fast.learn.sweep import Sweep
+from rans.model.spacecraft_file import load_spacecraft
+from rans.model.timing import Timing
+from rans.tasks import TASKS
 from tests.cli.test_train import tiny
 from tests.fast.engines import NEAR, PLATFORM, SHORT
-from tests.fast.training import TINY, weights
+from tests.fast.training import CONFIG, TINY, weights
 from tests.processes import PATIENCE, python
 
 ROOT = Path(__file__).parents[2]
@@ -60,11 +71,27 @@ def one_of_two(rank: int, folder: Path) -> None:
         found = learned(started(world, members)) | {
             "any": world.any(rank == 1, False), "first": world.first_says(f"from {rank}")}
         torch.save(found, folder / f"{rank}-{members}.pt")
+    torch.save(told(folder / "sweep", world), folder / f"{rank}-apart.pt")
     if rank == 0:
-        with pytest.raises(WorkerLost, match="another process of this training is gone"):
+        with pytest.raises(WorkerLost, match="another process of this command is gone"):
             world.average(torch.zeros(1))
     # Not by returning: threads of gloo that lost their peer abort a process now and then while it ends.
     os._exit(0)
+
+
+def told(folder: Path, world: Processes = ALONE) -> dict[str, Any]:
+    """What a process knows at the end of a sweep of three members in two parts, and of 7 and 5 flights."""
+    sweep = Sweep([replace(CONFIG, seed=seed) for seed in range(3)], folder, processes=world, parts=2)
+    sweep.train(lambda _: None)
+    craft, task = load_spacecraft("floating-platform"), TASKS["go-to-pose"]()
+    engine = Engine(craft, task, 1)
+    given = Architecture.of(engine, PPOSettings(layers=(8,)))
+    campaign = Campaign(plan(0.9, 12, None), 5)
+    campaign.fly(Network(given, given.initial(0, 0.5)[0]), Setup(craft, task, Timing(episode_steps=5)), "cpu",
+                 processes=world)
+    weights = [{name: x.tolist() for name, x in member.weights.items()} for member in sweep.members]
+    return {"members": weights, "steps": [[row["steps"] for row in member.rows] for member in sweep.members],
+            "timed": sweep.timed_steps, "flights": campaign.flights, "listed": campaign.listed}
 
 
 @pytest.fixture(scope="module")
@@ -95,6 +122,16 @@ def test_two_processes_learn_what_one_does(together: Path, members: int) -> None
                      "return/turn"):
             assert ours[name] == pytest.approx(theirs[name], rel=1e-9), name
     assert (first["any"], first["first"], second["first"]) == ((True, False), "from 0", "from 0")
+
+
+def test_processes_that_work_apart_know_what_one_would(together: Path, tmp_path: Path) -> None:
+    """Members and flights are divided, and what became of all is known to all."""
+    alone = told(tmp_path)
+    assert len(alone["listed"]) == alone["flights"] == 12  # an untrained agent fails
+    for rank in range(2):
+        assert torch.load(together / f"{rank}-apart.pt", weights_only=False) == alone
+    assert ALONE.part(7) == (0, 7)
+    assert [Processes(rank, 3).part(7) for rank in range(3)] == [(0, 2), (2, 2), (4, 3)]
 
 
 def test_alone_nothing_changes() -> None:
@@ -158,18 +195,20 @@ sys.exit(main(sys.argv[1:]))
 
 def test_a_lost_process_leaves_a_sentence_and_a_checkpoint(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    """Which one process then resumes."""
+    """Which one process then resumes. They are on two machines, here both are this one."""
     monkeypatch.chdir(tmp_path)
     Path("mortal.py").write_text(MORTAL)
-    command = [sys.executable, "-m", "torch.distributed.run", "--nproc-per-node", "2", "--", "mortal.py",
-               *tiny(total_timesteps=10**9), "--run", "run"]
+    with socket.create_server(("localhost", 0)) as free:
+        port = free.getsockname()[1]
+    command = [sys.executable, "-m", "torch.distributed.run", "--nnodes", "2", "--nproc-per-node", "1",
+               "--rdzv-backend", "c10d", "--rdzv-id", "tests", "--rdzv-endpoint", f"localhost:{port}",
+               "--local-addr", "localhost", "--", "mortal.py", *tiny(total_timesteps=10**9), "--run", "run"]
     environment = os.environ | {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
-    ended = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=PATIENCE,
-                           check=False)
-    assert ended.returncode != 0
-    sentence = "rans: another process of this training is gone;"
-    assert ended.stderr.count(sentence) == 1, ended.stderr
-    assert "Continue from the last checkpoint with --resume run." in ended.stderr
+    nodes = [subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True) for _ in range(2)]
+    errors = "".join(node.communicate(timeout=PATIENCE)[1] for node in nodes)
+    assert all(node.returncode != 0 for node in nodes)
+    assert errors.count("rans: another process of this command is gone;") == 1, errors
+    assert "Continue from the last checkpoint with --resume run." in errors
     steps = RunFolder(Path("run")).load_checkpoint("cpu")["steps"]
     config = Path("run/config.json")
     config.write_text(config.read_text().replace("1000000000", str(steps + 256)))

@@ -58,7 +58,7 @@ def train_until_solved(settings: PPOSettings, device: str, spacecraft: str = "fl
     """One training of go-to-pose as ``rans train`` does it."""
     with tempfile.TemporaryDirectory() as folder, one_thread():
         config = TrainConfig("go-to-pose", GoToPose(), spacecraft, settings, seed=seed, device=device,
-                             report_interval=report_interval)
+                             report_interval=report_interval, compiled=True)
         run = RunFolder(Path(folder) / "run")
         run.begin(config, "rans benchmark")
         trainer = Trainer([config], load_spacecraft(spacecraft), run)

@@ -21,6 +21,7 @@ from rans.evaluation.assure.replay import Replays, replays
 from rans.evaluation.assure.search import Searched, on_device, searched
 from rans.evaluation.fly.agent import Agent, LoadedRun
 from rans.evaluation.fly.contestants import contestant, judged_separately
+from rans.fast.distributed import ALONE, Processes
 from rans.fast.learn.network import Network
 from rans.fast.verdicts import Failure
 from rans.files import environment as this_environment
@@ -78,9 +79,12 @@ class Assurance:
                 "looks": [[look.flights, look.high_level, look.low_level] for look in plan.looks],
                 "hashes": self.hashes}
 
-    def fly(self, device: str, told: Callable[[int], object], keep: Callable[[], object]) -> None:
-        """Count flights until the plan ends; see `Campaign.fly`."""
-        self.campaign.fly(self._network, self.run.judged, device, told, keep)
+    def fly(self, device: str, told: Callable[[int], object], keep: Callable[[], object],
+            processes: Processes = ALONE) -> None:
+        """Count flights until the plan ends, from where the first process stands; see `Campaign.fly`."""
+        if processes.size > 1:
+            self.campaign.go_on_from(processes.first_says(self.campaign.to_json()))
+        self.campaign.fly(self._network, self.run.judged, device, told, keep, processes)
 
     def replay(self, worst: int, sample: int) -> None:
         """Fly failed flights again, see `rans.evaluation.assure.replay.replays`."""

@@ -5,11 +5,14 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import reduce
+from operator import add
 from typing import Any
 
 from rans.errors import ConfigError
 from rans.evaluation.assure.bounds import Bound, Decision, Plan, lower, upper
 from rans.evaluation.fly.protocols import Setup
+from rans.fast.distributed import ALONE, Processes
 from rans.fast.flights import Flights
 from rans.fast.learn.network import Network
 from rans.fast.verdicts import Failure, Verdicts
@@ -67,7 +70,7 @@ class Campaign:
 
     def fly(self, network: Network, setup: Setup, device: str,
             told: Callable[[int], object] = lambda _: None,
-            keep: Callable[[], object] = lambda: None) -> None:
+            keep: Callable[[], object] = lambda: None, processes: Processes = ALONE) -> None:
         """Fly on until the plan ends; whatever was flown before is kept, also when somebody interrupts.
 
         Args:
@@ -76,13 +79,16 @@ class Campaign:
             device: torch device.
             told: called with the number of flights that were flown since the last call.
             keep: called now and then, and at every look.
+            processes: those that share the flights, and all learn of all.
         """
         fleet = Flights(network, setup, device, listed=LISTED)
-        piece = _PIECES[fleet.device.type]
+        piece = _PIECES[fleet.device.type] * processes.size
         while not self.over:
             look = next(one for one in self.plan.looks if one.flights > self.flights)
             began = time.monotonic()
-            self.add(fleet.fly(self.flights, min(piece, look.flights - self.flights), self.seed, told))
+            first, count = processes.part(min(piece, look.flights - self.flights))
+            own = fleet.fly(self.flights + first, count, self.seed, told) if count else None
+            self.add(reduce(add, filter(None, processes.everyone_says(own))))
             self.seconds += time.monotonic() - began
             keep()
 

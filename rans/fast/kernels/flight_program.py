@@ -107,11 +107,11 @@ def _shown(world: World, now: Episode, draws: Draws, given: Architecture
     way = body.ahead(columns)
     if given.symmetries is None or way is None:
         return columns, columns, then, Symbol.constant(0)
-    which, turn, hand = _side(given.symmetries, way)
-    return columns, _viewed(body, columns, turn, hand), _viewed(body, then, turn, hand), which
+    which, turn, hand = side(given.symmetries, way)
+    return columns, viewed(body, columns, turn, hand), viewed(body, then, turn, hand), which
 
 
-def _side(views: Symmetries, way: Sequence[Field]) -> tuple[Symbol, list[list[Field]], Field]:
+def side(views: Symmetries, way: Sequence[Field]) -> tuple[Symbol, list[list[Field]], Field]:
     """As `Symmetries.which`: the side with the goal ahead, its matrix and hand."""
     axes, best = range(len(way)), None
     which, turn, hand = Symbol.constant(0), [[0.0] * len(way) for _ in axes], 1.0
@@ -129,7 +129,7 @@ def _side(views: Symmetries, way: Sequence[Field]) -> tuple[Symbol, list[list[Fi
     return which, turn, hand
 
 
-def _viewed(body: Layout, columns: Sequence[Symbol], turn: list[list[Field]], hand: Field
+def viewed(body: Layout, columns: Sequence[Symbol], turn: list[list[Field]], hand: Field
             ) -> tuple[Symbol, ...]:
     """As `Symmetries.viewed`."""
     def view(u: Sequence[Field]) -> list[Field]:

@@ -16,6 +16,8 @@ from torch import Tensor
 
 from rans.episode import Episode, World
 from rans.fast.distributed import Processes
+from rans.fast.kernels.driver import LIBRARY
+from rans.fast.kernels.kept import kept
 from rans.fast.kernels.observation import Observation
 from rans.fast.kernels.program import Shape, trace
 from rans.fast.kernels.source import THREADS, source
@@ -48,7 +50,7 @@ class Function:
     """
 
     def __init__(self, text: str, name: str, capability: tuple[int, int], shared: int = 0) -> None:
-        self._driver = CDLL("nvcuda.dll" if sys.platform == "win32" else "libcuda.so.1")
+        self._driver = CDLL(LIBRARY)
         self._module, self._function = c_void_p(), c_void_p()
         self._check(self._driver.cuModuleLoadData(byref(self._module), compiled(text, capability)))
         self._check(self._driver.cuModuleGetFunction(byref(self._function), self._module, name.encode()))
@@ -76,8 +78,12 @@ class Function:
 @cache
 def compiled(text: str, capability: tuple[int, int]) -> bytes:
     """Machine code of CUDA C++ for a device of this capability (major, minor); needs none."""
-    compiler, program = _compiler(), c_void_p()
     options = [f"--gpu-architecture=sm_{capability[0]}{capability[1]}", *_OPTIONS]
+    return kept(f"{torch.version.cuda} {options} {text}", lambda: _compiled(text, options))
+
+
+def _compiled(text: str, options: Sequence[str]) -> bytes:
+    compiler, program = _compiler(), c_void_p()
     array = (c_char_p * len(options))(*(option.encode() for option in options))
     compiler.nvrtcCreateProgram(byref(program), text.encode(), b"step.cu", 0, None, None)
     failed = compiler.nvrtcCompileProgram(program, len(options), array)

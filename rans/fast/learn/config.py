@@ -172,6 +172,9 @@ class TrainConfig:
     """Of starts, goals, weights and actions."""
     device: str = "cpu"
     """Torch device."""
+    compiled: bool | None = None
+    """Whether torch's compiler makes a GPU's kernels before training begins, or never; null: once so much is
+    left to train that it pays for the 5 to 35 s that it takes."""
     threads: int = 1
     """Torch's on a CPU. One is nearly as fast as two for small networks, many times faster when anything else
     runs, and the weights' last bits depend on the number."""

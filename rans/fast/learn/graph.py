@@ -1,11 +1,11 @@
-"""On a GPU: functions compiled into few kernels, and recorded once to be replayed without Python."""
+"""On a GPU: functions recorded once to be replayed without Python, and compiled where that pays."""
 
 from __future__ import annotations
 
 import gc
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import ParamSpec, TypeVar
+from typing import Generic, ParamSpec, TypeVar
 
 import torch
 from torch import Tensor
@@ -13,33 +13,63 @@ from torch import Tensor
 P = ParamSpec("P")
 R = TypeVar("R")
 
+_compiles = True
+"""Whether `fused` functions are compiled, see `as_written`."""
+
+
+@contextmanager
+def as_written() -> Iterator[None]:
+    """Within it what is `fused` runs operation by operation, in the whole process.
+
+    A training of seconds is over before torch's compilers are imported (docs/speed.md).
+    """
+    global _compiles
+    before, _compiles = _compiles, False
+    try:
+        yield
+    finally:
+        _compiles = before
+
 
 def fused(function: Callable[P, R], device: torch.device) -> Callable[P, R]:
     """The same function compiled for a GPU; on a CPU, itself: there compiling takes longer than training."""
-    if device.type != "cuda":
-        return function
-    return torch.compile(function, fullgraph=True, dynamic=False)
+    return function if device.type != "cuda" else _Fused(function)
 
 
 def graphed(function: Callable[[], Tensor], device: torch.device) -> Callable[[], Tensor]:
-    """The same function, replayed from a CUDA graph after two ordinary calls; on a CPU, itself.
+    """The same function, replayed from a CUDA graph after one or two ordinary calls; on a CPU, itself.
 
     It works on memory of the device that never moves, and without waiting for the device.
     """
     return function if device.type != "cuda" else _Graphed(function)
 
 
-class _Graphed:
-    """The first calls compile and warm up, which a graph cannot record; they count as real calls."""
+class _Fused(Generic[P, R]):
+    """Compiled when it is first called outside of `as_written`."""
 
-    _WARM_UP = 2
+    def __init__(self, function: Callable[P, R]) -> None:
+        self._function: Callable[P, R] = function
+        self._compiled: Callable[P, R] | None = None
+
+    def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R:
+        if not _compiles:
+            return self._function(*args, **kwargs)
+        if self._compiled is None:
+            self._compiled = torch.compile(self._function, fullgraph=True, dynamic=False)
+        return self._compiled(*args, **kwargs)
+
+
+class _Graphed:
+    """The first calls compile or load kernels, which a graph cannot record; they count as real calls."""
 
     def __init__(self, function: Callable[[], Tensor]) -> None:
-        self._function, self._calls = function, 0
+        self._function, self._calls, self._compiles = function, 0, _compiles
         self._recorded: tuple[torch.cuda.CUDAGraph, Tensor] | None = None
 
     def __call__(self) -> Tensor:
-        if self._recorded is None and self._calls < self._WARM_UP:
+        if self._compiles != _compiles:  # what was recorded are other kernels
+            self._calls, self._recorded, self._compiles = 0, None, _compiles
+        if self._recorded is None and self._calls < calls_until_recorded():
             self._calls += 1
             return self._on_side_stream()
         if self._recorded is None:
@@ -57,6 +87,11 @@ class _Graphed:
             result = self._function()
         torch.cuda.current_stream().wait_stream(stream)
         return result
+
+
+def calls_until_recorded() -> int:
+    """Ordinary calls of a `graphed` function: the compiler takes two, the second finds other strides."""
+    return 2 if _compiles else 1
 
 
 @contextmanager

@@ -11,6 +11,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from rans.fast.distributed import ALONE, Processes
+from rans.fast.kernels.look import look
 from rans.fast.learn.architecture import ACTIVATIONS, EXTRACTOR, Architecture, Duty, OnOff
 from rans.fast.learn.memory import continued, recurrent, viewed
 
@@ -32,7 +33,8 @@ class Network:
     without that axis: a product of two matrices is faster than a batch of one.
     """
 
-    def __init__(self, architecture: Architecture, tensors: Mapping[str, Tensor], members: int = 1) -> None:
+    def __init__(self, architecture: Architecture, tensors: Mapping[str, Tensor], members: int = 1,
+                 programs: bool = False) -> None:
         self.architecture, self.members, self.tensors = architecture, members, dict[str, Tensor]()
         self._activation = ACTIVATIONS[architecture.activation]()
         self.adopt(tensors)
@@ -40,6 +42,7 @@ class Network:
         kept, views = self._mean.new_tensor(architecture.averages), architecture.symmetries
         self._kept = kept.repeat_interleave(architecture.seen + architecture.thrusters)
         self._views = None if views is None else views.tensors_like(self._mean)
+        self._look = look(architecture, self._views, self._mean, programs)
 
     def adopt(self, tensors: Mapping[str, Tensor]) -> None:
         """Use these tensors from now on, in the place of those of the same names."""
@@ -54,7 +57,7 @@ class Network:
         """A copy of K members' weights and statistics."""
         lead = torch.stack if len(tables) > 1 else lambda lone: lone[0].clone()
         return cls(architecture, {name: lead([table[name].detach().to(device, dtype) for table in tables])
-                                  for name in tables[0]}, len(tables))
+                                  for name in tables[0]}, len(tables), programs=True)
 
     def _chain(self, name: str) -> Iterator[tuple[Tensor, Tensor]]:
         return (self._layer(key.removesuffix(".weight")) for key in self.tensors
@@ -93,8 +96,7 @@ class Network:
 
     def in_body(self, observation: Tensor) -> Tensor:
         """The columns (N, k) of observations (N, width) in the body frame."""
-        columns = self.architecture.layout.in_body(observation.to(self._mean.dtype).unbind(dim=1))
-        return torch.stack(columns, dim=1)
+        return self._look.in_body(observation.to(self._mean.dtype))
 
     def look(self, columns: Tensor,
              memory: Tensor | None = None) -> tuple[Tensor, Tensor | None, Tensor | None]:
@@ -104,15 +106,13 @@ class Network:
         on weights, so one look serves an update.
         """
         given, views = self.architecture, self._views
-        layout, fields = given.layout.body, columns.unbind(dim=1)
-        way = layout.ahead(fields)
-        if views is None or way is None:
+        if views is None or given.layout.body.ahead(tuple(range(given.seen))) is None:
             return columns, memory, None
-        which = views.which(way)
-        place, seen = views.place[which], torch.stack(views.viewed(layout, fields, which), dim=1)
+        seen, which = self._look.seen(columns)
+        place = views.place[which]
         if memory is None or not given.recalled:
             return seen, memory, place
-        return seen, viewed(memory, given.recalled, layout, views, which), place
+        return seen, viewed(memory, given.recalled, given.layout.body, views, which), place
 
     def evaluate_seen(self, seen: Tensor, memory: Tensor | None = None, privileged: Tensor | None = None,
                       going_on: Tensor | None = None) -> Output:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import json
+import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from statistics import fmean
@@ -11,7 +12,7 @@ from typing import Any, TypeVar
 
 import torch
 
-from rans.errors import ConfigError
+from rans.errors import ConfigError, WorkerLost, brief
 from rans.fast.distributed import ALONE, Processes
 from rans.fast.engine import Engine
 from rans.fast.learn.architecture import Architecture
@@ -36,15 +37,21 @@ class Sweep:
     Configs, one a member, that differ only in seed, in `Coefficients` and in numbers among the task's
     settings form one batch; one that cannot work is a ConfigError. The folder, in which nothing is written
     before `train`, holds ``configs.json`` and a run folder for each batch, from which it can go on.
+
+    Batches are divided into so many ``parts``, by default one a process, and processes train parts in turn:
+    as many processes as you like may go on with a sweep.
     """
 
     def __init__(self, configs: Sequence[TrainConfig], path: Path, command: str = "rans sweep",
-                 processes: Processes = ALONE) -> None:
+                 processes: Processes = ALONE, parts: int | None = None) -> None:
         self.path, self.command, self.processes = path, command, processes
         self.members = [Member(config) for config in configs]
-        self._batches = grouped(range(len(configs)), lambda n: _key(configs[n], _is_structure))
-        for batch in self._batches:
+        self._parts = parts or processes.size
+        whole = grouped(range(len(configs)), lambda n: _key(configs[n], _is_structure))
+        for batch in whole:
             check(configs[batch[0]])
+        self._batches = [part for batch in whole for first in range(self._parts)
+                         if (part := batch[first::self._parts])]
         self.seconds, self.timed_steps = 0.0, 0
         """Of training without compiling; environment steps of all members in that time."""
         tables = [dict(entries(to_table(member.config))) for member in self.members]
@@ -54,25 +61,45 @@ class Sweep:
 
     def train(self, report: Callable[[Sequence[Member]], object],
               stop: Callable[[], bool] = lambda: False) -> None:
-        """Train until every member is solved or out of steps, or told to stop, see `Trainer.train`."""
+        """Train until every member is solved or out of steps, or told to stop, see `Trainer.train`.
+
+        After that every process knows of all members. WorkerLost where another one is gone.
+        """
         if self.processes.is_first:
             configs = [to_table(member.config) for member in self.members]
-            write_json(self.path / "configs.json", {"command": self.command, "configs": configs})
-        for place, batch in enumerate(self._batches):
+            write_json(self.path / "configs.json", {
+                "command": self.command, "parts": self._parts, "configs": configs})
+        for place, batch in self.processes.mine(list(enumerate(self._batches))):
             run = RunFolder(self.path / "batches" / str(place))
             if not stop() or run.has_checkpoint:
                 if place > 0:
                     gc.collect()  # the device's memory of the batch before hangs in reference cycles
                 self._train(run, batch, report, stop)
+        try:
+            self._hear_from_others()
+        except WorkerLost as error:
+            advice = f"What was trained is kept; go on with `rans sweep --resume {self.path}`."
+            raise WorkerLost(f"{error} {advice}") from error
+
+    def _hear_from_others(self) -> None:
+        own = [number for batch in self.processes.mine(self._batches) for number in batch]
+        told = {number: ((member := self.members[number]).rows, member.weights, member.in_a_row)
+                for number in own}
+        said = self.processes.everyone_says((told, self.seconds, self.timed_steps))
+        for trained, _, _ in said:
+            for number, (rows, weights, in_a_row) in trained.items():
+                self.members[number] = Member(self.members[number].config, rows, weights, in_a_row)
+        self.seconds = max(seconds for _, seconds, _ in said)
+        self.timed_steps = sum(steps for _, _, steps in said)
 
     def _train(self, run: RunFolder, batch: Sequence[int], report: Callable[[Sequence[Member]], object],
                stop: Callable[[], bool]) -> None:
         configs = [self.members[number].config for number in batch]
-        if configs[0].device == "cuda":
+        if "torch._dynamo" in sys.modules:
             torch.compiler.reset()  # what earlier batches compiled counts towards the compiler's limit
-        if self.processes.is_first and not run.config_file.exists():
+        if not run.config_file.exists():
             run.begin(configs[0], self.command)
-        trainer = Trainer(configs, load_spacecraft(configs[0].spacecraft), run, self.processes, goes_on=True)
+        trainer = Trainer(configs, load_spacecraft(configs[0].spacecraft), run, goes_on=True)
         trainer.resume()
         for number, member in zip(batch, trainer.members, strict=True):
             self.members[number] = member
@@ -110,8 +137,8 @@ class Sweep:
                 for number, member in enumerate(self.members) if member.rows]
 
 
-def read_configs(path: Path) -> tuple[list[TrainConfig], str]:
-    """What the sweep that left this folder trains, and the command that began it; or a ConfigError."""
+def read_configs(path: Path) -> tuple[list[TrainConfig], str, int]:
+    """What the sweep that left this folder trains, what began it, and in how many parts; or a ConfigError."""
     file = path / "configs.json"
     if not file.exists():
         raise ConfigError(f"{path} is not a sweep's folder: it has no configs.json.")
@@ -121,7 +148,10 @@ def read_configs(path: Path) -> tuple[list[TrainConfig], str]:
     for config in filter(lambda config: isinstance(config, dict), table["configs"]):
         TASKS.check_file(config.get("task"), file)
         SPACECRAFT.check_file(config.get("spacecraft"), file)
-    return [from_table(config) for config in table["configs"]], str(table.get("command"))
+    parts = table.get("parts", 1)
+    if not isinstance(parts, int) or parts < 1:
+        raise ConfigError(f"{file} is damaged: parts must be a whole number >= 1, got {brief(parts)}.")
+    return [from_table(config) for config in table["configs"]], str(table.get("command")), parts
 
 
 def check(config: TrainConfig) -> Architecture:

@@ -16,6 +16,7 @@ from rans.fast.distributed import ALONE, Processes
 from rans.fast.engine import Engine
 from rans.fast.learn.config import TrainConfig
 from rans.fast.learn.curriculum import Curriculum
+from rans.fast.learn.graph import as_written, calls_until_recorded
 from rans.fast.learn.member import Member, begin, statistics
 from rans.fast.learn.policy_file import write_learner
 from rans.fast.learn.run_folder import RunFolder
@@ -25,8 +26,8 @@ from rans.fast.step import field_dtype
 from rans.files import replace_file
 from rans.model.spacecraft import Spacecraft
 
-WARM_UP_ITERATIONS = 3
-"""On a GPU: two that compile, one that records the graphs. They train, but are timed apart."""
+_COMPILING = 30.0
+"""Seconds of training from which on compiling pays, which takes 5 to 35 and makes it twice as fast."""
 _CHECKPOINT_SECONDS = 5.0
 _ARCHITECTURE = ("layers", "activation", "zoom", "symmetric", "memory", "history", "averages",
                  "recurrent_units", "privileged_critic")
@@ -117,34 +118,56 @@ class Trainer:
             folder, many = self.run.path / "tensorboard", len(self.members) > 1
             self._events = [TensorBoardOutputFormat(str(folder / str(number) if many else folder))
                             for number in range(len(self.members))]
-        finished = self._ended
-        self._warm_up()
-        if self._ended and not finished:  # the warm-up took all steps
-            self._report(report)
-        stopped, saved = False, time.monotonic()
-        while not (stopped or self._ended):
-            begun = time.monotonic()
-            self._iterate()
-            self.seconds += time.monotonic() - begun
-            stopped, late = self.processes.any(stop(), time.monotonic() - saved > _CHECKPOINT_SECONDS)
-            if stopped or self._ended or self._is_report_due():
-                self._report(report)
-            if late:
-                self.save()
-                saved = time.monotonic()
+        self._begun, stopped = (self.steps, self.seconds), False
+        if not self.config.compiled:
+            with as_written():
+                stopped = self._go_on(report, stop, self._compiling_pays)
+        if not (stopped or self._ended):
+            self._go_on(report, stop)
         for number in self.running():
             self.members[number].weights = self.learner.network.member(number)
         self.save()
 
-    def _warm_up(self) -> None:
-        """On a GPU, compile and record everything; training is timed from then on."""
-        if self.engine.device.type == "cuda" and not self._ended:
+    def _go_on(self, report: Callable[[Sequence[Member]], object], stop: Callable[[], bool],
+               over: Callable[[], bool] = lambda: False) -> bool:
+        """Train until it ends, is told to stop, which is returned, or this is over."""
+        finished = self._ended
+        self._warm_up()
+        if self._ended and not finished:  # the warm-up took all steps
+            self._report(report)
+        stopped, ended, saved = False, self._ended, time.monotonic()
+        while not (stopped or ended):
             begun = time.monotonic()
-            for _ in range(WARM_UP_ITERATIONS):
+            self._iterate()
+            self.seconds += time.monotonic() - begun
+            stopped, late, left = self.processes.any(
+                stop(), time.monotonic() - saved > _CHECKPOINT_SECONDS, over())
+            if stopped or self._ended or self._is_report_due():
+                self._report(report)
+            ended = left or self._ended
+            if late:
+                self.save()
+                saved = time.monotonic()
+        return stopped
+
+    def _compiling_pays(self) -> bool:
+        """Whether much is left on a GPU: all steps, or, where training ends once solved, as much as was."""
+        if self.engine.device.type != "cuda" or self.config.compiled is not None:
+            return False
+        took = self.seconds - self._begun[1]
+        left = (self.config.total_timesteps - self.steps) / self.rate
+        return (left if self.config.solved_share is None else took) > _COMPILING
+
+    def _warm_up(self) -> None:
+        """On a GPU, load or compile and record everything: iterations that train, but are timed apart."""
+        begun, steps = time.monotonic(), self.steps
+        if self.engine.device.type == "cuda" and not self._ended:
+            for _ in range(calls_until_recorded() + 1):
                 self._iterate()
                 self.selection.judge()
-            self.warm_up = time.monotonic() - begun
-        self._begun = self._reported = (self.steps, self.seconds)
+            self.warm_up += time.monotonic() - begun
+        self._begun = self._begun[0] + self.steps - steps, self._begun[1]
+        self._reported = (self.steps, self.seconds)
 
     def _is_report_due(self) -> bool:
         """Counted from the first step, so that a resumed training judges the agents it would have."""

@@ -41,7 +41,7 @@ class HostKernel(Kernel):
                 together: int) -> None:
         if action not in self._libraries:
             path = self._folder / str(action).removeprefix("torch.")
-            self._libraries[action] = _compiled(self.source(action), path)
+            self._libraries[action] = compiled_on_host(self.source(action), path)
         library = self._libraries[action]
         index = c_uint.in_dll(library, "blockIdx")
         arguments = (*map(c_void_p, pointers), *map(c_int, numbers))
@@ -49,7 +49,8 @@ class HostKernel(Kernel):
             (library.step if action else library.observe)(*arguments)
 
 
-def _compiled(text: str, path: Path) -> CDLL:
+def compiled_on_host(text: str, path: Path) -> CDLL:
+    """The library of a kernel's text, whose threads are a block each."""
     path.with_suffix(".cpp").write_text(f'#include "{Path(__file__).with_name("host.cuh")}"\n{text}')
     subprocess.run([COMPILER, "-std=c++17", "-O0", "-shared", "-fPIC", "-o", path.with_suffix(".so"),
                     path.with_suffix(".cpp")], check=True)

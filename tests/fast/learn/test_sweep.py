@@ -259,8 +259,8 @@ def test_a_resumed_sweep_ends_as_if_never_stopped(tmp_path: Path) -> None:
     whole = Sweep(configs, tmp_path / "whole")
     whole.train(ignore)
     Sweep(configs, tmp_path / "cut", "rans sweep of mine").train(ignore, after(6))
-    read, command = read_configs(tmp_path / "cut")
-    assert (read, command) == (configs, "rans sweep of mine")
+    read, command, parts = read_configs(tmp_path / "cut")
+    assert (read, command, parts) == (configs, "rans sweep of mine", 1)
     again = Sweep(read, tmp_path / "cut", command)
     again.train(ignore)
     for ours, theirs in zip(again.members, whole.members, strict=True):

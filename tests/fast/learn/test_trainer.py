@@ -164,3 +164,30 @@ def test_a_critic_that_knows_what_conditions_draw_is_judged_without(tmp_path: Pa
     assert given.nominal == (0.0,) * given.privileged
     assert given.privileged == trainer.engine.privileged().shape[1] > 16  # begins, and gains, and leaks
     assert load_agent(tmp_path).conditions is not None
+
+
+@pytest.mark.parametrize(("solved_share", "total", "seconds", "pays"), [
+    (0.9, 10**9, 31.0, True), (0.9, 10**9, 29.0, False),  # as much again as it took
+    (None, 3_200, 1.0, True), (None, 3_000, 1.0, False)])  # 31 and 29 s for 100 steps a second
+def test_compiling_pays_where_much_is_left(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+                                           solved_share: float | None, total: int, seconds: float,
+                                           pays: bool) -> None:
+    config = replace(CONFIG, solved_share=solved_share, total_timesteps=total)
+    trainer = tiny_trainer(tmp_path / "run", config)
+    trainer.steps, trainer.seconds = 100, seconds
+    assert not trainer._compiling_pays()
+    monkeypatch.setattr(trainer.engine, "device", torch.device("cuda"))
+    assert trainer._compiling_pays() == pays
+
+
+def test_a_training_that_is_compiled_on_its_way_goes_on(tmp_path: Path,
+                                                        monkeypatch: pytest.MonkeyPatch) -> None:
+    """With the same reports and agent; on a CPU nothing is compiled, but it is divided in two as on a GPU."""
+    plain, divided = (tiny_trainer(tmp_path / name) for name in ("plain", "divided"))
+    plain.train(ignore)
+    warm_ups = []
+    monkeypatch.setattr(divided, "_warm_up", lambda: warm_ups.append(divided.steps))
+    monkeypatch.setattr(divided, "_compiling_pays", lambda: divided.steps >= 640)
+    divided.train(ignore)
+    assert warm_ups == [0, 640]
+    assert everything(divided) == everything(plain)

@@ -13,6 +13,7 @@ import torch
 
 from rans.errors import ConfigError, NonFiniteState
 from rans.fast.packed import pack, unpack
+from rans.fast.straight_step import ArrayStep
 from rans.tasks import GoToPose
 from tests.fast.training import after, ignore, resumed, tiny_trainer
 
@@ -28,6 +29,7 @@ def test_nan_stops_it(tmp_path: Path, what: str, monkeypatch: pytest.MonkeyPatch
     elif what == "state":
         trainer.engine.state.p.x[3] = float("nan")
     else:
+        trainer.engine._step = ArrayStep()  # with the reward that follows
         monkeypatch.setattr(GoToPose, "reward", lambda *_: {"position": np.full(16, np.nan, np.float32)})
     sentence = r"not finite after 384 steps .* State and weights are in .*nonfinite\.safetensors"
     with pytest.raises(NonFiniteState, match=sentence):

@@ -1,0 +1,214 @@
+"""What a network sees of observations, as two straight-line programs instead of hundreds of operations.
+
+On a GPU they are a kernel each; where functions are compiled they are part of what torch's compiler fuses,
+and nobody asks for these. On a CPU NumPy runs them.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from functools import cached_property
+from importlib.resources import files
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from rans.fast.kernels.flight_program import side, viewed
+from rans.fast.kernels.launch import CudaError, Function
+from rans.fast.kernels.source import Lines, indented
+from rans.fast.learn.architecture import Architecture
+from rans.fast.straight import Memory, Straight
+from rans.fast.symmetry import Symmetries
+from rans.model.trace import UNTRACEABLE, Symbol
+
+_THREADS = 128
+"""Of a block."""
+RowProgram = Callable[[Sequence[Symbol]], tuple[list[Symbol], Symbol]]
+"""Numbers and a whole number of the columns of one row."""
+_REALS = {torch.float32: "float", torch.float64: "double"}
+
+
+class Look(ABC):
+    """A network's eyes."""
+
+    @abstractmethod
+    def in_body(self, observation: Tensor) -> Tensor:
+        """The columns (N, k) of observations (N, width) in the body frame."""
+
+    @abstractmethod
+    def seen(self, columns: Tensor) -> tuple[Tensor, Tensor]:
+        """Columns (N, k) from the side that has the goal ahead, and which side that is, (N,) int64."""
+
+
+def look(given: Architecture, views: Symmetries | None, like: Tensor, programs: bool) -> Look:
+    """Of a network with tensors like this one: by programs, if wanted, where they gain something.
+
+    In double precision on a CPU, which is for comparisons, that is nowhere.
+    """
+    plain = TorchLook(given, views)
+    if programs and like.is_cuda:
+        return CudaLook(given, plain, like.device, like.dtype)
+    return ArrayLook(given, plain) if programs and like.is_cpu and like.dtype == torch.float32 else plain
+
+
+class TorchLook(Look):
+    """By torch's operations."""
+
+    def __init__(self, given: Architecture, views: Symmetries | None) -> None:
+        self._layout, self._views = given.layout, views
+
+    def in_body(self, observation: Tensor) -> Tensor:
+        """See `Look`."""
+        return torch.stack(self._layout.in_body(observation.unbind(dim=1)), dim=1)
+
+    def seen(self, columns: Tensor) -> tuple[Tensor, Tensor]:
+        """See `Look`; there are several sides, and a way to go."""
+        layout, fields = self._layout.body, columns.unbind(dim=1)
+        way = layout.ahead(fields)
+        assert self._views is not None
+        assert way is not None
+        which = self._views.which(way)
+        return torch.stack(self._views.viewed(layout, fields, which), dim=1), which
+
+
+def row_programs(given: Architecture) -> tuple[tuple[RowProgram, int], tuple[RowProgram, int]]:
+    """What changes observations to the body frame and what chooses a side, and of how many columns."""
+    layout = given.layout
+
+    def turned(columns: Sequence[Symbol]) -> tuple[list[Symbol], Symbol]:
+        return list(map(Symbol.constant, layout.in_body(columns))), Symbol.constant(0)
+
+    def seen(columns: Sequence[Symbol]) -> tuple[list[Symbol], Symbol]:
+        way = layout.body.ahead(columns)
+        if given.symmetries is None or way is None:
+            return list(columns), Symbol.constant(0)
+        which, turn, hand = side(given.symmetries, way)
+        return list(viewed(layout.body, columns, turn, hand)), which
+
+    return (turned, layout.width), (seen, layout.body.width)
+
+
+class ArrayLook(Look):
+    """By NumPy, in single precision; not for two threads at once."""
+
+    _MOST = 4096
+    """Rows; more, as a whole rollout's, are left to torch, which divides them among a processor's lanes."""
+
+    def __init__(self, given: Architecture, plain: TorchLook) -> None:
+        self._given, self._plain = given, plain
+
+    def __reduce__(self) -> tuple[type[ArrayLook], tuple[Architecture, TorchLook]]:
+        """A copy has memory of its own."""
+        return ArrayLook, (self._given, self._plain)
+
+    def in_body(self, observation: Tensor) -> Tensor:
+        """See `Look`."""
+        return self._rows(0, observation)[0] if self._works(observation) else self._plain.in_body(observation)
+
+    def seen(self, columns: Tensor) -> tuple[Tensor, Tensor]:
+        """See `Look`."""
+        return self._rows(1, columns) if self._works(columns) else self._plain.seen(columns)
+
+    def _works(self, rows: Tensor) -> bool:
+        return _may(rows) and len(rows) <= self._MOST and self._programs is not None
+
+    @cached_property
+    def _programs(self) -> list[Straight] | None:
+        made = []
+        with contextlib.suppress(*UNTRACEABLE):
+            for program, width in row_programs(self._given):
+                columns = [Symbol.input(f"column_{i}") for i in range(width)]
+                found, which = program(columns)
+                made.append(Straight(columns, [*found, which]))
+            return made
+        return None
+
+    @cached_property
+    def _memory(self) -> dict[tuple[int, int], Memory]:
+        return {}
+
+    def _rows(self, number: int, rows: Tensor) -> tuple[Tensor, Tensor]:
+        assert self._programs is not None
+        if (memory := self._memory.get((number, len(rows)))) is None:
+            self._memory[number, len(rows)] = memory = self._programs[number].memory(len(rows))
+        memory.give(rows.numpy().T)
+        *found, which = memory.run(0)
+        side = torch.from_numpy(np.broadcast_to(which, len(rows)).astype(np.int64))
+        return torch.from_numpy(np.stack(found)).T, side
+
+
+class CudaLook(Look):
+    """By a kernel each on a CUDA device, compiled when they are first asked for."""
+
+    def __init__(self, given: Architecture, plain: TorchLook, device: torch.device,
+                 dtype: torch.dtype) -> None:
+        self._given, self._plain, self._device, self._real = given, plain, device, _REALS[dtype]
+
+    def in_body(self, observation: Tensor) -> Tensor:
+        """See `Look`."""
+        return self._rows(0, observation)[0] if self._works(observation) else self._plain.in_body(observation)
+
+    def seen(self, columns: Tensor) -> tuple[Tensor, Tensor]:
+        """See `Look`."""
+        return self._rows(1, columns) if self._works(columns) else self._plain.seen(columns)
+
+    def _works(self, rows: Tensor) -> bool:
+        return _may(rows) and self._functions is not None
+
+    @cached_property
+    def _functions(self) -> Sequence[Function] | None:
+        """None without a compiler, or with a layout that does more than arithmetic on fields."""
+        try:
+            with torch.cuda.device(self._device):  # a compiled kernel belongs to one device
+                capability = torch.cuda.get_device_capability()
+                return [Function(text, "rows", capability) for text in self.sources()]
+        except (OSError, CudaError, *UNTRACEABLE):
+            return None
+
+    def sources(self) -> list[str]:
+        """CUDA C++ of the programs."""
+        return [source(program, width, self._real) for program, width in row_programs(self._given)]
+
+    def _rows(self, number: int, rows: Tensor) -> tuple[Tensor, Tensor]:
+        assert self._functions is not None
+        found = rows.new_empty(len(rows), self._given.layout.body.width)
+        which = torch.empty(len(rows), dtype=torch.int64, device=rows.device)
+        self._launch(number, [x.data_ptr() for x in (rows, found, which)], [len(rows), *rows.stride()])
+        return found, which
+
+    def _launch(self, number: int, pointers: list[int], numbers: list[int]) -> None:
+        assert self._functions is not None
+        with torch.cuda.device(self._device):
+            stream = torch.cuda.current_stream().cuda_stream
+            self._functions[number].launch(-(-numbers[0] // _THREADS), _THREADS, stream, pointers, numbers)
+
+
+def source(program: RowProgram, width: int, real: str) -> str:
+    """CUDA C++ of a kernel ``rows``: numbers and a whole number of each row of so many columns.
+
+    Its arguments are the rows, the numbers found, row by row, and the whole ones; how many rows there are,
+    and how far it is in memory to the next row and to the next column.
+    """
+    given, lines = [Symbol.input(f"column_{i}") for i in range(width)], Lines()
+    found, which = program(given)
+    text = [
+        "const unsigned i = blockIdx.x * blockDim.x + threadIdx.x;",
+        "if (i >= count) return;",
+        *(f"const real {s.value} = from[size_t(i) * row + size_t({k}) * column];"
+          for k, s in enumerate(given))]
+    text += lines.values([*found, which])
+    text += [f"found[size_t(i) * {len(found)} + {k}] = {lines.operand(s)};" for k, s in enumerate(found)]
+    return "\n".join((
+        f"typedef {real} real;", files("rans.fast.kernels").joinpath("functions.cuh").read_text(),
+        f'extern "C" __global__ void __launch_bounds__({_THREADS}) rows(',
+        "    const real* from, real* found, long long* which,",
+        "    const int count, const int row, const int column) {",
+        *indented([*text, f"which[i] = {lines.operand(which)};"]), "}\n"))
+
+
+def _may(rows: Tensor) -> bool:
+    """Whether nobody looks on: torch's compiler, which makes better kernels, or gradients."""
+    return not (torch.compiler.is_compiling() or rows.requires_grad)

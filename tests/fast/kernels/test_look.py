@@ -1,0 +1,71 @@
+"""What a network sees, by generated kernels that run on the CPU."""
+
+from __future__ import annotations
+
+import tempfile
+from ctypes import CDLL, c_int, c_uint, c_void_p
+from functools import cached_property
+from pathlib import Path
+from typing import Any, cast
+
+import pytest
+import torch
+
+from rans.fast.engine import Engine
+from rans.fast.kernels.look import ArrayLook, CudaLook
+from rans.fast.learn.architecture import Architecture
+from rans.fast.learn.config import PPOSettings
+from rans.fast.learn.network import Network
+from rans.model.spacecraft import Spacecraft
+from rans.tasks import TASKS
+from tests.fast.engines import both_crafts
+from tests.fast.kernels.host import compiled_on_host, needs_compiler
+
+pytestmark = needs_compiler
+
+
+class HostLook(CudaLook):
+    """Its kernels made by a C++ compiler."""
+
+    def __init__(self, given: Architecture, plain: Any) -> None:
+        super().__init__(given, plain, torch.device("cpu"), torch.float64)
+        folder = Path(tempfile.mkdtemp())
+        self._libraries = [compiled_on_host(text, folder / f"rows_{i}")
+                           for i, text in enumerate(self.sources())]
+
+    @cached_property
+    def _functions(self) -> Any:
+        return self._libraries
+
+    def _launch(self, number: int, pointers: list[int], numbers: list[int]) -> None:
+        library: CDLL = self._libraries[number]
+        index = c_uint.in_dll(library, "blockIdx")
+        for index.value in range(numbers[0]):
+            library.rows(*map(c_void_p, pointers), *map(c_int, numbers))
+
+
+@both_crafts
+@pytest.mark.parametrize("task", ["go-to-pose", "multi-task"])
+@pytest.mark.parametrize("dtype", [torch.float64, torch.float32], ids=["kernels", "numpy"])
+def test_programs_see_what_torch_sees(dtype: torch.dtype, task: str, craft: Spacecraft, tmp_path: Path,
+                                      monkeypatch: pytest.MonkeyPatch) -> None:
+    """From the same side, so that thrusters are in the same places; rows lie in memory either way."""
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    engine = Engine(craft, TASKS[task](), 64, seed=3, dtype=dtype)
+    settings = PPOSettings(n_envs=64, symmetric=TASKS[task].symmetric)
+    given = Architecture.of(engine, settings)
+    tensors = {name: x.to(dtype) for name, x in given.initial(0, 0.5)[0].items()}
+    ours, slack = Network(given, tensors), 100 * torch.finfo(dtype).eps
+    theirs, observation = Network(given, tensors), engine.observe()
+    programs: Any = (ArrayLook if dtype == torch.float32 else HostLook)(given, cast("Any", theirs._look))
+    ours._look = programs
+    assert ours.in_body(observation.clone().requires_grad_()).requires_grad
+    programs._plain = None  # nobody else looks from here on
+    for rows in (observation, observation.contiguous()):
+        columns = ours.in_body(rows)
+        # The sums of three products, of metres up to ten, may be rounded in another order.
+        torch.testing.assert_close(columns, theirs.in_body(rows), rtol=0, atol=slack)
+        (seen, _, place), (right, _, there) = ours.look(columns), theirs.look(columns)
+        torch.testing.assert_close(seen, right, rtol=0, atol=slack)
+        assert (place is None) == (not settings.symmetric)
+        assert (place is there) if place is None or there is None else torch.equal(place, there)
