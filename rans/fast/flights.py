@@ -39,8 +39,8 @@ _LAUNCH = 2**26
 """Flights of one launch of the kernel, about a second's."""
 _MANY = 2**17
 """So many are divided among processes, which take seconds to start."""
-_SHARE = 8 * BATCH["cpu"]
-"""Flights that a process flies before it tells."""
+_SHARE = 2 * BATCH["cpu"]
+"""Flights that a process flies before it tells, about a second's: an interrupt loses those it is at."""
 LISTED = 100_000
 """Failed flights that are listed by number."""
 

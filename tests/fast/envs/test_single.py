@@ -282,3 +282,12 @@ def test_every_public_name_is_there() -> None:
         assert [getattr(module, name) for name in module.__all__]
         with pytest.raises(AttributeError, match="no attribute 'nothing'"):
             _ = module.nothing
+
+
+def test_a_lost_state_earns_nothing_and_fails() -> None:
+    env: Any = gymnasium.make("rans/GoToPose2D-v0", disable_env_checker=True).unwrapped
+    env.reset(seed=0)
+    env._now = dataclasses.replace(env._now, state=at(math.nan, 0.0))
+    *_, reward, terminated, truncated, info = env.step(np.zeros(8, np.int8))
+    assert (reward, terminated, truncated) == (0.0, True, False)
+    assert set(info["reward_terms"].values()) == {0.0}
