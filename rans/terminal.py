@@ -32,7 +32,7 @@ class Terminal(Console):
     """
 
     def __init__(self, stderr: bool = False, room: int = 0) -> None:
-        super().__init__(stderr=stderr, markup=False, highlight=False)
+        super().__init__(stderr=stderr, markup=False, highlight=False, emoji=False)
         if not self.is_terminal:
             self.width = max(self.width, room)
 

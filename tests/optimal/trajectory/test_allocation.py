@@ -96,7 +96,7 @@ def test_a_thruster_in_other_units_is_refused_by_name() -> None:
     platform = load_spacecraft("floating-platform")
     first, *others = platform.thrusters
     odd = replace(platform, thrusters=(replace(first, force=1e9), *others))
-    with pytest.raises(ConfigError, match="'floating-platform' cannot be steered.* force in other units"):
+    with pytest.raises(ConfigError, match=r"'floating-platform' cannot be steered.* force in other units"):
         Allocation(odd)
     force, torque = Allocation(replace(odd, thrusters=(replace(first, force=1e5), *others))).authority()
     assert force > 0
