@@ -42,6 +42,8 @@ def submitted(function: Callable[..., Answer], jobs: Iterable[tuple[Any, ...]], 
         except BaseException:
             for process in set(multiprocessing.active_children()) - others:
                 process.kill()
+            # Else the pool's thread waits for the rest of an answer that somebody was at, for ever.
+            vars(pool)["_result_queue"]._writer.close()
             pool.shutdown(cancel_futures=True)
             raise
 

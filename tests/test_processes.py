@@ -9,6 +9,7 @@ import signal
 import threading
 import time
 from collections.abc import Iterator
+from multiprocessing.connection import Connection
 from pathlib import Path
 
 import pytest
@@ -32,6 +33,17 @@ def waits(folder: Path, number: int) -> None:
     """Say that the job is at work, and end it when it may go on."""
     (folder / f"begun {number}").touch()
     wait_until((folder / "go on").exists)
+
+
+def half_answers(folder: Path) -> bytes:
+    """An answer of which another process gets the length only."""
+    def send(self: Connection, content: bytes) -> None:
+        os.write(self.fileno(), content)
+        (folder / "half").touch()
+        threading.Event().wait()
+
+    Connection._send = send  # type: ignore[attr-defined]  # here, in a process of its own
+    return bytes(2**20)
 
 
 def beats(folder: Path) -> None:
@@ -58,6 +70,15 @@ def test_an_interrupt_ends_the_jobs_at_work(tmp_path: Path) -> None:
         raise KeyboardInterrupt
     assert not multiprocessing.active_children()
     assert 1 <= len(list(tmp_path.glob("begun *"))) <= 3
+
+
+def test_an_interrupt_in_the_middle_of_an_answer(tmp_path: Path) -> None:
+    """Whoever reads it must not wait for its other half; if that fails, this test never ends."""
+    with pytest.raises(KeyboardInterrupt), submitted(  # noqa: PT012
+            half_answers, [(tmp_path,)], 1, made_ready, ("",)):
+        wait_until((tmp_path / "half").exists)
+        raise KeyboardInterrupt
+    assert not multiprocessing.active_children()
 
 
 @pytest.mark.parametrize("other_thread", [False, True])
