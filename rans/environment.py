@@ -22,7 +22,7 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.scenario import Scenario, draws, scenario
 from rans.tasks import TASKS, Task
-from rans.tasks.derived import example
+from rans.tasks.derived import example, paid
 from rans.tasks.sight import Dimension
 
 _DEFAULT_CRAFT = {2: "floating-platform", 3: "free-flyer"}
@@ -107,12 +107,13 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
         outcome = step(self._world, before, tuple(values.astype(float).tolist()), self._draws, self._move)
         self._now, self._command = _plain(outcome.episode), outcome.command
         self._show()
-        terms = {name: float(term) for name, term in outcome.terms.items()}
+        terms, reward = paid(outcome.terms)
         terminated, truncated = bool(outcome.terminated), bool(outcome.truncated)
-        info: dict[str, Any] = {"reward_terms": terms, "errors": self._errors()}
+        info: dict[str, Any] = {"reward_terms": {name: float(term) for name, term in terms.items()},
+                                "errors": self._errors()}
         if terminated or truncated:
             info["is_success"] = truncated and bool(outcome.reached)
-        return self._observe(), sum(terms.values()), terminated, truncated, info
+        return self._observe(), float(reward), terminated, truncated, info
 
     @abstractmethod
     def _mover(self) -> Mover | None:

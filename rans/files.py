@@ -195,7 +195,7 @@ def read_json_lines(file: Path) -> list[dict[str, Any]]:
     except OSError as error:
         raise ConfigError(f"cannot read {file}: {error}.") from error
     values: list[Any] = []
-    with contextlib.suppress(ValueError):
+    with contextlib.suppress(ValueError, RecursionError):
         values.extend(map(json.loads, lines))  # keeps what came before the line that is cut off
     for line, value in enumerate(values, 1):
         if not isinstance(value, dict):

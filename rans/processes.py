@@ -5,10 +5,14 @@ from __future__ import annotations
 import contextlib
 import multiprocessing
 import os
+import pickle
 import signal
+import tempfile
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
+from multiprocessing import resource_tracker
+from pathlib import Path
 from typing import Any, TypeVar
 
 Answer = TypeVar("Answer")
@@ -21,21 +25,41 @@ def submitted(function: Callable[..., Answer], jobs: Iterable[tuple[Any, ...]], 
 
     The processes are started afresh, not forked: the parent may hold threads (torch, Drake) that a fork
     would copy half alive. With the default start method of a script that means its top level must be
-    guarded by ``if __name__ == "__main__"``. An interrupt waits for the jobs in work, drops the rest and
-    is raised again.
+    guarded by ``if __name__ == "__main__"``. An interrupt, or whatever else ends the block early, ends the
+    processes at once, and the jobs that they are at are lost.
 
     Every process, by default one per processor, calls ``prepare(*arguments)`` before its first job. This and
     the function, called with one tuple a job, are of a module's top level.
     """
-    with ProcessPoolExecutor(workers or os.cpu_count() or 1, multiprocessing.get_context("spawn"),
-                             _begin, (prepare, arguments)) as pool:
+    others = set(multiprocessing.active_children())
+    with _pickled(prepare, arguments) as file, ProcessPoolExecutor(
+            workers or os.cpu_count() or 1, multiprocessing.get_context("spawn"),
+            _begin, (_unpickled, (file,))) as pool:
         try:
-            with _interrupts_ignored():  # by the workers that start now, for as long as they live
+            with _interrupts_deferred():
                 futures = [pool.submit(function, *job) for job in jobs]
             yield futures
         except BaseException:
-            pool.shutdown(cancel_futures=True)  # waits for the few in work
+            for process in set(multiprocessing.active_children()) - others:
+                process.kill()
+            # Else the pool's thread waits for the rest of an answer that somebody was at, for ever.
+            vars(pool)["_result_queue"]._writer.close()
+            pool.shutdown(cancel_futures=True)
             raise
+
+
+@contextlib.contextmanager
+def _pickled(prepare: Callable[..., object], arguments: tuple[Any, ...]) -> Iterator[Path]:
+    """In a file: what is large would keep this process waiting until the one that starts has read it."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "prepare"
+        file.write_bytes(pickle.dumps((prepare, arguments)))
+        yield file
+
+
+def _unpickled(file: Path) -> None:
+    prepare, arguments = pickle.loads(file.read_bytes())
+    prepare(*arguments)
 
 
 @contextlib.contextmanager
@@ -47,7 +71,7 @@ def beside(function: Callable[..., object], *arguments: Any) -> Iterator[None]:
     """
     process = multiprocessing.get_context("spawn").Process(
         target=_begin, args=(function, arguments), daemon=True)
-    with _interrupts_ignored():
+    with _interrupts_deferred():
         process.start()
     try:
         yield
@@ -71,13 +95,19 @@ def _end_with_parent() -> None:
 
 
 @contextlib.contextmanager
-def _interrupts_ignored() -> Iterator[None]:
-    """A process started now ignores Ctrl-C from its first moment, and not only once it has loaded."""
+def _interrupts_deferred() -> Iterator[None]:
+    """A process started now hears no Ctrl-C from its first moment; this one hears it when the block ends."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    resource_tracker.ensure_running()  # whose start would unblock the signal
+    heard: list[int] = []
+    handler = signal.signal(signal.SIGINT, lambda number, _: heard.append(number))  # any thread may get it
+    blocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # which new processes inherit
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
+        signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
+        signal.signal(signal.SIGINT, handler)
+        if heard:
+            signal.raise_signal(signal.SIGINT)

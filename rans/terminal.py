@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from textwrap import fill
 from typing import Any
 
@@ -31,7 +32,7 @@ class Terminal(Console):
     """
 
     def __init__(self, stderr: bool = False, room: int = 0) -> None:
-        super().__init__(stderr=stderr, markup=False, highlight=False)
+        super().__init__(stderr=stderr, markup=False, highlight=False, emoji=False)
         if not self.is_terminal:
             self.width = max(self.width, room)
 
@@ -96,6 +97,18 @@ def progress() -> Progress:
     terminal = Terminal(stderr=True)
     return Progress(TextColumn("{task.description}", markup=False), BarColumn(), TaskProgressColumn(),
                     TimeRemainingColumn(), console=terminal, transient=True, disable=not terminal.is_terminal)
+
+
+@contextmanager
+def kept(write: Callable[[], object]) -> Iterator[None]:
+    """Write what was found when the block ends, however it does; who pressed Ctrl-C is told what takes on."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        Terminal(stderr=True).say("Interrupted; writing what was found.")
+        raise
+    finally:
+        write()
 
 
 def verdict(passed: bool) -> Text:

@@ -131,7 +131,8 @@ def test_json_lines(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"cannot read .*x\.jsonl"):
         read_json_lines(file)
     for content, expected in ((b"", []), (b'{"a": 1}\n{"a": 2}\n', [{"a": 1}, {"a": 2}]),
-                              (b'{"a": 1}\n{"a":', [{"a": 1}]), (b"{}\n\xff\xfe\n{}\n", [{}])):
+                              (b'{"a": 1}\n{"a":', [{"a": 1}]), (b"{}\n\xff\xfe\n{}\n", [{}]),
+                              (b"{}\n" + b"[" * 100_000, [{}])):
         file.write_bytes(content)
         assert read_json_lines(file) == expected
 

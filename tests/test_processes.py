@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
+import multiprocessing
 import os
+import signal
 import threading
 import time
+from collections.abc import Iterator
+from multiprocessing.connection import Connection
 from pathlib import Path
 
 import pytest
@@ -30,6 +35,17 @@ def waits(folder: Path, number: int) -> None:
     wait_until((folder / "go on").exists)
 
 
+def half_answers(folder: Path) -> bytes:
+    """An answer of which another process gets the length only."""
+    def send(self: Connection, content: bytes) -> None:
+        os.write(self.fileno(), content)
+        (folder / "half").touch()
+        threading.Event().wait()
+
+    Connection._send = send  # type: ignore[attr-defined]  # here, in a process of its own
+    return bytes(2**20)
+
+
 def beats(folder: Path) -> None:
     while True:
         (folder / "beat").write_text(str(time.time_ns()))
@@ -46,18 +62,50 @@ def test_answers_come_in_the_order_of_the_jobs() -> None:
     assert len({process for *_, process in answers}) == 1
 
 
-def test_a_changed_mind_drops_the_jobs_that_have_not_begun(tmp_path: Path) -> None:
-    """One worker is at work and two jobs are on their way to it; the others never begin."""
-    go_on = (tmp_path / "go on").touch
-    otherwise = threading.Timer(30.0, go_on)  # if the last job is never dropped, all of them begin
-    jobs = [(tmp_path, k) for k in range(12)]
-    with pytest.raises(KeyError), submitted(waits, jobs, 1, made_ready, ("",)) as futures:  # noqa: PT012
+def test_an_interrupt_ends_the_jobs_at_work(tmp_path: Path) -> None:
+    """None of which would end by itself, nor would the processes."""
+    with pytest.raises(KeyboardInterrupt), submitted(  # noqa: PT012
+            waits, [(tmp_path, k) for k in range(12)], 1, made_ready, ("",)):
         wait_until((tmp_path / "begun 0").exists)
-        futures[-1].add_done_callback(lambda _: go_on())
-        otherwise.start()
-        raise KeyError
-    otherwise.cancel()
+        raise KeyboardInterrupt
+    assert not multiprocessing.active_children()
     assert 1 <= len(list(tmp_path.glob("begun *"))) <= 3
+
+
+def test_an_interrupt_in_the_middle_of_an_answer(tmp_path: Path) -> None:
+    """Whoever reads it must not wait for its other half; if that fails, this test never ends."""
+    with pytest.raises(KeyboardInterrupt), submitted(  # noqa: PT012
+            half_answers, [(tmp_path,)], 1, made_ready, ("",)):
+        wait_until((tmp_path / "half").exists)
+        raise KeyboardInterrupt
+    assert not multiprocessing.active_children()
+
+
+@pytest.mark.parametrize("other_thread", [False, True])
+def test_an_interrupt_while_processes_start_is_heard_when_they_have(other_thread: bool) -> None:
+    """Neither lost nor in between, whichever thread the system tells."""
+    now, asked = threading.Event(), list[int]()
+    teller = threading.Thread(target=lambda: now.wait() and signal.raise_signal(signal.SIGINT))
+    teller.start()  # before the signal is blocked, which threads inherit
+
+    def jobs() -> Iterator[tuple[int]]:
+        for number in range(3):
+            if number == 1:
+                now.set() if other_thread else signal.raise_signal(signal.SIGINT)
+                teller.join() if other_thread else None
+            asked.append(number)
+            yield (number,)
+
+    handler = signal.signal(signal.SIGINT, signal.default_int_handler)  # pytest may run without one
+    try:
+        with pytest.raises(KeyboardInterrupt), submitted(said, jobs(), 1, made_ready, ("",)):
+            raise AssertionError("the interrupt was lost")
+    finally:
+        now.set()
+        with contextlib.suppress(KeyboardInterrupt):
+            teller.join()
+        signal.signal(signal.SIGINT, handler)
+    assert asked == [0, 1, 2]
 
 
 def test_something_runs_beside_a_block_and_no_longer(tmp_path: Path) -> None:

@@ -19,18 +19,24 @@ from torch.distributed.run import get_args_parser
 
 import rans
 from rans.cli import COMMANDS, _parse
+from rans.evaluation.measure.metrics import samples
 from rans.fast.learn.config import PPOSettings
+from rans.flight import fly
 from rans.model.conditions import Conditions, SensorsConditions
 from rans.model.conditions_file import CONDITIONS
 from rans.model.spacecraft import Spacecraft
-from rans.model.spacecraft_file import parse_spacecraft
+from rans.model.spacecraft_file import load_spacecraft, parse_spacecraft
+from rans.model.timing import Timing
+from rans.scenario import scenarios
 from rans.shown import meanings
 from rans.structure import structure
-from rans.tasks import GoToPose, observation_columns
+from rans.tasks import TASKS, GoToPose, observation_columns
+from tests.reference.random_flights import Random
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
-every_page = pytest.mark.parametrize("page", PAGES, ids=[page.name for page in PAGES])
+CRAFT = load_spacecraft("floating-platform")
+every_page = pytest.mark.parametrize("page", PAGES, ids=[str(page.relative_to(ROOT)) for page in PAGES])
 
 
 def blocks(page: Path, language: str) -> list[str]:
@@ -62,18 +68,45 @@ def test_the_python_page_has_every_function() -> None:
                                   if getattr(getattr(rans, name), "__module__", "") == "rans.api")
 
 
-def test_python_examples_run() -> None:
-    examples = blocks(ROOT / "README.md", "python")
-    assert len(examples) == 4
+def test_examples_of_the_environments_page_run() -> None:
+    examples = blocks(ROOT / "docs" / "environments.md", "python")
+    assert len(examples) == 3
     names: dict[str, Any] = {}
     for example in examples:
         exec(example, names)
-        if "envs" in names and "env" not in names:
+        if "env" not in names:
             assert names["observation"].shape == (4096, 10)
             assert torch.isfinite(names["reward"]).all()
     assert names["picture"].ndim == 3
     assert names["agent"].num_timesteps >= 1000
     names["env"].close()
+
+
+def test_the_example_of_the_readme_says_what_it_prints(capsys: pytest.CaptureFixture[str]) -> None:
+    example, = blocks(ROOT / "README.md", "python")
+    names: dict[str, Any] = {}
+    exec(example, names)
+    assert names["observation"].shape == (4096, 10)
+    printed, told = capsys.readouterr().out, re.search(r"print\(.*# ([0-9.]+), %", example)
+    assert told
+    assert float(printed) == float(told[1])
+
+
+def test_the_readme_is_a_screen_and_a_half() -> None:
+    lines = (ROOT / "README.md").read_text("utf-8").splitlines()
+    assert len(lines) <= 80
+
+
+def test_the_glossary_has_the_words_of_the_tables() -> None:
+    """Of every metric of two tasks, bounds left out, and of every way to fail an assurance."""
+    first = " ".join(row[0] + row[1] for row in rows(ROOT / "docs" / "glossary.md", "word"))
+    known = {re.sub(r"\d", "", word) for word in re.findall(r"\*\*(.*?)\*\*", first)}
+    for task in (GoToPose(), TASKS["track-twist"]()):
+        starts = scenarios(task, CRAFT, seed=0, count=1)
+        for sample in samples(fly(CRAFT, task, Random(CRAFT), starts, Timing(episode_steps=40))):
+            name = re.split(r" ?\d| after| at rest", sample.name)[0]
+            assert name in known, sample.name
+    assert {"late", "left", "unsettled"} <= known
 
 
 @every_page
@@ -119,17 +152,21 @@ def test_links_lead_somewhere(page: Path) -> None:
 
 
 def test_every_decision_is_in_the_index() -> None:
-    index = (ROOT / "docs" / "index.md").read_text("utf-8")
+    index = (ROOT / "docs" / "README.md").read_text("utf-8")
     for page in sorted((ROOT / "docs" / "decisions").glob("*.md")):
         title = page.read_text("utf-8").splitlines()[0].removeprefix("# ")
         assert f"- [{title}](decisions/{page.name})" in index
 
 
-def test_the_layout_is_the_layout() -> None:
-    layout, = (block for block in blocks(ROOT / "README.md", "") if block.startswith("rans/model/"))
-    for line in layout.splitlines():
-        first, *others = re.split(r",? +", line.partition("   ")[0].strip())
-        for name in (first, *(f"{Path(first).parent}/{other}" for other in others)):
+def test_every_page_is_in_the_index() -> None:
+    index = (ROOT / "docs" / "README.md").read_text("utf-8")
+    for page in PAGES[2:]:
+        assert page.name == "README.md" or f"]({page.name})" in index, page.name
+
+
+def test_the_rooms_are_there() -> None:
+    for room, _ in rows(ROOT / "docs" / "architecture.md", "room"):
+        for name in re.findall(r"`([^`]+)`", room):
             assert (ROOT / name).exists(), name
 
 

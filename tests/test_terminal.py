@@ -15,9 +15,9 @@ def test_names_are_no_markup_and_no_commands(capsys: pytest.CaptureFixture[str])
     table.add_row(verdict(False))
     terminal = Terminal()
     terminal.print(table)
-    terminal.print("[/]sentence\x07")
+    terminal.print("[/]sentence\x07 of :rocket:")
     printed = capsys.readouterr().out
-    for text in ("[/red]column", "[/bold]title", r"\x1b[31mred[/]", "FAIL", r"[/]sentence\x07"):
+    for text in (":rocket:", "[/red]column", "[/bold]title", r"\x1b[31mred[/]", "FAIL", r"[/]sentence\x07"):
         assert text in printed
     assert "\x1b" not in printed
 

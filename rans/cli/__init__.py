@@ -10,7 +10,7 @@ import unicodedata
 import warnings
 from typing import Any
 
-from rans.errors import ConfigError, RansError, brief, legible
+from rans.errors import ConfigError, RansError, brief, legible, meant
 from rans.files import first_line
 from rans.registry import trust_files
 
@@ -84,6 +84,9 @@ def _parse(arguments: list[str]) -> Any:
     """Import only the command that was asked for, so that ``rans train`` loads no Drake."""
     import tyro
 
+    if not arguments[0].startswith("-") and arguments[0] not in COMMANDS:
+        raise ConfigError(f"there is no command {brief(arguments[0])}{meant(arguments[0], COMMANDS)}; "
+                          f"commands are {', '.join(COMMANDS)}.")
     # Not list(COMMANDS): once it is imported, `list` is the module of the command.
     wanted = [c for c in COMMANDS if c in arguments[:1]] or COMMANDS
     commands = {c: getattr(importlib.import_module(f"rans.cli.{c}"), c.capitalize()) for c in wanted}
@@ -91,10 +94,20 @@ def _parse(arguments: list[str]) -> Any:
 
 
 def _end(sentence: str, code: int) -> int:
-    print(legible(sentence), file=sys.stderr)
+    _tell(sentence)
     return code
+
+
+def _tell(sentence: str) -> None:
+    """On a terminal lines break between words, not within them."""
+    if sys.stderr.isatty():
+        from rans.terminal import Terminal
+
+        Terminal(stderr=True).print(sentence)
+    else:
+        print(legible(sentence), file=sys.stderr)
 
 
 def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
     """Say what a warning says, without the line of code it comes from."""
-    print(legible(f"rans: warning: {' '.join(str(message).split())}"), file=sys.stderr)
+    _tell(f"rans: warning: {' '.join(str(message).split())}")

@@ -13,7 +13,7 @@ from rans.cli import check_count
 from rans.errors import ConfigError
 from rans.files import command_line, ready_folder, write_json
 from rans.scenario import ASSURANCE_SEED
-from rans.terminal import Terminal, progress, table
+from rans.terminal import Terminal, kept, progress, table
 
 if TYPE_CHECKING:
     from rans.evaluation.assure.assurance import Assurance
@@ -96,34 +96,34 @@ class Assure:
         from rans.fast.distributed import join
 
         device = ("cuda" if torch.cuda.is_available() else "cpu") if self.device == "auto" else self.device
-        campaign, kept, processes = assurance.campaign, time.monotonic(), join(device, apart=True)
+        campaign, written, processes = assurance.campaign, time.monotonic(), join(device, apart=True)
         if not processes.is_first:
             assurance.fly(device, lambda _: None, lambda: None, processes)
             return False
 
         def keep() -> None:
-            nonlocal kept
-            if time.monotonic() - kept > _KEPT:
+            nonlocal written
+            if time.monotonic() - written > _KEPT:
                 write_json(file, assurance.to_json())
-                kept = time.monotonic()
+                written = time.monotonic()
+
+        def show() -> None:
+            if campaign.flights:
+                _show(assurance, file)
 
         if not self.restart:
             assurance.go_on(file)
-        try:
-            with progress() as bars:
-                bar = bars.add_task("flights", total=campaign.plan.flights, completed=campaign.flights)
-                assurance.fly(device, lambda n: bars.advance(bar, n * processes.size), keep, processes)
-                bars.update(bar, description="failed flights again", total=None)
-                assurance.replay(self.worst, self.worst)
-                if self.rare:
-                    bars.update(bar, description="rarer failures")
-                    assurance.sample(self.rare, device)
-                if self.search:
-                    bars.update(bar, description="the worst case")
-                    assurance.search(self.search, device)
-        finally:  # also after Ctrl-C: what was flown is kept
-            if campaign.flights:
-                _show(assurance, file)
+        with kept(show), progress() as bars:
+            bar = bars.add_task("flights", total=campaign.plan.flights, completed=campaign.flights)
+            assurance.fly(device, partial(bars.advance, bar), keep, processes)
+            bars.update(bar, description="failed flights again", total=None)
+            assurance.replay(self.worst, self.worst)
+            if self.rare:
+                bars.update(bar, description="rarer failures")
+                assurance.sample(self.rare, device)
+            if self.search:
+                bars.update(bar, description="the worst case")
+                assurance.search(self.search, device)
         return True
 
 

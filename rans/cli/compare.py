@@ -15,7 +15,7 @@ from rans.errors import ConfigError, counted
 from rans.evaluation.fly.controllers import BESIDE, CONTROLLERS
 from rans.files import command_line, ready_folder, write_json
 from rans.scenario import EVALUATION_SEED
-from rans.terminal import Terminal, progress
+from rans.terminal import Terminal, kept, progress
 
 if TYPE_CHECKING:
     from rans.evaluation.compare.run import Comparison
@@ -69,12 +69,9 @@ class Compare:
         contest = contest_of(self.contestants[0], self.episodes, self.seed, self.engine, self.conditions)
         comparison, flying = Comparison(contest), enlisted(self.contestants, contest, self.trust)
         folder = ready_folder(self.output or output_folder(self.contestants[0]))
-        try:
-            with progress() as bars:
-                fill(comparison, flying, self.beside, self.certified, folder / "compare-bounds.json",
-                     lambda what, count: partial(bars.advance, bars.add_task(what, total=count)))
-        finally:  # also after Ctrl-C: what is finished is kept
-            _write(comparison, folder)
+        with kept(partial(_write, comparison, folder)), progress() as bars:
+            fill(comparison, flying, self.beside, self.certified, folder / "compare-bounds.json",
+                 lambda what, count: partial(bars.advance, bars.add_task(what, total=count)))
         return 1 if comparison.failures else 0
 
 

@@ -42,7 +42,7 @@ class Evaluate:
     default those of its training."""
     episodes: int = 1024
     """Number of flights. More than 65,536 of an agent are judged as they fly, on a GPU if there is one: a
-    million take a blink there and a minute on two cores. Their table is shorter, and they are written to
+    million take a blink there, a minute or two on two cores. Their table is shorter, and they are written to
     evaluation-many.json without episodes and figures."""
     seed: int = EVALUATION_SEED
     """Of starts and goals."""

@@ -13,7 +13,7 @@ from rans.cli import check_count
 from rans.errors import ConfigError
 from rans.files import command_line, ready_folder
 from rans.scenario import EVALUATION_SEED
-from rans.terminal import Terminal, progress
+from rans.terminal import Terminal, kept, progress
 
 if TYPE_CHECKING:
     from rans.show.stress_page import StressReport
@@ -72,12 +72,10 @@ class Stress:
         stress = prepared(contest, self.contestants, sets, self.only, self.slow_episodes)
         folder = ready_folder(self.output or output_folder(self.contestants[0]))
         flights = len(stress.levels) * sum(map(stress.episodes, stress.contestants.values()))
-        try:
-            with progress() as bars:
-                bar = bars.add_task(f"{len(stress.levels)} worlds", total=flights)
-                fill(stress, partial(bars.advance, bar), self.workers)
-        finally:  # also after Ctrl-C: what was flown is kept
-            _show(StressReport(stress, folder, self.worst, command_line()))
+        report = StressReport(stress, folder, self.worst, command_line())
+        with kept(partial(_show, report)), progress() as bars:
+            bar = bars.add_task(f"{len(stress.levels)} worlds", total=flights)
+            fill(stress, partial(bars.advance, bar), self.workers)
         return 1 if stress.failures else 0
 
 

@@ -121,7 +121,7 @@ def _changes(text: str) -> list[str]:
         raise ConfigError(f"--set takes KEY=VALUE or KEY=VALUE,VALUE,..., got {text!r}.")
     try:
         return [f"{key}={json.dumps(value)}" for value in json.loads(f"[{values}]")]
-    except ValueError:
+    except (ValueError, RecursionError):
         return [f"{key}={value}" for value in values.split(",")]
 
 

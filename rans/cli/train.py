@@ -219,7 +219,7 @@ def _change(table: dict[str, Any], change: str) -> None:
                           "TRAINING` tell its entries, and any run's config.json.")
     try:
         inner[last] = json.loads(text)
-    except ValueError:
+    except (ValueError, RecursionError):
         inner[last] = text
 
 

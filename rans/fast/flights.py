@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import os
 import pickle
-from collections.abc import Callable, Sequence
-from concurrent.futures import as_completed
+from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import closing
 
 import numpy as np
 import torch
@@ -20,7 +20,7 @@ from rans.fast.learn.network import Network
 from rans.fast.learn.selection import likeliest
 from rans.fast.step import Place
 from rans.fast.threads import one_thread
-from rans.fast.verdicts import Tally, Verdicts, together
+from rans.fast.verdicts import Tally, Verdicts
 from rans.model.conditions import Conditions
 from rans.model.fields import Field
 from rans.model.random import Draws, seed_words
@@ -39,8 +39,8 @@ _LAUNCH = 2**26
 """Flights of one launch of the kernel, about a second's."""
 _MANY = 2**17
 """So many are divided among processes, which take seconds to start."""
-_SHARE = 8 * BATCH["cpu"]
-"""Flights that a process flies before it tells."""
+_SHARE = 2 * BATCH["cpu"]
+"""Flights that a process flies before it tells, about a second's: an interrupt loses those it is at."""
 LISTED = 100_000
 """Failed flights that are listed by number."""
 
@@ -88,39 +88,48 @@ class Flights:
         """What becomes of scenarios ``first`` to ``first + count - 1``; progress is told how many are over.
 
         Raises:
+            ConfigError: see `parts`.
+        """
+        found = Verdicts.none(self.world.timing.episode_steps, self.listed)
+        with closing(self.parts(first, count, seed)) as parts:
+            for part in parts:
+                found += part
+                progress(part.flights)
+        return found
+
+    def parts(self, first: int, count: int, seed: int) -> Generator[Verdicts]:
+        """The same part by part, in the order of their numbers, as they are flown.
+
+        Raises:
             ConfigError: the seed has more than 64 bits, or a scenario's number more than 31.
+            RansError: a process that flew died.
         """
         if count < 1 or first < 0 or first + count > 2**31:
             raise ConfigError(f"scenarios have numbers from 0 to {2**31 - 1}: there are none from "
                               f"{brief(first)} to {brief(first + count - 1)}.")
-        none = Verdicts.none(self.world.timing.episode_steps, self.listed)
         if self.device.type == "cpu" and count >= _MANY:
-            return together(self._divided(_parts(first, count, _SHARE), seed, progress), none)
+            yield from self._divided(_parts(first, count, _SHARE), seed)
+            return
         size = _LAUNCH if isinstance(self._whole, FlightKernel) else BATCH[self.device.type]
-        found = none
-        with one_thread():
-            for begin, share in _parts(first, count, size):
-                found += self._part(begin, share, seed)
-                progress(share)
-        return found
+        for begin, share in _parts(first, count, size):
+            with one_thread():
+                part = self._part(begin, share, seed)
+            yield part
 
     def _part(self, first: int, count: int, seed: int) -> Verdicts:
         if self._whole is not None:
             return self._whole.fly(first, count, seed, self.listed)
         return self._stepped(seed_words(seed), np.arange(first, first + count, dtype=np.int32))
 
-    def _divided(self, parts: Sequence[tuple[int, int]], seed: int,
-                 progress: Callable[[int], object]) -> list[Verdicts]:
-        """What became of the parts, by one process a processor: threads would wait for Python's lock."""
+    def _divided(self, parts: Sequence[tuple[int, int]], seed: int) -> Iterator[Verdicts]:
+        """By one process a processor: threads would wait for Python's lock."""
         jobs = [(*part, seed) for part in parts]
         given = pickle.dumps((self._network, self._setup, self.listed))  # torch would share tensors by files
         with submitted(_work, jobs, min(len(jobs), _processors()), _load, (given,)) as futures:
             try:
-                for future in as_completed(futures):
-                    progress(future.result().flights)
+                yield from (future.result() for future in futures)
             except BrokenProcessPool as error:
                 raise RansError("a process that flew died; the usual cause is too little memory.") from error
-            return [future.result() for future in futures]
 
     @torch.no_grad()
     def _stepped(self, words: tuple[int, int], numbers: np.ndarray) -> Verdicts:

@@ -18,6 +18,7 @@ from rans.model.body import Body
 from rans.model.dynamics import NODES
 from rans.model.fields import Field, map_leaves
 from rans.model.random import Draws, seed_words
+from rans.tasks.derived import paid
 
 FLOAT32_NODES = 4
 """Quadrature nodes at which float32 rounding hides the rule's error, up to 15 rad/s."""
@@ -30,7 +31,7 @@ class Step(NamedTuple):
     observation: Tensor
     """(N, width): first of the new episode where the old one ended."""
     reward: Tensor
-    """(N,)."""
+    """(N,): 0 where the state was lost."""
     terminated: Tensor
     """(N,) bool: the task failed."""
     truncated: Tensor
@@ -84,11 +85,11 @@ def step_arrays(world: World, episode: Episode, action: Tensor, draws: Draws) ->
 
 def _results(seen: Seen, stack: Any, wrap: Any) -> Step:
     """A step as tensors: ``stack`` makes one of several fields, ``wrap`` of one."""
-    outcome = seen.outcome
-    return Step(observation=stack(seen.observation).T, reward=wrap(outcome.reward),
+    outcome, (terms, reward) = seen.outcome, paid(seen.outcome.terms)
+    return Step(observation=stack(seen.observation).T, reward=wrap(reward),
                 terminated=wrap(outcome.terminated), truncated=wrap(outcome.truncated),
                 final_observation=stack(seen.final_observation).T, reached=wrap(outcome.reached),
-                terms=stack(tuple(outcome.terms.values())))
+                terms=stack(tuple(terms.values())))
 
 
 def field_dtype(device: torch.device, dtype: torch.dtype = torch.float32,

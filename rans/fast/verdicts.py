@@ -7,7 +7,7 @@ A flight is solved if it keeps within all tolerances at every step of its last f
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
 from functools import reduce
@@ -222,8 +222,3 @@ class Verdicts:
                    dict(zip(Failure, np.bincount(failure, minlength=6)[1:].tolist(), strict=True)),
                    numbers[places].astype(np.int64), failure[places].astype(np.uint8),
                    {name: Sums.of(x * scale) for name, x, scale in values}, listed, frozenset({way}))
-
-
-def together(parts: Iterable[Verdicts], none: Verdicts) -> Verdicts:
-    """Their sum."""
-    return reduce(add, parts, none)

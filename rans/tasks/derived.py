@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rans.model.dynamics import State
-from rans.model.fields import Field
+from rans.model.fields import Field, finite, where
 from rans.model.random import Random
 from rans.model.spacecraft import Spacecraft
 from rans.model.trace import UNTRACEABLE, Symbol, depends
@@ -61,6 +61,16 @@ def residual(task: Task, state: State, goal: State) -> tuple[Field, ...]:
     """How far the task's data are from where they are at the goal, column by column."""
     return tuple(x - target for entry in task.sight(state, goal)
                  for x, target in zip(entry.columns(), entry.target(), strict=True))
+
+
+def paid(terms: dict[str, Field]) -> tuple[dict[str, Field], Field]:
+    """Rewards by name, and their sum: zeros where that is no number, since the state was lost.
+
+    Such an episode ends there as failed; a trainer could make nothing of NaN.
+    """
+    total = sum(terms.values())
+    known = finite(total)
+    return {name: where(known, term, 0.0) for name, term in terms.items()}, where(known, total, 0.0)
 
 
 def watches_switching(task: Task, craft: Spacecraft) -> bool:

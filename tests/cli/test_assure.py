@@ -16,7 +16,7 @@ from scipy.stats import binomtest
 import rans.evaluation.assure.campaign as campaign
 from rans.cli import main
 from rans.evaluation.measure.metrics import solved
-from rans.fast.flights import Flights
+from rans.fast.flights import BATCH, Flights
 
 AGENT = "pretrained:go-to-pose-2d-robust"
 LAB = ["--conditions", "lab"]
@@ -56,20 +56,22 @@ def test_numbers_a_page_and_commands_that_show_failures_again(monkeypatch: pytes
 
 def test_ctrl_c_keeps_what_was_flown_and_the_same_command_goes_on(monkeypatch: pytest.MonkeyPatch,
                                                                   capsys: pytest.CaptureFixture[str]) -> None:
-    monkeypatch.setattr(campaign, "_PIECES", {"cpu": 32})
-    fly, calls = Flights.fly, []
+    monkeypatch.setitem(BATCH, "cpu", 32)
+    part, calls = Flights._part, []
 
-    def interrupted(*given: Any) -> Any:
-        calls.append(given[1])
+    def interrupted(self: Flights, first: int, count: int, seed: int) -> Any:
+        calls.append(first)
         if len(calls) == 2:
             raise KeyboardInterrupt
-        return fly(*given)
+        return part(self, first, count, seed)
 
-    monkeypatch.setattr(Flights, "fly", interrupted)
+    monkeypatch.setattr(Flights, "_part", interrupted)
     command = ["assure", AGENT, "--episodes", "64", "--worst", "0", "--output", "here"]
     assert main(command) == 130
     assert json.loads(Path("here/assurance.json").read_text("utf-8"))["campaign"]["flights"] == 32
-    assert "Interrupted" in capsys.readouterr().out
+    told = capsys.readouterr()
+    assert "Interrupted" in told.out
+    assert "writing what was found" in told.err
     assert main(command) == 0
     assert calls == [0, 32, 32]
     assert json.loads(Path("here/assurance.json").read_text("utf-8"))["campaign"]["flights"] == 64

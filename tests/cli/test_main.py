@@ -57,6 +57,24 @@ def test_nothing_typed_shows_the_help(capsys: pytest.CaptureFixture[str]) -> Non
     assert all(command in printed for command in COMMANDS)
 
 
+def test_a_misspelt_command_is_a_sentence(capsys: pytest.CaptureFixture[str]) -> None:
+    assert code_of(["evalute", "runs/first"]) == 2
+    told = capsys.readouterr().err
+    assert told.startswith("rans: there is no command 'evalute' (did you mean evaluate?); commands are train")
+    assert told.count("\n") == 1
+
+
+def test_on_a_terminal_sentences_break_between_words(monkeypatch: pytest.MonkeyPatch,
+                                                     capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setenv("COLUMNS", "40")
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    assert code_of(["evalute"]) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert max(map(len, lines)) <= 40
+    assert len(lines) > 3
+    assert "there is no command 'evalute' (did you mean evaluate?)" in " ".join(map(str.strip, lines))
+
+
 @pytest.mark.parametrize("command", COMMANDS)
 def test_every_command_explains_its_options(command: str, monkeypatch: pytest.MonkeyPatch,
                                             capsys: pytest.CaptureFixture[str]) -> None:

@@ -100,6 +100,8 @@ def test_an_interrupt_keeps_what_there_is(monkeypatch: pytest.MonkeyPatch,
     ([], "say what to train"),
     (["go-to-pose", "--config", "config.json"], "leave out 'go-to-pose'"),
     (["go-to-pose", "--set", "seed=1,2"], "would train the same 8 times; add --seeds 1"),
+    pytest.param(["go-to-pose", "--seeds", "1", "--set", "seed=" + "[" * 50_000],
+                 "config.seed: expected int, got '[[[", id="deeper than JSON goes"),
     (["go-to-pose", "--run", "."], ". exists already"),
     (["go-to-pose", "--conditions", "labb"], "named 'labb' (did you mean lab?)"),
 ])

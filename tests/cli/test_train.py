@@ -118,6 +118,7 @@ def test_resume_goes_on(capsys: pytest.CaptureFixture[str]) -> None:
     ("ppo.layers.0=3", "the config has no 'ppo.layers.0'"),
     ("ppo", "--set takes KEY=VALUE, got 'ppo'"),
     ("ppo.n_envs=many", "config.ppo.n_envs: expected int, got 'many'"),
+    pytest.param("seed=" + "[" * 50_000, "config.seed: expected int, got '[[[", id="deeper than JSON goes"),
     ("ppo.n_envs=true", "config.ppo.n_envs: expected int, got True"),
     ("ppo.n_envs=0", "n_envs must be >= 1 and < 2^31, got 0"),
     ("ppo.learning_rate=NaN", "learning_rate must be finite and > 0, got nan"),

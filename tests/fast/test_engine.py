@@ -57,6 +57,20 @@ def test_ends(backend: Any, craft: Spacecraft) -> None:
 
 
 @both_crafts
+def test_a_lost_state_earns_nothing_and_fails(backend: Any, craft: Spacecraft) -> None:
+    """The others' rewards stay as they are, to the last bit."""
+    engine, whole = (backend(craft, NEAR, 4, SHORT, seed=3, dtype=torch.float64) for _ in range(2))
+    engine.state.p.x[1] = torch.nan
+    action = actions(craft, 4, 1)[0]
+    lost, fine = engine.step(action), whole.step(action)
+    assert lost.terminated.tolist() == [False, True, False, False]
+    assert lost.reward[1] == 0.0
+    assert lost.terms[:, 1].eq(0.0).all()
+    assert torch.equal(lost.reward[[0, 2, 3]], fine.reward[[0, 2, 3]])
+    assert torch.equal(lost.terms[:, [0, 2, 3]], fine.terms[:, [0, 2, 3]])
+
+
+@both_crafts
 def test_observation_is_final_observation_until_the_end(backend: Any, craft: Spacecraft) -> None:
     engine = backend(craft, NEAR, 32, SHORT, seed=1)
     for action in actions(craft, 32, 45):

@@ -12,11 +12,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import torch
 
 from rans.cli import COMMANDS
-from rans.model.spacecraft_file import spacecraft_text
+from rans.fast.engine import Engine
+from rans.fast.step import Step
+from rans.model.spacecraft_file import load_spacecraft, spacecraft_text
 from validation.breaking import __main__ as campaign
 from validation.breaking import steps, training, trial
 from validation.breaking.__main__ import Breaking, Tally
@@ -101,21 +104,23 @@ def test_a_fault_fails_and_is_told(monkeypatch: pytest.MonkeyPatch, capsys: pyte
     assert tally.faults == [{"case": 4, "command": [], "fault": "another agent", "said": ""}]
 
 
-def test_numbers_that_are_silently_none_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("run", [steps.steps, steps.compiled_steps])
+def test_numbers_that_are_silently_none_are_counted(run: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One in an observation, one in a reward, one in a term; a state that is lost and told is not silent."""
     class Sick:
-        def __init__(self, *_: Any, **__: Any) -> None:
-            pass
+        def __init__(self, craft: Any, _: Any, num_envs: int, *__: Any, **___: Any) -> None:
+            self.craft, self.num_envs = craft, num_envs
 
         def step(self, action: torch.Tensor) -> Any:
-            observation = torch.zeros(len(action), 10)
-            observation[3] = torch.nan
-            return type("Step", (), {
-                "observation": observation, "reward": torch.tensor([0.0, torch.nan, torch.nan, *[0.0] * 5]),
-                "terminated": torch.arange(len(action)) == 2})
+            observation, final = torch.zeros(8, 10), torch.zeros(8, 10)
+            reward, terms = torch.zeros(8), torch.zeros(3, 8)
+            observation[3, 9] = reward[1] = terms[2, 5] = final[2] = final[6] = torch.nan
+            ended = torch.arange(8) == 2
+            return Step(observation, reward, ended, torch.zeros(8, dtype=torch.bool), final, ended, terms)
 
     monkeypatch.setattr(steps, "Engine", Sick)
-    found = steps.steps(8 * 64)
-    assert (found.silent, found.told) == (2 * 64, 64)
+    found = run(8 * 64)
+    assert (found.steps, found.silent, found.lost) == (8 * 64, 3 * 64, 64)
     assert found.where == (1,)
 
 
@@ -152,6 +157,16 @@ def test_extreme_craft_are_allowed_ones() -> None:
     craft = [extreme(random.Random(k)) for k in range(30)]
     assert min(one.mass for one in craft) < 1e-3
     assert max(one.mass for one in craft) > 1e6
+
+
+def test_bodies_are_as_extreme_and_each_another() -> None:
+    craft = load_spacecraft("free-flyer")
+    with pytest.warns(UserWarning, match="can hardly be controlled"):
+        engine = Engine(craft, "go-to-pose", 500, body=steps.bodies(craft, 500, 1))  # which must be rigid
+    masses = np.asarray(engine.body.mass)
+    assert masses.min() < 1e-3
+    assert masses.max() > 1e6
+    assert len(np.unique(masses)) > 200
 
 
 def test_another_agent_is_seen(tmp_path: Path) -> None:

@@ -25,7 +25,7 @@ import tyro
 from rans.files import environment, write_json
 from rans.terminal import Terminal, table
 from validation.breaking.cases import Prepare, file_case, folder_case, line_case, runs_to_damage
-from validation.breaking.steps import steps
+from validation.breaking.steps import compiled_steps, steps
 from validation.breaking.training import full_disk, killed, whole
 from validation.breaking.trial import Outcome, ran
 from validation.command import ended
@@ -73,7 +73,9 @@ class Breaking:
     disks: int = 5
     """Trainings whose disk is full."""
     steps: float = 1e7
-    """Environment steps of extreme craft."""
+    """Environment steps of extreme craft, one after the other, also under conditions."""
+    compiled: float = 0.0
+    """The same of 16,384 of them at once, by compiled programs (a minute each, for 268 million steps)."""
     first: int = 0
     """Number of the first case of each kind."""
     only: str = ""
@@ -95,20 +97,19 @@ class Breaking:
             if kind:
                 return self._one(kind, int(number), folder)
             tallies = {name: self._tally(name, folder) for name in _KINDS if getattr(self, name)}
-        found = steps(self.steps, self.first) if self.steps else None
-        faults = sum(len(tally.faults) for tally in tallies.values()) + (found.silent if found else 0)
+        found = {"steps": steps(self.steps, self.first),
+                 "compiled": compiled_steps(self.compiled, self.first)}
+        faults = sum(len(tally.faults) for tally in tallies.values()) + sum(x.silent for x in found.values())
         terminal = Terminal(room=110)
         rows = [(name, str(x.tried), ", ".join(f"{n} {how}" for how, n in sorted(x.endings.items())),
                  str(len(x.faults)), f"{x.seconds:.0f}") for name, x in tallies.items()]
-        if found:
-            about = f"{found.craft} craft, {found.refused} refused, {found.told:,} failed without a reward"
-            rows.append(("steps", f"{found.steps:,}", about, str(found.silent), ""))
+        rows += [(name, f"{x.steps:,}", f"{x.craft:,} craft, {x.refused} refused, {x.lost:,} states lost",
+                  f"{x.silent:,}", f"{x.seconds:.0f}") for name, x in found.items() if x.steps]
         headings = "kind", "tried", "how commands ended", "faults", "seconds"
         terminal.print(table("Breaking", headings, rows))
         if self.output is not None:
             write_json(self.output, {"environment": environment(), "faults": faults, "first": self.first,
-                                     "steps": None if found is None else asdict(found),
-                                     **{name: asdict(tally) for name, tally in tallies.items()}})
+                                     **{name: asdict(x) for name, x in (found | tallies).items()}})
         return 1 if faults else 0
 
     def _tally(self, name: str, folder: Path) -> Tally:

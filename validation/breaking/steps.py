@@ -3,44 +3,57 @@
 from __future__ import annotations
 
 import random
+import time
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+import numpy as np
 import torch
 
 from rans.errors import ConfigError
 from rans.fast.engine import Engine
+from rans.fast.step import Step
+from rans.model.body import Body
 from rans.model.conditions_file import load_conditions
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
-from rans.tasks import TASKS
+from rans.tasks import TASKS, Task
 
 _STEPS = 64
 """Of one engine, which resets on the way."""
+_BATCH, _BATCHES = 2**14, 2**14
+"""Craft of one compiled world, and their steps: 268 million together."""
+_KNOWN = "floating-platform", "free-flyer", "floating-platform-shared", "atmos"
 
 
 @dataclass(frozen=True)
 class Flown:
     """Steps of many craft."""
 
-    steps: int
-    craft: int
-    refused: int
-    told: int
-    """Steps whose reward is no number, and which end their episode as failed: a state that is none has."""
-    silent: int
-    """Steps with an observation that is no number, or a reward that is none though nothing failed."""
-    where: tuple[int, ...]
-    """Numbers of the craft that had one."""
+    steps: int = 0
+    craft: int = 0
+    refused: int = 0
+    lost: int = 0
+    """Steps that ended an episode because its state was no number any more."""
+    silent: int = 0
+    """Steps with an observation, a reward or a term of it that is no number."""
+    where: tuple[int, ...] = ()
+    """Numbers of the craft, or worlds, that had one."""
+    seconds: float = 0.0
+
+    def __add__(self, other: Flown) -> Flown:
+        return Flown(self.steps + other.steps, self.craft + other.craft, self.refused + other.refused,
+                     self.lost + other.lost, self.silent + other.silent, self.where + other.where,
+                     self.seconds + other.seconds)
 
 
 def extreme(chance: random.Random) -> Spacecraft:
     """A spacecraft with masses, forces and places anywhere within what is allowed."""
-    known = "floating-platform", "free-flyer", "floating-platform-shared", "atmos"
-    craft = load_spacecraft(chance.choice(known))
-    any_size = lambda: 10.0 ** chance.uniform(-9, 9) if chance.random() < 0.5 else 1.0  # noqa: E731
-    heavier, longer, stronger, stiffer = (any_size() for _ in range(4))
+    craft = load_spacecraft(chance.choice(_KNOWN))
+    heavier, longer, stronger, stiffer = (
+        10.0 ** chance.uniform(-9, 9) if chance.random() < 0.5 else 1.0 for _ in range(4))
     bound = lambda x, low: min(max(x, low), 1e9)  # noqa: E731
     thrusters = tuple(replace(one, force=bound(one.force * stronger, 1e-9),
                               position=tuple(max(-1e9, min(1e9, x * longer)) for x in one.position))
@@ -49,39 +62,84 @@ def extreme(chance: random.Random) -> Spacecraft:
     return replace(craft, mass=bound(craft.mass * heavier, 1e-9), thrusters=thrusters, inertia=inertia)
 
 
-def flown(number: int, count: int) -> tuple[int, int, int]:
-    """Steps of one extreme craft in ``count`` environments; those `Flown` calls told, and silent."""
+def bodies(craft: Spacecraft, count: int, seed: int) -> Body:
+    """Of so many differently extreme ones: mass, inertia, centre of mass and force of the thrusters."""
+    chance = np.random.default_rng(seed)
+
+    def size() -> np.ndarray:
+        return np.where(chance.random(count) < 0.5, 10.0 ** chance.uniform(-9, 9, count), 1.0)
+
+    usual, heavier, stiffer, stronger = Body.of(craft), size(), np.clip(size(), 1e-7, 1e8), size()
+    away = tuple(size() * chance.normal(size=count) for _ in usual.centre)
+    return replace(usual, mass=usual.mass * heavier, inertia=tuple(x * stiffer for x in usual.inertia),
+                   centre=away, gain=tuple(stronger for _ in usual.gain))
+
+
+def seen(step: Step) -> tuple[int, int]:
+    """How many steps lost their state, and how many tell something that is no number."""
+    silent = 0
+    told = (step.observation.T, step.reward[None], step.terms)
+    if not all(bool(torch.isfinite(x).all()) for x in told):
+        silent = int((~torch.stack([torch.isfinite(x).all(dim=0) for x in told]).all(dim=0)).sum())
+    if not step.terminated.any():
+        return 0, silent
+    return int((~torch.isfinite(step.final_observation[step.terminated]).all(dim=1)).sum()), silent
+
+
+def flown(number: int, count: int) -> Flown:
+    """Steps of one extreme craft in ``count`` environments, on NumPy."""
     chance = random.Random(f"craft {number}")
-    craft = extreme(chance)
-    task = TASKS[chance.choice([name for name in TASKS if ":" not in name])]()
+    craft, task = extreme(chance), _any_task(chance)
     conditions = chance.choice([None, None, load_conditions(chance.choice(["lab", "harsh", "faults"]))])
     timing = Timing(10.0 ** chance.uniform(-3, 1), substeps=chance.choice([1, 1, 4]), episode_steps=16)
     engine = Engine(craft, task, count, timing, seed=number, conditions=conditions)
+    return _stepped(engine, number, _STEPS, 1)
+
+
+def compiled(number: int, count: int = _BATCH, steps: int = _BATCHES) -> Flown:
+    """Steps of as many extreme craft of one kind as environments, by a compiled program."""
+    chance = random.Random(f"world {number}")
+    craft, task = load_spacecraft(_KNOWN[number % len(_KNOWN)]), _any_task(chance)
+    timing = Timing(10.0 ** chance.uniform(-3, 1), substeps=1, episode_steps=16)
+    engine = Engine(craft, task, count, timing, seed=number, body=bodies(craft, count, number), compiled=True)
+    return _stepped(engine, number, steps, count)
+
+
+def _any_task(chance: random.Random) -> Task:
+    return TASKS[chance.choice([name for name in TASKS if ":" not in name])]()
+
+
+def _stepped(engine: Engine, number: int, steps: int, craft: int) -> Flown:
     generator = torch.Generator().manual_seed(number)
-    shape, told, silent = (count, len(craft.thrusters)), 0, 0
-    for _ in range(_STEPS):
-        action = torch.rand(shape, generator=generator)
-        step = engine.step(action if craft.actuators.is_continuous else action.round())
-        blind, unpaid = ~torch.isfinite(step.observation).all(dim=1), ~torch.isfinite(step.reward)
-        told += int((unpaid & step.terminated & ~blind).sum())
-        silent += int((blind | (unpaid & ~step.terminated)).sum())
-    return _STEPS * count, told, silent
+    actions = torch.rand(_STEPS, engine.num_envs, len(engine.craft.thrusters), generator=generator)
+    if not engine.craft.actuators.is_continuous:
+        actions = actions.round_()
+    lost = silent = 0
+    for k in range(steps):
+        told = seen(engine.step(actions[k % _STEPS]))
+        lost, silent = lost + told[0], silent + told[1]
+    return Flown(steps * engine.num_envs, craft, 0, lost, silent, (number,) if silent else ())
 
 
 def steps(most: float, first: int = 0) -> Flown:
     """So many steps, of one extreme craft after the other, from a number on."""
     count = int(min(2048, max(1, most // _STEPS)))
-    done = refused = told = silent = 0
-    made = first
-    where: list[int] = []
+    return _until(most, first, lambda number: flown(number, count))
+
+
+def compiled_steps(most: float, first: int = 0) -> Flown:
+    """So many steps, of one world of extreme craft after the other, from a number on."""
+    count = int(min(_BATCH, max(1, most // _STEPS)))
+    return _until(most, first, lambda number: compiled(number, count, min(_BATCHES, int(most // count))))
+
+
+def _until(most: float, first: int, fly: Callable[[int], Flown]) -> Flown:
+    done, number, started = Flown(), first, time.monotonic()
     with warnings.catch_warnings(action="ignore"):  # most are too fast for their period, and it is said
-        while done < most:
-            made += 1
+        while done.steps < most:
+            number += 1
             try:
-                found, ended, wrong = flown(made, count)
+                done += fly(number)
             except ConfigError:
-                refused += 1
-                continue
-            done, told, silent = done + found, told + ended, silent + wrong
-            where += [made] if wrong else []
-    return Flown(done, made - first, refused, told, silent, tuple(where))
+                done += Flown(refused=1)
+    return replace(done, seconds=time.monotonic() - started)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Generator, Mapping
+from contextlib import closing
 from dataclasses import dataclass, field
 from functools import reduce
 from operator import add
@@ -18,7 +19,7 @@ from rans.fast.learn.network import Network
 from rans.fast.verdicts import Failure, Verdicts
 
 _PIECES = {"cpu": 2**17, "cuda": 2**26}
-"""Flights between two moments at which what was flown is kept: from so many on all processors fly."""
+"""Flights of one of several processes between two moments at which all learn of all."""
 LISTED = 10_000
 """Failed flights whose numbers are kept."""
 
@@ -78,19 +79,20 @@ class Campaign:
             setup: what flies, with the starts to fly from.
             device: torch device.
             told: called with the number of flights that were flown since the last call.
-            keep: called now and then, and at every look.
+            keep: called after every part.
             processes: those that share the flights, and all learn of all.
         """
         fleet = Flights(network, setup, device, listed=LISTED)
-        piece = _PIECES[fleet.device.type] * processes.size
         while not self.over:
             look = next(one for one in self.plan.looks if one.flights > self.flights)
             began = time.monotonic()
-            first, count = processes.part(min(piece, look.flights - self.flights))
-            own = fleet.fly(self.flights + first, count, self.seed, told) if count else None
-            self.add(reduce(add, filter(None, processes.everyone_says(own))))
-            self.seconds += time.monotonic() - began
-            keep()
+            with closing(_parts(fleet, self.flights, look.flights, self.seed, processes)) as parts:
+                for part in parts:
+                    self.add(part)
+                    self.seconds += time.monotonic() - began
+                    told(part.flights)
+                    keep()
+                    began = time.monotonic()
 
     def add(self, flown: Verdicts) -> None:
         """Take in the flights that come next."""
@@ -122,3 +124,15 @@ class Campaign:
             raise ConfigError(f"what was flown before is damaged: it lacks {error}; begin anew with "
                               "--restart.") from error
 
+
+def _parts(fleet: Flights, first: int, end: int, seed: int,
+           processes: Processes) -> Generator[Verdicts]:
+    """Of scenarios ``first`` to ``end - 1``, in this order: of several processes, what all flew of a piece."""
+    if processes.size == 1:
+        yield from fleet.parts(first, end - first, seed)
+        return
+    piece = _PIECES[fleet.device.type] * processes.size
+    for begin in range(first, end, piece):
+        place, count = processes.part(min(piece, end - begin))
+        own = fleet.fly(begin + place, count, seed) if count else None
+        yield reduce(add, filter(None, processes.everyone_says(own)))

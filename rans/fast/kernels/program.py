@@ -12,6 +12,7 @@ from rans.fast.step import step_and_restart
 from rans.model.fields import map_leaves
 from rans.model.random import Draws
 from rans.model.trace import Symbol, ordered, substituted
+from rans.tasks.derived import paid
 from rans.tasks.settings import map_settings
 
 Type = Literal["real", "float", "double", "int", "signed char"]
@@ -116,9 +117,9 @@ def trace(world: World, episode: Episode, dtype: Any) -> Program:
     command = tuple(Symbol.input(f"command_{i}") for i in range(len(world.craft.thrusters)))
     low, high, first, stride = (Symbol.input(name, "int") for name in ("low", "high", "first", "stride"))
     seen = step_and_restart(world, inputs, command, Draws(low, high, first, stride, dtype))
-    outcome, ended = seen.outcome, seen.outcome.ended
+    outcome, ended, (terms, reward) = seen.outcome, seen.outcome.ended, paid(seen.outcome.terms)
     stores = [*_rows("memory", seen.after.memory()),
-              *_rows("reals", (*seen.observation, *outcome.terms.values(), outcome.reward)),
+              *_rows("reals", (*seen.observation, *terms.values(), reward)),
               *_rows("flags", (getattr(outcome, name) for name in Shape.FLAGS))]
     # A store of what is in memory already is left out, where an episode goes on or everywhere.
     always, at_end = list[Store](), [*_rows("final", seen.final_observation)]

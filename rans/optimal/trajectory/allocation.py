@@ -13,6 +13,8 @@ from rans.model.spacecraft import Spacecraft, controls_every_direction
 _STEPS = 100
 """Newton steps at most. Opposed pairs of equal thrusters need none, random layouts about ten; where
 thrusters are so nearly dependent that this does not suffice the wrench is met approximately."""
+_UNEVEN = 1e6
+"""Condition of the thrusters' wrenches at most: its square leaves four of a double's sixteen digits."""
 _EXACT = 1e-9
 """Part of a wrench that may be missing."""
 _FLIPS = 20
@@ -31,7 +33,8 @@ class Allocation:
     positive part goes to one thruster and the negative part to the other.
 
     Raises:
-        ConfigError: the thrusters cannot push and turn it in every direction.
+        ConfigError: the thrusters cannot push and turn it in every direction, or in some a million times
+            weaker than in others.
     """
 
     def __init__(self, craft: Spacecraft) -> None:
@@ -42,6 +45,10 @@ class Allocation:
         columns = np.array(craft.wrench_map).T
         self._size = np.abs(columns).max(axis=1)
         self._columns = columns / self._size[:, None]
+        if (spread := np.linalg.cond(self._columns)) > _UNEVEN:
+            raise ConfigError(f"spacecraft {craft.name!r} cannot be steered: its thrusters push and turn it "
+                              f"{spread:.2g} times harder in one direction than in another, {_UNEVEN:.0e} at "
+                              "most can be computed with; the usual cause is a force in other units.")
         self._dimension, self._shared = craft.dimension, craft.thrust_sharing == "split"
 
     def commands(self, wrench: np.ndarray) -> np.ndarray:

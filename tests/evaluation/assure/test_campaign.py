@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -27,7 +28,11 @@ class Fleet:
     def __init__(self, *_: object, **__: object) -> None:
         self.calls: list[tuple[int, int]] = []
 
-    def fly(self, first: int, count: int, seed: int, told: object) -> Verdicts:
+    def parts(self, first: int, count: int, seed: int) -> Iterator[Verdicts]:
+        for begin in range(first, first + count, 20_000):
+            yield self.part(begin, min(20_000, first + count - begin))
+
+    def part(self, first: int, count: int) -> Verdicts:
         numbers = np.array([n for n in range(first, first + count) if n % 100 == 7], dtype=np.int64)
         kinds = np.where(numbers % 1000 == 7, Failure.TERMINATED, Failure.LEFT).astype(np.uint8)
         counts = {kind: int((kinds == kind).sum()) for kind in Failure}
@@ -38,7 +43,6 @@ class Fleet:
 @pytest.fixture
 def fleet(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("rans.evaluation.assure.campaign.Flights", Fleet)
-    monkeypatch.setattr("rans.evaluation.assure.campaign._PIECES", {"cpu": 20_000})
 
 
 def _flown(campaign: Campaign, until: int | None = None) -> Campaign:

@@ -130,6 +130,16 @@ def test_each_process_flies_its_own_episodes(on_host: Any) -> None:
     assert ends > 8
 
 
+def test_a_lost_state_earns_nothing(on_host: Any) -> None:
+    engine = on_host(PLATFORM, NEAR, 4, SHORT)
+    engine.state.p.x[1] = torch.nan
+    step = engine.step(torch.zeros(4, 8))
+    assert step.terminated.tolist() == [False, True, False, False]
+    assert step.reward[1] == 0.0
+    assert step.terms[:, 1].eq(0.0).all()
+    assert step.reward[[0, 2, 3]].ne(0.0).all()
+
+
 @pytest.mark.usefixtures("together")
 def test_the_previous_command_is_remembered(on_host: Any) -> None:
     made = (PLATFORM, replace(NEAR, switching_weight=0.1), 16, SHORT)
