@@ -125,9 +125,8 @@ class Campaign:
                               "--restart.") from error
 
 
-def _parts(fleet: Flights, first: int, end: int, seed: int,
-           processes: Processes) -> Generator[Verdicts]:
-    """Of scenarios ``first`` to ``end - 1``, in order: of several processes, what all flew of a piece."""
+def _parts(fleet: Flights, first: int, end: int, seed: int, processes: Processes) -> Generator[Verdicts]:
+    """Of scenarios ``first`` to ``end - 1``, in this order: of several processes what all flew of a piece."""
     if processes.size == 1:
         yield from fleet.parts(first, end - first, seed)
         return
