@@ -193,7 +193,7 @@ def anneal(commands: np.ndarray, wrenches: np.ndarray, mates: np.ndarray, start:
         if pulses > 0 and random.random() < shifts:
             while commands[k, i] == 0:
                 k, i = int(steps * random.random()), int(count * random.random())
-        kind, k2, i2 = random.random(), k, int(count * random.random())
+        kind, k2, i2 = random.random(), k, i if random.random() < 0.3 else int(count * random.random())
         if kind > 0.45:
             k2 = k - 3 + int(7.0 * random.random()) if kind < 0.8 else int(steps * random.random())
         single = kind > 0.97

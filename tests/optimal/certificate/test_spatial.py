@@ -177,7 +177,8 @@ def test_lattice_of_the_free_flyer() -> None:
 def test_closer_than_the_hull() -> None:
     """Start 5 of the evaluation: the hull excludes 3.8 s, turning 4.0 s too, and costs more."""
     batch = scenarios(GoToPose().for_evaluation(), FLYER, EVALUATION_SEED, 6)
-    start, goal = (map_leaves(lambda x: float(x[5]), x) for x in (batch.start, batch.goal))
+    ends: Any = [map_leaves(lambda x: float(x[5]), x) for x in (batch.start, batch.goal)]
+    start, goal = ends
     lattice, hasty = SpinLattice(FLYER, PERIOD), Effort(1e-9)
     found = least_time(lattice, REST, start, goal, 125, TASK_SET, hasty)
     assert (found.dual, found.lower, found.upper) == (pytest.approx(4.0), pytest.approx(4.2), math.inf)
