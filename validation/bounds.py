@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 import warnings
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -51,6 +52,8 @@ class Bounds:
     """Random spacecraft, a flight each."""
     seed: int = 0
     """Of the first; the others follow."""
+    output: Path | None = None
+    """JSON file to write."""
 
     def run(self) -> Study:
         """The checks; a flight below its bound is named by its seed.
@@ -78,7 +81,11 @@ class Bounds:
             skipped.append(Skipped("certificates of large lattices", f"{large} of the flights have a lattice "
                                    f"of more than {_MOST_POINTS:,} points; what they need has no certificate "
                                    "here."))
-        return Study(f"bounds of {self.craft} random spacecraft", tuple(checks), {}, tuple(skipped))
+        study = Study(f"bounds of {self.craft} random spacecraft", tuple(checks),
+                      {"craft": self.craft, "seed": self.seed}, tuple(skipped))
+        if self.output:
+            study.write(self.output)
+        return study
 
 
 def beaten(seed: int) -> dict[str, float]:

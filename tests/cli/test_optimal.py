@@ -36,8 +36,8 @@ def test_objectives(tmp_path: Path, objective: str, measure: str) -> None:
 def test_lost_starts_are_told_and_the_rest_is_made(capsys: pytest.CaptureFixture[str],
                                                    tmp_path: Path) -> None:
     """1.8 s is too short from 3 m; bounds are printed all the same."""
-    assert run("go-to-pose", "--episodes", "2", "--horizon", "1.8", "--certify", "--spacecraft", "free-flyer",
-               "--output", str(tmp_path)) == 1
+    assert run("go-to-pose", "--episodes", "2", "--horizon", "1.8", "--certify", "--spacecraft",
+               "free-flyer-shared", "--output", str(tmp_path)) == 1
     text = " ".join(capsys.readouterr().out.split())
     assert "Start 0, 1: nothing found that arrives" in text
     assert "No on/off certificate" in text

@@ -21,9 +21,10 @@ from rans.evaluation.measure.statistics import figure
 from rans.model.drift import FREE
 from rans.model.fields import leaves
 from rans.model.spacecraft import Spacecraft
-from rans.optimal.certificate import hull
-from rans.optimal.certificate.certificate import Effort, Unreachable, least_fuel, least_time
+from rans.optimal.certificate import hull, spatial_certificate
+from rans.optimal.certificate.certificate import Certificate, Effort, Unreachable, least_fuel, least_time
 from rans.optimal.certificate.lattice import GoalSet, Lattice, check_period, pulse, rounded_up
+from rans.optimal.certificate.spatial import SpinLattice
 from rans.optimal.trajectory.arrival import aims
 from rans.processes import submitted
 from rans.scenario import Scenario
@@ -163,7 +164,7 @@ def no_certificate(craft: Spacecraft, wanted: Collection[str], period: float) ->
         if not {"position", "attitude"} <= set(wanted):
             raise ConfigError("the on/off certificate is for tasks that ask for a pose, which fixes the "
                               "whole state.")
-        Lattice(craft, period)
+        Lattice(craft, period) if craft.dimension == 2 else SpinLattice(craft, period)
     except ConfigError as reason:
         return str(reason)
     return ""
@@ -233,32 +234,48 @@ def whole_periods(horizon: float, period: float) -> int:
 
 def bound(start: int, question: Question) -> Bound:
     """One answer, infinite where nothing can arrive by the horizon; `ConfigError` for what is not finite."""
-    craft, wanted, goals, period, horizon, effort, scenario, kind = question
+    craft, wanted, goals, period, horizon, _, scenario, kind = question
     begin: Any = scenario.start
     end: Any = scenario.goal
     check_period(period)
     if horizon is None:
-        ask, steps, unit = least_time, max(1, round(_LONGEST / period)), period
+        steps, unit = max(1, round(_LONGEST / period)), period
         least = hull.least_time(craft, wanted, begin, end, goals)
     else:
-        ask, steps, unit = least_fuel, whole_periods(horizon, period), pulse(craft, period) or 0.0
+        steps, unit = whole_periods(horizon, period), pulse(craft, period) or 0.0
         least = hull.least_fuel(craft, wanted, begin, end, horizon, goals)
     loose = Bound(start, horizon, least, unit=unit, kind=kind)
     if no_certificate(craft, wanted, period):
         return loose
-    lattice = Lattice(craft, period)
     try:
-        goals.net_spins(lattice, begin, end)
-    except ConfigError:  # a start whose spin no number of pulses takes to the goal's
-        return loose
-    try:
-        found = ask(lattice, begin, end, steps, goals, effort)
+        found = _certificate(question, steps)
     except Unreachable:
         return replace(loose, lower=math.inf)
+    if found is None:
+        return loose
     if kind == "settling":
         return replace(loose, lower=found.lower, seconds=found.seconds)
     commands = None if found.commands is None else found.commands.astype(int).tolist()
     return replace(loose, lower=found.lower, upper=found.upper, commands=commands, seconds=found.seconds)
+
+
+def _certificate(question: Question, steps: int) -> Certificate | None:
+    """Of on/off controllers; None for a start whose spin no number of pulses takes to the goal's."""
+    craft, wanted, goals, period, horizon, effort, scenario, _ = question
+    begin: Any = scenario.start
+    end: Any = scenario.goal
+    if craft.dimension == 3:
+        spins = SpinLattice(craft, period)
+        if not spins.ends(wanted, begin, end, goals):
+            return None
+        ask = spatial_certificate.least_time if horizon is None else spatial_certificate.least_fuel
+        return ask(spins, wanted, begin, end, steps, goals, effort)
+    lattice = Lattice(craft, period)
+    try:
+        goals.net_spins(lattice, begin, end)
+    except ConfigError:
+        return None
+    return (least_time if horizon is None else least_fuel)(lattice, begin, end, steps, goals, effort)
 
 
 def table(sentence: str, measure: str, answers: Sequence[Bound], found: Sequence[float]) -> Table:

@@ -101,7 +101,7 @@ def least_fuel(lattice: Lattice, start: PlanarState, goal: PlanarState, steps: i
         Unreachable: no on/off controller can be in the goal set at that time.
         ConfigError: see `Relaxation`.
     """
-    _check_steps(steps)
+    check_steps(steps)
     began, nodes, open_levels, outcome = time.monotonic(), 0, 0, _Outcome()
     relaxation, root = _root(lattice, start, goal, goal_set, steps, 8.0 * lattice.grain)
     lower = lattice.next_fuel(root.best.value, relaxation.net)
@@ -129,7 +129,7 @@ def least_time(lattice: Lattice, start: PlanarState, goal: PlanarState, most_ste
     Raises:
         ConfigError: see `Relaxation`.
     """
-    _check_steps(most_steps)
+    check_steps(most_steps)
     if goal_set.contains(start, goal):
         return Certificate(0.0, 0.0, None, 0.0, 0, 0.0)
     began, nodes, open_levels, outcome, upper = time.monotonic(), 0, 0, _Outcome(), math.inf
@@ -153,7 +153,8 @@ def least_time(lattice: Lattice, start: PlanarState, goal: PlanarState, most_ste
                        nodes, time.monotonic() - began)
 
 
-def _check_steps(steps: int) -> None:
+def check_steps(steps: int) -> None:
+    """Refuse (`ConfigError`) what is no number of control periods."""
     if not isinstance(steps, int) or steps < 1:
         raise ConfigError(f"the certificate needs at least one control period, a whole number, got {steps}.")
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from rans.model.body import Body
-from rans.model.dynamics import PlanarState, advance, wrench
+from rans.model.dynamics import AnyState, advance, wrench
 from rans.model.spacecraft import Spacecraft
 from rans.optimal.certificate.dual import DualValue, Relaxation
 
@@ -15,11 +15,12 @@ _SIDES = 16
 """Of the polygon inside the goal's discs: it gives away 2 % of their radius."""
 
 
-def replay(craft: Spacecraft, start: PlanarState, commands: np.ndarray, period: float) -> PlanarState:
+def replay(craft: Spacecraft, start: AnyState, commands: np.ndarray, period: float,
+           substeps: int = 1) -> AnyState:
     """The state after all commands (T, thrusters), each held for a period (s), by the engines' equations."""
     state, body = start, Body.of(craft)
     for command in commands:
-        state = advance(state, wrench(craft, tuple(float(c) for c in command)), body, period)
+        state = advance(state, wrench(craft, tuple(float(c) for c in command)), body, period, substeps)
     return state
 
 

@@ -23,7 +23,7 @@ from rans.evaluation.compare.bounds import (
     staying_set,
     table,
 )
-from rans.model.fields import Heading, Vec2
+from rans.model.fields import Heading, Vec2, Vec3
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.certificate.certificate import Effort, Unreachable
@@ -53,7 +53,7 @@ def test_hull_is_below_certificate_is_below_control_found() -> None:
 
 
 @pytest.mark.parametrize(("craft", "task", "reason"), [
-    (load_spacecraft("free-flyer"), TASK, "planar motion only"),
+    (load_spacecraft("free-flyer-shared"), TASK, "share no supply"),
     (replace(PLATFORM, thrust_sharing="split"), TASK, "thrust_sharing"),
     (PLATFORM, GoToPosition(), "ask for a pose"),
 ], ids=["space", "shared", "position"])
@@ -213,6 +213,22 @@ def test_what_is_not_finite_is_not_bounded(horizon: float | None, field: str, va
         wrong = replace(one, **{name: replace(getattr(one, name), **{field: value})})
         with pytest.raises(ConfigError, match=f"finite {name}"):
             list(bounds([question._replace(scenario=wrong)], [0], 1))
+
+
+@pytest.mark.parametrize("horizon", [None, 10.0])
+def test_in_space_the_certificate_is_above_the_hull(horizon: float | None) -> None:
+    craft, task = load_spacecraft("free-flyer"), GoToPose(spawn_distance=(3.0, 3.1))
+    assert no_certificate(craft, aims(task), 0.2) == ""
+    asking = question(craft, task, 0.2, Event(horizon=horizon), Effort(1e-9), next(iter(each(
+        scenarios(task, craft, 5, 1)))))
+    found = bound(0, asking)
+    assert found.lower is not None
+    assert found.hull < found.lower == found.best < 1.5 * found.hull
+    assert found.upper == math.inf  # there was no time to look
+    spinning = replace(asking.scenario.start, w=asking.scenario.start.w + Vec3(0.0, 0.0, 0.1))
+    moved = bound(0, asking._replace(scenario=Scenario(spinning, asking.scenario.goal)))
+    assert moved.lower is None  # no pulses stop 0.1 rad/s
+    assert moved.best >= moved.hull > 0
 
 
 def test_a_missing_package_proves_nothing(monkeypatch: pytest.MonkeyPatch) -> None:

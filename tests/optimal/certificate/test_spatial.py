@@ -1,0 +1,251 @@
+"""The on/off bound in space: below every firing sequence, closer than the hull, refused where it fails."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import sys
+import warnings
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rans.errors import ConfigError, NonFiniteState
+from rans.model.actuators import Throttle
+from rans.model.body import Body
+from rans.model.dynamics import SpatialState, advance, wrench
+from rans.model.fields import Quat, Vec3, leaves, map_leaves, unflatten
+from rans.model.spacecraft import Spacecraft, Thruster
+from rans.model.spacecraft_file import load_spacecraft
+from rans.optimal.certificate import hull
+from rans.optimal.certificate.certificate import Effort, Unreachable
+from rans.optimal.certificate.lattice import GoalSet
+from rans.optimal.certificate.onoff import fuel, replay
+from rans.optimal.certificate.spatial import ReachRelaxation, SpinLattice
+from rans.optimal.certificate.spatial_certificate import arrived, least_fuel, least_time
+from rans.scenario import EVALUATION_SEED, scenarios
+from rans.tasks import GoToPose
+
+PERIOD, FLYER = 0.2, load_spacecraft("free-flyer")
+REST = ("attitude", "position", "spin", "velocity")
+POSE = ("attitude", "position", "velocity")
+LOOSE, TASK_SET = GoalSet(0.02, 0.02, 0.05, 0.1), GoalSet(spin=math.radians(5.0))
+
+
+def _craft(name: str, nozzles: tuple[Thruster, ...]) -> Spacecraft:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # that some cannot be steered everywhere does not matter here
+        return Spacecraft(name, 3, 3.0, ((0.11, 0.0, 0.0), (0.0, 0.11, 0.0), (0.0, 0.0, 0.11)), nozzles)
+
+
+def lopsided() -> Spacecraft:
+    """Unequal nozzles with torques of 1, 1, 2 and 0 quanta about axes that are square or opposite."""
+    return _craft("lopsided", (Thruster((0.2, 0.0, 0.0), (0.0, 1.0, 0.0), 1.0),
+                               Thruster((0.0, 0.1, 0.0), (0.0, 0.0, 1.0), 2.0),
+                               Thruster((0.0, 0.0, -0.2), (0.0, 1.0, 0.0), 2.0),
+                               Thruster((0.1, 0.0, 0.0), (1.0, 0.0, 0.0), 0.7)))
+
+
+def equal() -> Spacecraft:
+    """Four nozzles of 1 N, one of them through the centre: pulses, but no parity."""
+    return _craft("equal", (Thruster((0.3, 0.0, 0.1), (0.0, 1.0, 0.0), 1.0),
+                            Thruster((-0.3, 0.0, 0.1), (0.0, 1.0, 0.0), 1.0),
+                            Thruster((0.0, 0.1, 0.3), (0.0, -0.6, -0.8), 1.0),
+                            Thruster((0.0, 0.0, 0.2), (0.0, 0.0, 1.0), 1.0)))
+
+
+def crossed() -> Spacecraft:
+    """Four equal nozzles, each of one quantum, about two axes: parity."""
+    return _craft("crossed", (Thruster((0.2, 0.0, 0.1), (0.0, 1.0, 0.0), 1.0),
+                              Thruster((-0.2, 0.0, 0.0), (0.0, 1.0, 0.0), 1.0),
+                              Thruster((0.0, 0.2, 0.0), (0.0, 0.0, 1.0), 1.0),
+                              Thruster((0.0, -0.2, 0.0), (0.0, 0.0, 1.0), 1.0)))
+
+
+CRAFTS = {"lopsided": lopsided, "crossed": crossed}
+
+
+def everything(craft: Spacecraft, start: SpatialState, steps: int) -> tuple[np.ndarray, SpatialState]:
+    """Fuel and final state of all sequences, by the equations of the engines."""
+    patterns = np.array(list(itertools.product((0.0, 1.0), repeat=len(craft.thrusters))))
+    commands = patterns[np.array(list(itertools.product(range(len(patterns)), repeat=steps)))]
+    state = unflatten(start, [np.full(len(commands), x) for x in leaves(start)])
+    for k in range(steps):
+        state = advance(state, wrench(craft, tuple(commands[:, k].T)), Body.of(craft), PERIOD, 4)
+    forces = np.array([t.force for t in craft.thrusters])
+    return commands.sum(axis=1) @ forces * PERIOD, state
+
+
+def moving(seed: int, spin: float) -> SpatialState:
+    random = np.random.default_rng(seed)
+    q = random.normal(size=4)
+    return SpatialState(Vec3(*random.uniform(-0.5, 0.5, 3)), Quat(*(q / np.linalg.norm(q))),
+                        Vec3(*random.uniform(-0.3, 0.3, 3)), Vec3(*random.uniform(-spin, spin, 3)))
+
+
+def instance(craft: Spacecraft, steps: int, seed: int, spin: float = 0.0) -> tuple[Any, Any, np.ndarray, Any]:
+    """A moving start, a goal that some sequence just reaches, all fuels and all final states."""
+    start = moving(seed, spin)
+    spent, final = everything(craft, start, steps)
+    pick = np.random.default_rng(seed).integers(len(spent))
+    end = map_leaves(lambda x: float(x[pick]), final)
+    goal = replace(end, p=end.p + Vec3(0.004, -0.003, 0.005), w=Vec3(0.0, 0.0, 0.0))
+    return start, goal, spent, final
+
+
+def _near(final: Any, goal: Any, within: float) -> np.ndarray:
+    same = sum(a * b for a, b in zip(leaves(final.attitude), leaves(goal.attitude), strict=True))
+    return 2.0 * np.arccos(np.minimum(1.0, np.abs(same))) <= within
+
+
+@pytest.mark.parametrize("name", CRAFTS)
+@pytest.mark.parametrize(("seed", "spin"), [(0, 0.0), (1, 0.7), (2, 0.0), (3, 0.3)])
+def test_no_sequence_costs_less_than_any_costate_says(name: str, seed: int, spin: float) -> None:
+    """Every one of 4,096 that ends in the goal's attitude, wherever else, pays its Lagrangian at least."""
+    craft, steps = CRAFTS[name](), 3
+    start, goal, spent, final = instance(craft, steps, seed, spin)
+    close = _near(final, goal, LOOSE.heading)
+    assert close.any()
+    relaxation = ReachRelaxation(SpinLattice(craft, PERIOD), POSE, start, goal, LOOSE, steps)
+    for size in 3.0 ** np.arange(-4, 8):
+        velocity, position = np.random.default_rng(seed + 10).normal(size=(2, 3)) * size
+        paid = _paid(craft, spent, final, goal, velocity, position)
+        assert relaxation.bound(velocity, position) <= paid[close].min()
+
+
+def _paid(craft: Spacecraft, spent: Any, final: Any, goal: Any, velocity: np.ndarray,
+          position: np.ndarray) -> Any:
+    """The Lagrangian of flights, whose tolerances are granted."""
+    off = [np.array((getattr(final, name) - getattr(goal, name)).columns()) for name in ("v", "p")]
+    spared = LOOSE.velocity * np.linalg.norm(velocity) + LOOSE.position * np.linalg.norm(position)
+    return spent - craft.mass * (velocity @ off[0] + position @ off[1] + spared)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_no_greedy_flight_is_below(seed: int) -> None:
+    """Open is what is worth its thrust along the costate in the present attitude."""
+    random, lattice, steps = np.random.default_rng(seed), SpinLattice(FLYER, PERIOD), 9
+    velocity, position = random.normal(size=(2, 3))
+    state = start = moving(seed, 0.0)
+    spent = 0.0
+    for k in range(steps):
+        pull = velocity + position * (steps - k - 0.5) * PERIOD
+        turned = np.array([state.attitude.rotate(Vec3(*f[:3])).columns() for f in FLYER.wrench_map])
+        best = (turned @ pull > 1.0).astype(float)
+        spent += PERIOD * best.sum()
+        state = advance(state, wrench(FLYER, tuple(best.tolist())), Body.of(FLYER), PERIOD, 8)
+    goal = replace(state, w=Vec3(0.0, 0.0, 0.0))
+    found = ReachRelaxation(lattice, POSE, start, goal, LOOSE, steps).bound(velocity, position)
+    paid = _paid(FLYER, spent, state, goal, velocity, position)
+    assert found <= paid
+
+
+@pytest.mark.parametrize("build", [lopsided, equal, crossed])
+@pytest.mark.parametrize("seed", [4, 5])
+def test_least_fuel_and_time_are_below_those_of_every_sequence(build: Callable[[], Spacecraft],
+                                                               seed: int) -> None:
+    craft, steps = build(), 3
+    start, goal, spent, final = instance(craft, steps, seed)
+    errors = [np.linalg.norm((getattr(final, x) - getattr(goal, x)).columns(), axis=0) for x in ("p", "v")]
+    inside = _near(final, goal, LOOSE.heading) & (errors[0] <= LOOSE.position) & (errors[1] <= LOOSE.velocity)
+    least = float(spent[inside].min())
+    lattice, effort = SpinLattice(craft, PERIOD), Effort(1e-9)
+    found = least_fuel(lattice, POSE, start, goal, steps, LOOSE, effort)
+    assert hull.least_fuel(craft, POSE, start, goal, steps * PERIOD, LOOSE) <= found.lower + 1e-9
+    assert found.lower <= least + 1e-9  # rounding of sums of pulses
+    assert least_time(lattice, POSE, start, goal, 9, LOOSE, effort).lower <= steps * PERIOD + 1e-9
+
+
+def test_lattice_of_the_free_flyer() -> None:
+    """One nozzle for 0.2 s: 0.31 N m * 0.2 s / 0.2045 kg m^2; 3^8 sums of pairs, as even as their squares."""
+    lattice = SpinLattice(FLYER, PERIOD)
+    assert lattice.spin == pytest.approx(0.31 * 0.2 / 0.2045008, rel=1e-7)  # the file's digits
+    assert lattice.odd
+    assert set(np.unique(lattice.products)) == {-1, 0, 1}
+    assert lattice.kinds.max() == 4**2 + 2**2 + 2**2  # four about z, two about either other axis
+    assert lattice.next_fuel(1.82, range(1)) == pytest.approx(2.0)
+    assert lattice.next_fuel(2.01, range(1)) == pytest.approx(2.4)  # not eleven pulses
+    assert lattice.next_fuel(2.01, None) == pytest.approx(2.2)
+    assert not SpinLattice(equal(), PERIOD).odd
+    assert SpinLattice(equal(), PERIOD).next_fuel(0.3, range(1)) == pytest.approx(0.4)
+    assert SpinLattice(lopsided(), PERIOD).next_fuel(0.31, range(1)) == 0.31
+
+
+def test_closer_than_the_hull() -> None:
+    """Start 5 of the evaluation: the hull excludes 3.8 s, turning 4.0 s too, and costs more."""
+    batch = scenarios(GoToPose().for_evaluation(), FLYER, EVALUATION_SEED, 6)
+    ends: Any = [map_leaves(lambda x: float(x[5]), x) for x in (batch.start, batch.goal)]
+    start, goal = ends
+    lattice, hasty = SpinLattice(FLYER, PERIOD), Effort(1e-9)
+    found = least_time(lattice, REST, start, goal, 125, TASK_SET, hasty)
+    assert (found.dual, found.lower, found.upper) == (pytest.approx(4.0), pytest.approx(4.2), math.inf)
+    spent = least_fuel(lattice, REST, start, goal, 50, TASK_SET, hasty)
+    assert spent.dual > 1.02 * hull.least_fuel(FLYER, REST, start, goal, 10.0, TASK_SET)
+    assert spent.lower == pytest.approx(math.ceil(spent.dual / 0.4) * 0.4)  # two pulses at a time
+
+
+def test_what_is_found_flies_there() -> None:
+    """From 20 cm away, by the engines' equations in twice as many substeps as the search replays."""
+    goal = replace(moving(1, 0.0), p=Vec3(0.0, 0.0, 0.0), v=Vec3(0.0, 0.0, 0.0), w=Vec3(0.0, 0.0, 0.0))
+    start, lattice = replace(goal, p=Vec3(0.1, -0.2, 0.05)), SpinLattice(FLYER, PERIOD)
+    for found in (least_time(lattice, REST, start, goal, 40, TASK_SET, Effort(0.1)),
+                  least_fuel(lattice, REST, start, goal, 20, TASK_SET, Effort(0.1))):
+        assert found.commands is not None
+        assert 0.0 < found.lower <= found.upper + 1e-9
+        assert arrived(replay(FLYER, start, found.commands, PERIOD, 16), goal, TASK_SET, True)
+    assert fuel(FLYER, found.commands, PERIOD) == pytest.approx(found.upper)
+
+
+def test_there_already_and_never() -> None:
+    lattice, here = SpinLattice(FLYER, PERIOD), SpatialState(
+        Vec3(0.0, 0.0, 0.0), Quat(1.0, 0.0, 0.0, 0.0), Vec3(0.0, 0.0, 0.0), Vec3(0.0, 0.0, 0.0))
+    far = replace(here, p=Vec3(9.0, 0.0, 0.0))
+    assert least_time(lattice, REST, here, here, 9, GoalSet(), Effort(0.1)).upper == 0.0
+    nothing = least_fuel(lattice, REST, here, here, 9, GoalSet(), Effort(0.5))
+    assert (nothing.lower, nothing.upper, nothing.commands) == (0.0, 0.0, None)
+    with pytest.raises(Unreachable, match="in 9 control periods"):
+        least_fuel(lattice, REST, far, here, 9, GoalSet(), Effort(0.1))
+    late = least_time(lattice, REST, far, here, 9, GoalSet(), Effort(0.1))
+    assert late.lower > 1.8
+    assert math.isinf(late.upper)
+
+
+@pytest.mark.parametrize(("craft", "sentence"), [
+    (load_spacecraft("floating-platform"), "thrusters that are on or off"),
+    (load_spacecraft("free-flyer-shared"), "share no supply"),
+    (replace(FLYER, actuators=Throttle()), "thrusters that are on or off"),
+    (replace(FLYER, inertia=((0.2, 0.0, 0.0), (0.0, 0.2, 0.0), (0.0, 0.0, 0.2001))), "equal principal"),
+    (_craft("through", (Thruster((0.0, 0.0, 0.1), (0.0, 0.0, 1.0), 1.0),)), "whole multiples"),
+    (_craft("odd", (Thruster((0.1, 0.0, 0.0), (0.0, 1.0, 0.0), 1.0),
+                    Thruster((math.pi / 10, 0.0, 0.0), (0.0, 1.0, 0.0), 1.0))), "whole multiples"),
+], ids=["plane", "shared", "throttled", "moments", "no torque", "no quantum"])
+def test_where_there_is_no_lattice(craft: Spacecraft, sentence: str) -> None:
+    with pytest.raises(ConfigError, match=sentence):
+        SpinLattice(craft, PERIOD)
+
+
+def test_what_is_no_number_proves_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    lattice, start, goal = SpinLattice(FLYER, PERIOD), moving(0, 0.0), moving(1, 0.0)
+
+    def relaxed(start: Any, goal: Any, aims: tuple[str, ...] = REST) -> ReachRelaxation:
+        return ReachRelaxation(lattice, aims, start, goal, GoalSet(), 5)
+
+    with pytest.raises(ConfigError, match="finite start"):
+        relaxed(replace(start, v=Vec3(math.nan, 0.0, 0.0)), goal)
+    with pytest.raises(ConfigError, match="start or a goal that spins"):
+        relaxed(start, replace(goal, w=Vec3(0.0, 0.1, 0.0)))
+    with pytest.raises(ConfigError, match="start or a goal that spins"):
+        relaxed(replace(start, w=Vec3(0.0, 0.1, 0.0)), goal)
+    with pytest.raises(ConfigError, match="pose at rest"):
+        relaxed(start, goal, ("position", "velocity"))
+    with pytest.raises(NonFiniteState, match="overflow"):
+        relaxed(start, goal).bound(np.full(3, 1e300), np.zeros(3))
+    with pytest.raises(ConfigError, match="finite control period"):
+        SpinLattice(FLYER, 0.0)
+    monkeypatch.setitem(sys.modules, "rans.optimal.certificate.spatial_kernel", None)
+    monkeypatch.delattr("rans.optimal.certificate.spatial_kernel", raising=False)
+    with pytest.raises(ConfigError, match="pip install numba"):
+        relaxed(start, goal)
