@@ -107,8 +107,8 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
         outcome = step(self._world, before, tuple(values.astype(float).tolist()), self._draws, self._move)
         self._now, self._command = _plain(outcome.episode), outcome.command
         self._show()
-        terms, reward = paid(outcome.terms)
         terminated, truncated = bool(outcome.terminated), bool(outcome.truncated)
+        terms, reward = paid(outcome.terms, np.bool_(terminated))
         info: dict[str, Any] = {"reward_terms": {name: float(term) for name, term in terms.items()},
                                 "errors": self._errors()}
         if terminated or truncated:

@@ -85,7 +85,8 @@ def step_arrays(world: World, episode: Episode, action: Tensor, draws: Draws) ->
 
 def _results(seen: Seen, stack: Any, wrap: Any) -> Step:
     """A step as tensors: ``stack`` makes one of several fields, ``wrap`` of one."""
-    outcome, (terms, reward) = seen.outcome, paid(seen.outcome.terms)
+    outcome = seen.outcome
+    terms, reward = paid(outcome.terms, outcome.terminated)
     return Step(observation=stack(seen.observation).T, reward=wrap(reward),
                 terminated=wrap(outcome.terminated), truncated=wrap(outcome.truncated),
                 final_observation=stack(seen.final_observation).T, reached=wrap(outcome.reached),

@@ -63,13 +63,14 @@ def residual(task: Task, state: State, goal: State) -> tuple[Field, ...]:
                  for x, target in zip(entry.columns(), entry.target(), strict=True))
 
 
-def paid(terms: dict[str, Field]) -> tuple[dict[str, Field], Field]:
-    """Rewards by name, and their sum: zeros where that is no number, since the state was lost.
+def paid(terms: dict[str, Field], terminated: Field) -> tuple[dict[str, Field], Field]:
+    """Rewards by name, and their sum: zeros where an episode failed and left no number.
 
-    Such an episode ends there as failed; a trainer could make nothing of NaN.
+    A state that is lost has no reward, and a trainer could make nothing of NaN. In an episode that goes on
+    NaN stays: there the task's reward is wrong, which a training tells.
     """
     total = sum(terms.values())
-    known = finite(total)
+    known = finite(total) | ~terminated
     return {name: where(known, term, 0.0) for name, term in terms.items()}, where(known, total, 0.0)
 
 

@@ -117,7 +117,8 @@ def trace(world: World, episode: Episode, dtype: Any) -> Program:
     command = tuple(Symbol.input(f"command_{i}") for i in range(len(world.craft.thrusters)))
     low, high, first, stride = (Symbol.input(name, "int") for name in ("low", "high", "first", "stride"))
     seen = step_and_restart(world, inputs, command, Draws(low, high, first, stride, dtype))
-    outcome, ended, (terms, reward) = seen.outcome, seen.outcome.ended, paid(seen.outcome.terms)
+    outcome, ended = seen.outcome, seen.outcome.ended
+    terms, reward = paid(outcome.terms, outcome.terminated)
     stores = [*_rows("memory", seen.after.memory()),
               *_rows("reals", (*seen.observation, *terms.values(), reward)),
               *_rows("flags", (getattr(outcome, name) for name in Shape.FLAGS))]

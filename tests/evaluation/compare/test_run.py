@@ -225,7 +225,7 @@ def test_files_for_others(comparison: Comparison) -> None:
     assert "http" not in html.replace("http://www.w3.org", "")
 
 
-@pytest.mark.parametrize("spec", ["lqr:go-to-pose-3d", "lqr:track-velocity-2d"])
+@pytest.mark.parametrize("spec", ["lqr:go-to-position-3d", "lqr:track-velocity-2d"])
 def test_tasks_without_certificate_say_so(spec: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("rans.evaluation.compare.relaxed.objectives", lambda *_: [])
     found = Comparison(replace(contest_of(spec, 2), timing=Timing(episode_steps=20)))
