@@ -7,7 +7,8 @@ indices low[k, n] <= a < high[k, n] are looked at. A value is infinite where no 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from rans.optimal.certificate.compiled import compiled
 
 Tables = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, int, int, int]
 """Cosine and sine of the heading indices' angles (headings,); per pattern thrust (P,) and complex force
@@ -15,7 +16,7 @@ Tables = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, int, 
 n = 0 and of a = 0."""
 
 
-@njit(nogil=True)
+@compiled
 def price_row(price: float, turn: complex, tables: Tables, first: int, last: int, allowed: np.ndarray,
               begin: int, end: int, row: np.ndarray) -> None:
     """Write the cheapest pattern of one net torque for all headings of one spin into ``row``."""
@@ -32,7 +33,7 @@ def price_row(price: float, turn: complex, tables: Tables, first: int, last: int
             row[a] = cost if cost < row[a] else row[a]
 
 
-@njit(nogil=True)
+@compiled
 def sweep(fuel: float, turns: np.ndarray, tables: Tables, low: np.ndarray, high: np.ndarray,
           allowed: np.ndarray, value: np.ndarray, ahead: bool) -> None:
     """Least cost from every point to the end, or from the start to every point (Bellman's recursion).
@@ -68,7 +69,7 @@ def sweep(fuel: float, turns: np.ndarray, tables: Tables, low: np.ndarray, high:
                         value[k, i, a] = min(value[k, i, a], row[a] + value[k + 1, j, a + n])
 
 
-@njit(nogil=True)
+@compiled
 def trace(fuel: float, turns: np.ndarray, tables: Tables, low: np.ndarray, high: np.ndarray,
           allowed: np.ndarray, value: np.ndarray) -> np.ndarray:
     """The cheapest patterns from n = a = 0 on, by the values of `sweep`: (N,) indices."""
@@ -94,7 +95,7 @@ def trace(fuel: float, turns: np.ndarray, tables: Tables, low: np.ndarray, high:
     return chosen
 
 
-@njit(nogil=True)
+@compiled
 def shrink(before: np.ndarray, after: np.ndarray, limit: float, low: np.ndarray,
            high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Windows that hold every point through which a path costs at most the limit."""

@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from rans.optimal.certificate.compiled import compiled
 
 
-@njit(nogil=True)
+@compiled
 def stages(pulls: np.ndarray, forces: np.ndarray, thrust: np.ndarray, kinds: np.ndarray, count: int,
            cosine: np.ndarray, sine: np.ndarray, price: float, period: float) -> np.ndarray:
     """Least cost of every period, (N, count, angles), by kind of torque and by the angle turned.
@@ -52,7 +53,7 @@ def stages(pulls: np.ndarray, forces: np.ndarray, thrust: np.ndarray, kinds: np.
     return out
 
 
-@njit(nogil=True)
+@compiled
 def sweep(costs: np.ndarray, moves: np.ndarray, turned: np.ndarray, states: int, first: int) -> np.ndarray:
     """Least cost from a first state at angle 0 to every state, (states,).
 
@@ -81,7 +82,7 @@ def sweep(costs: np.ndarray, moves: np.ndarray, turned: np.ndarray, states: int,
     return least
 
 
-@njit(nogil=True)
+@compiled
 def _exponential(x: float, y: float, z: float) -> tuple[float, float, float, float]:
     """Quaternion of a rotation vector."""
     angle = math.sqrt(x * x + y * y + z * z)
@@ -89,7 +90,7 @@ def _exponential(x: float, y: float, z: float) -> tuple[float, float, float, flo
     return math.cos(0.5 * angle), s * x, s * y, s * z
 
 
-@njit(nogil=True)
+@compiled
 def _product(a: tuple[float, float, float, float],
              b: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
     return (a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3],
@@ -98,7 +99,7 @@ def _product(a: tuple[float, float, float, float],
             a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0])
 
 
-@njit(nogil=True)
+@compiled
 def _rotated(q: tuple[float, float, float, float], x: float, y: float,
              z: float) -> tuple[float, float, float]:
     w, a, b, c = q
@@ -106,7 +107,7 @@ def _rotated(q: tuple[float, float, float, float], x: float, y: float,
     return x + w * u + b * s - c * v, y + w * v + c * u - a * s, z + w * s + a * v - b * u
 
 
-@njit(nogil=True)
+@compiled
 def fly(commands: np.ndarray, first: int, wrenches: np.ndarray, h: float, rule: np.ndarray,
         path: np.ndarray) -> None:
     """States from a period on, ``path`` (N + 1, 13): p, quaternion, v, w in B, of which [first] is given.
@@ -150,7 +151,7 @@ def fly(commands: np.ndarray, first: int, wrenches: np.ndarray, h: float, rule: 
         new[10], new[11], new[12] = w0 + h * ax, w1 + h * ay, w2 + h * az
 
 
-@njit(nogil=True)
+@compiled
 def _miss(state: np.ndarray, goal: np.ndarray, radii: np.ndarray, quantum: float) -> float:
     """By how many radii of position, velocity and attitude a state is off; a quantum of spin counts as 5."""
     far, fast, spin, same = 0.0, 0.0, 0.0, 0.0
@@ -166,7 +167,7 @@ def _miss(state: np.ndarray, goal: np.ndarray, radii: np.ndarray, quantum: float
     return miss if spin <= radii[3] else miss + 5.0 * spin / quantum
 
 
-@njit(nogil=True)
+@compiled
 def anneal(commands: np.ndarray, wrenches: np.ndarray, mates: np.ndarray, start: np.ndarray, goal: np.ndarray,
            radii: np.ndarray, quantum: float, h: float, rule: np.ndarray, limit: int, tries: int,
            heat: float, shifts: float, random: np.random.Generator) -> float:

@@ -216,8 +216,9 @@ def test_missing_numba_is_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
     import rans.optimal.certificate as package
 
     monkeypatch.setitem(sys.modules, "numba", None)
-    monkeypatch.delitem(sys.modules, "rans.optimal.certificate.lattice_kernel", raising=False)
-    monkeypatch.delattr(package, "lattice_kernel", raising=False)
+    for name in ("compiled", "lattice_kernel"):
+        monkeypatch.delitem(sys.modules, f"rans.optimal.certificate.{name}", raising=False)
+        monkeypatch.delattr(package, name, raising=False)
     rest = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
     with pytest.raises(ConfigError, match="pip install numba"):
         Relaxation(Lattice(PLATFORM, PERIOD), rest, rest, GoalSet(), 3, None)

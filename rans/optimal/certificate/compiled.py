@@ -1,0 +1,19 @@
+"""Functions of numbers and arrays as machine code, kept for the next process."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from numba import njit
+
+
+def compiled(function: Callable[..., Any]) -> Any:
+    """By numba, without Python's lock; anew in every process only where nothing may be written.
+
+    Compiling takes seconds, and every process of a pool would.
+    """
+    try:
+        return njit(nogil=True, cache=True)(function)
+    except RuntimeError:  # neither beside the source nor in the user's cache
+        return njit(nogil=True)(function)
