@@ -116,7 +116,7 @@ import importlib.util
 find = importlib.util.find_spec
 importlib.util.find_spec = lambda name, *rest: None if sys.modules.get(name, 0) is None else find(name, *rest)
 from rans.cli import main
-sys.exit(main(["assure", sys.argv[1], "--conditions", "lab", "--episodes", "70",
+sys.exit(main(["assure", sys.argv[1], "--conditions", "lab", "--episodes", "150",
                "--worst", "1", "--output", sys.argv[2]]))
 """
     done = subprocess.run([sys.executable, "-c", code, AGENT, str(tmp_path)], capture_output=True, text=True,
