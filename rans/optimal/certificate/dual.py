@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from types import ModuleType
 from typing import Any
 
 import numpy as np
 
-from rans.errors import ConfigError, NonFiniteState
+from rans.errors import NonFiniteState
 from rans.model.dynamics import PlanarState
 from rans.model.fields import wrap
 from rans.optimal.certificate.lattice import GoalSet, Lattice
@@ -89,7 +90,9 @@ class Relaxation:
         self.lattice, self.start, self.goal, self.goal_set = lattice, start, goal, goal_set
         self.steps, self.cap, self.fuel = steps, cap, fuel
         self.net = goal_set.net_spins(lattice, start, goal)
-        self._kernel = _kernel()
+        from rans.optimal.certificate import lattice_kernel  # compiles, with numba
+
+        self._kernel: ModuleType = lattice_kernel
         self._tables(self._spin_limits())
         self._before, self._after = np.empty(self._shape), np.empty(self._shape)
         self._after[-1] = np.where(self._arrived(), 0.0, np.inf)
@@ -244,12 +247,3 @@ class Relaxation:
             raise NonFiniteState("a bound of fuel or time would overflow; the usual cause is a start, goal "
                                  "or spacecraft with far too large numbers.")
         return found
-
-
-def _kernel() -> Any:
-    try:
-        from rans.optimal.certificate import lattice_kernel
-    except ImportError as error:
-        raise ConfigError(f"the on/off certificate needs the package numba, which could not be loaded "
-                          f"({error}); install it with: pip install numba") from None
-    return lattice_kernel

@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection
 from functools import cached_property
-from typing import Any
+from types import ModuleType
 
 import numpy as np
 
@@ -126,7 +126,9 @@ class ReachRelaxation:
         if not lattice.ends(aims, start, goal, goal_set):
             raise ConfigError("no whole number of pulses takes the start's spin to rest within the "
                               "tolerance; the usual cause is a start or a goal that spins.")
-        self._kernel = _kernel()
+        from rans.optimal.certificate import spatial_kernel  # compiles, with numba
+
+        self._kernel: ModuleType = spatial_kernel
         self.lattice, self.goal_set, self.steps, self.fuel = lattice, goal_set, steps, fuel
         self.last = lattice.final(aims, start, goal_set)
         self.time = steps * lattice.period
@@ -246,12 +248,3 @@ def _matrix(attitude: Quat) -> np.ndarray:
     """R of a quaternion of floats, normalised."""
     unit = attitude.normalised()
     return np.array([unit.rotate(Vec3(*axis)).columns() for axis in np.eye(3).tolist()]).T
-
-
-def _kernel() -> Any:
-    try:
-        from rans.optimal.certificate import spatial_kernel
-    except ImportError as error:
-        raise ConfigError(f"the on/off bound in space needs the package numba, which could not be loaded "
-                          f"({error}); install it with: pip install numba") from None
-    return spatial_kernel

@@ -6,7 +6,6 @@ looked for by simulated annealing, from more time or fuel than needed downwards.
 
 from __future__ import annotations
 
-import itertools
 import math
 import time
 from collections.abc import Collection
@@ -170,10 +169,8 @@ def _annealed(job: _Job, first: np.ndarray, limit: int | None, shifts: float = 0
                                 goals.spin if job.spins else math.inf])
     begin, end = (np.array([*x.p.columns(), *leaves(x.attitude.normalised()), *x.v.columns(), *x.w.columns()])
                   for x in (job.start, job.goal))
-    deadline = time.process_time() + job.seconds
-    for attempt in itertools.count():
-        if time.process_time() >= deadline:
-            return None
+    deadline, attempt = time.process_time() + job.seconds, 0
+    while time.process_time() < deadline:
         commands = first.copy()
         miss = anneal(commands, wrenches, mates, begin, end, np.maximum(radii, 1e-9), lattice.spin, h, rule,
                       commands.size if limit is None else limit, _FIRST_TRIES * 2 ** min(attempt, 4),
@@ -181,4 +178,5 @@ def _annealed(job: _Job, first: np.ndarray, limit: int | None, shifts: float = 0
         if miss <= 0.0 and arrived(replay(lattice.craft, job.start, commands, h, _SUBSTEPS), job.goal, goals,
                                    job.spins):
             return commands
-    return None  # pragma: no cover - the loop has no end
+        attempt += 1
+    return None

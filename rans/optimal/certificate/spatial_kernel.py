@@ -48,8 +48,7 @@ def stages(pulls: np.ndarray, forces: np.ndarray, thrust: np.ndarray, kinds: np.
                         gain += full[end]
                     else:
                         gain += along[end] * cosine[r] + across[end] * sine[r]
-                cost = period * (price * thrust[j] - 0.5 * gain)
-                row[r] = min(row[r], cost)
+                row[r] = min(row[r], period * (price * thrust[j] - 0.5 * gain))
     return out
 
 
@@ -130,9 +129,9 @@ def fly(commands: np.ndarray, first: int, wrenches: np.ndarray, h: float, rule: 
                 fx, fy, fz = fx + wrenches[i, 0], fy + wrenches[i, 1], fz + wrenches[i, 2]
                 ax, ay, az = ax + wrenches[i, 3], ay + wrenches[i, 4], az + wrenches[i, 5]
         now, new = path[k], path[k + 1]
-        q, w0, w1, w2 = (now[3], now[4], now[5], now[6]), now[10], now[11], now[12]
+        new[:], q = now, (now[3], now[4], now[5], now[6])
+        w0, w1, w2 = now[10], now[11], now[12]
         cx, cy, cz = w1 * az - w2 * ay, w2 * ax - w0 * az, w0 * ay - w1 * ax
-        new[:] = now
         if fx != 0.0 or fy != 0.0 or fz != 0.0:
             for node in range(rule.shape[1]):
                 s, weight = rule[0, node] * h, rule[1, node] * h

@@ -233,10 +233,10 @@ def test_in_space_the_certificate_is_above_the_hull(horizon: float | None) -> No
 
 def test_a_missing_package_proves_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     """Only a proof makes a bound infinite; whatever else stops the search is an error."""
-    def missing() -> None:
+    def missing(*_: object) -> None:
         raise ConfigError("install numba")
 
-    monkeypatch.setattr("rans.optimal.certificate.dual._kernel", missing)
+    monkeypatch.setattr("rans.optimal.certificate.dual.Relaxation._tables", missing)
     for horizon in (None, 10.0):
         with pytest.raises(ConfigError, match="install numba"):
             list(bounds([one_start(horizon=horizon)], [0], 1))

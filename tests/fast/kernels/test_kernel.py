@@ -134,10 +134,8 @@ def test_a_lost_state_earns_nothing(on_host: Any) -> None:
     engine = on_host(PLATFORM, NEAR, 4, SHORT)
     engine.state.p.x[1] = torch.nan
     step = engine.step(torch.zeros(4, 8))
-    assert step.terminated.tolist() == [False, True, False, False]
-    assert step.reward[1] == 0.0
+    assert step.terminated.tolist() == step.reward.eq(0.0).tolist() == [False, True, False, False]
     assert step.terms[:, 1].eq(0.0).all()
-    assert step.reward[[0, 2, 3]].ne(0.0).all()
 
 
 @pytest.mark.usefixtures("together")
@@ -277,8 +275,7 @@ def test_members_with_seeds_of_their_own(on_host: Any) -> None:
     alone = Engine(PLATFORM, NEAR, 8, SHORT, seed=3, dtype=torch.float64)
     for action in actions(PLATFORM, 24, 25):
         alone.step(action[8:16])
-    # A dozen steps over restarts, as above.
-    torch.testing.assert_close(engine.observe()[8:16], alone.observe(), rtol=0, atol=1e-12)
+    torch.testing.assert_close(engine.observe()[8:16], alone.observe(), rtol=0, atol=1e-12)  # as above
 
 
 @pytest.mark.parametrize(("effect", "remember", "craft"), [

@@ -245,7 +245,9 @@ def test_what_is_no_number_proves_nothing(monkeypatch: pytest.MonkeyPatch) -> No
         relaxed(start, goal).bound(np.full(3, 1e300), np.zeros(3))
     with pytest.raises(ConfigError, match="finite control period"):
         SpinLattice(FLYER, 0.0)
-    monkeypatch.setitem(sys.modules, "rans.optimal.certificate.spatial_kernel", None)
-    monkeypatch.delattr("rans.optimal.certificate.spatial_kernel", raising=False)
+    monkeypatch.setitem(sys.modules, "numba", None)
+    for name in ("compiled", "spatial_kernel"):
+        monkeypatch.delitem(sys.modules, f"rans.optimal.certificate.{name}", raising=False)
+        monkeypatch.delattr(f"rans.optimal.certificate.{name}", raising=False)
     with pytest.raises(ConfigError, match="pip install numba"):
         relaxed(start, goal)
