@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import partial, reduce
+from operator import add
 
 from rans.model.dynamics import State
 from rans.model.fields import Field
@@ -50,6 +51,9 @@ class GoToPose(SingleTask):
     """Weight of what only those get who are at rest within the tolerances: for agents that should be soon."""
     arrived_fine_weight: float = 0.0
     """Weight of the narrow rewards of position and attitude, for those only; with `arrived_weight`."""
+    arrived_thrust_weight: float = 0.0
+    """Weight lost per open thruster, by those only: thrift for the stay, none for the way; with
+    `arrived_weight`."""
     arrived_speed: float = 0.05
     """Speed that counts as rest for it, m/s."""
     arrived_spin: float = math.radians(5.0)
@@ -108,7 +112,8 @@ class GoToPose(SingleTask):
                 **({"misaligned": closest[0] * (closest[1] - 1.0) * self.misaligned_weight}
                    if is_used(self.misaligned_weight) else {}),
                 **({"arrived": self._arrived(transition.state, distance, angle)
-                    * (sum(closest) * self.arrived_fine_weight + self.arrived_weight)}
+                    * (sum(closest) * self.arrived_fine_weight + self.arrived_weight
+                       - self._held(transition.command))}
                    if is_used(self.arrived_weight) else {}),
                 **self.prices(transition)}
 
@@ -119,6 +124,11 @@ class GoToPose(SingleTask):
         for _ in range(self.arrived_squarings):
             shares = tuple(share * share for share in shares)
         return 1.0 / (1.0 + sum(shares))
+
+    def _held(self, command: tuple[Field, ...]) -> Field:
+        """The price of thrust that is due only at rest in the goal."""
+        price = self.arrived_thrust_weight
+        return reduce(add, command) * price if is_used(price) else 0.0
 
     def failed(self, state: State, goal: State) -> Field:
         """Too far away, or in space spinning too fast."""

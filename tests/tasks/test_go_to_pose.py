@@ -91,6 +91,16 @@ def test_only_those_who_have_arrived_in_all_four_get_that_reward() -> None:
     assert "arrived" not in GoToPose().reward(Transition(PLANAR, PLANAR_GOAL, (1.0,), (0.0,)))
 
 
+def test_thrust_costs_those_who_have_arrived() -> None:
+    """Two of three open at 0.5 each: 1 of 6 in the set, half on the middle of a side, next to none beyond."""
+    task = GoToPose(arrived_weight=6.0, arrived_thrust_weight=0.5, position_tolerance=0.04)
+    for x, expected in ((0.0, 5.0), (0.04, 2.5), (0.4, 5.0 / 10_001.0)):
+        state = PlanarState(Vec2(x, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
+        goal = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
+        terms = task.reward(Transition(state, goal, (1.0, 0.0, 1.0), (0.0,) * 3))
+        assert terms["arrived"] == pytest.approx(expected)
+
+
 def test_a_wrong_attitude_costs_at_the_goals_place_only() -> None:
     """Weight 8; ln 2 scales off in attitude, 8 (1 - 1/2) = 4; ln 2 scales off the place too, half of it."""
     task = GoToPose(misaligned_weight=8.0, fine_position_scale=0.1, fine_attitude_scale=0.2)
