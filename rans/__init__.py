@@ -36,6 +36,7 @@ from rans.scenario import Scenario
 from rans.tasks import (
     TASKS,
     GoToPose,
+    GoToPosePriced,
     GoToPosition,
     MultiTask,
     TrackTwist,
@@ -78,7 +79,8 @@ _LAZY = {
 __all__ = [
     "train", "load_agent", "evaluate", "compare", "optimal_trajectory", "certify", "validate",
     "Spacecraft", "Thruster", "OnOff", "Pulsed", "Throttle", "load_spacecraft", "spacecraft_names",
-    "TASKS", "GoToPose", "GoToPosition", "TrackVelocity", "TrackTwist", "TrackVelocityHeading", "MultiTask",
+    "TASKS", "GoToPose", "GoToPosePriced", "GoToPosition", "TrackVelocity", "TrackTwist",
+    "TrackVelocityHeading", "MultiTask",
     "load_task", "Conditions", "BodyConditions", "ThrusterConditions", "FaultConditions",
     "DisturbanceConditions", "SensorConditions", "SensorsConditions", "load_conditions", "conditions_names",
     "CONTROLLERS", "Controller", "LQR", "Switching", "MPC", "ObserverMPC", "MPPI", "Pilot",

@@ -70,17 +70,19 @@ def step_tensors(world: World, episode: Episode, action: Tensor, draws: Draws) -
     """One step on tensors, writing the episode's buffers in place; this is what is compiled."""
     command = tuple(action[:, i].to(draws.dtype) for i in range(action.shape[1]))
     seen = step_and_restart(world, episode, command, draws)
+    results = _results(seen, torch.stack, lambda x: x)  # first: final observations may show what is in memory
     for buffer, value in zip(episode.memory(), seen.after.memory(), strict=True):
         buffer.copy_(value)
-    return _results(seen, torch.stack, lambda x: x)
+    return results
 
 
 def step_arrays(world: World, episode: Episode, action: Tensor, draws: Draws) -> Step:
     """The same on NumPy's arrays."""
     command = tuple(np.ascontiguousarray(action.numpy().T).astype(draws.dtype))
     seen = step_and_restart(world, episode, command, draws)
+    results = _results(seen, lambda fields: torch.from_numpy(np.stack(fields)), torch.from_numpy)
     write(episode.memory(), seen.after.memory())
-    return _results(seen, lambda fields: torch.from_numpy(np.stack(fields)), torch.from_numpy)
+    return results
 
 
 def _results(seen: Seen, stack: Any, wrap: Any) -> Step:

@@ -59,7 +59,7 @@ def thruster_listing(craft: Spacecraft) -> Listing:
 
 def task_listings(task: Task, prefix: str = "") -> Iterator[Listing]:
     """Reward, ends, settings and observation; of a multi-task the rewards of what it draws from."""
-    parts = {name: part for name, part in task.parts().items() if name}
+    parts = {name: part for name, part in task.parts().items() if type(part) is not type(task)}
     for name, part in (parts or {"": task}).items():
         yield _reward(part, name)
     if not parts:

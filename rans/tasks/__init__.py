@@ -11,6 +11,7 @@ from rans.registry import Registry
 from rans.tasks.base import SingleTask, Task, observation
 from rans.tasks.derived import observation_columns, observation_width
 from rans.tasks.go_to_pose import GoToPose
+from rans.tasks.go_to_pose_priced import GoToPosePriced
 from rans.tasks.go_to_position import GoToPosition
 from rans.tasks.multi_task import MultiTask
 from rans.tasks.rewards import Transition
@@ -39,6 +40,7 @@ TASKS = Registry("task", "rans.tasks", {
     "track-twist": "rans.tasks:TrackTwist",
     "track-velocity-heading": "rans.tasks:TrackVelocityHeading",
     "multi-task": "rans.tasks:MultiTask",
+    "go-to-pose-priced": "rans.tasks:GoToPosePriced",
 }, _checked)
 """The class of every task by the name the command line uses."""
 
@@ -71,7 +73,7 @@ def gymnasium_ids(name: str) -> tuple[str, str]:
 
 
 __all__ = [
-    "TASKS", "GoToPose", "GoToPosition", "MultiTask", "SingleTask", "Task", "TrackTwist", "TrackVelocity",
-    "TrackVelocityHeading", "Transition", "gymnasium_ids", "load_task", "observation", "observation_columns",
-    "observation_width",
+    "TASKS", "GoToPose", "GoToPosePriced", "GoToPosition", "MultiTask", "SingleTask", "Task", "TrackTwist",
+    "TrackVelocity", "TrackVelocityHeading", "Transition", "gymnasium_ids", "load_task", "observation",
+    "observation_columns", "observation_width",
 ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from dataclasses import replace
 
 from rans.model.dynamics import State
 from rans.model.fields import map_leaves
@@ -27,6 +28,9 @@ def reward_formulas(task: Task, dimension: Dimension = 2) -> dict[str, str]:
     try:
         state, goal = (_named(one, name) for one, name in
                        zip(example_state(task, dimension), ("", "goal_"), strict=True))
+        shown = {entry.value: Symbol.input(entry.name) for entry in task.sight(state, goal)
+                 if isinstance(entry.value, Symbol)}
+        goal = replace(goal, notes=tuple(shown.get(note, note) for note in goal.notes))
         errors = {name: Symbol.input(name) for name in task.errors(state, goal)}
         named = copy.copy(task)
         object.__setattr__(named, "errors", lambda _state, _goal: dict(errors))

@@ -54,7 +54,7 @@ class Entry:
         """What each column holds."""
         return (Column(label, self.unit, self.frame) for label in self.labels())
 
-    def target(self) -> Sequence[float]:
+    def target(self) -> Columns:
         """Its columns where a task has reached its goal."""
         return (0.0,) * len(self.columns())
 
@@ -161,6 +161,17 @@ class OwnAttitude(Turn):
 @dataclass(frozen=True)
 class Scalar(Entry):
     """A number that looks the same from everywhere."""
+
+
+@dataclass(frozen=True)
+class Knob(Scalar):
+    """A share, 0 to 1, that an episode is told: whatever is done, it is where it should be."""
+
+    bound = 1.0
+
+    def target(self) -> Columns:
+        """See `Entry`."""
+        return self.columns()
 
 
 @dataclass(frozen=True)

@@ -64,8 +64,9 @@ def test_policies_fly_every_equivalent_view_alike(craft: Spacecraft, task: Any) 
     network, views = symmetric_policy(craft, task), views_of(craft)
     state, goal = (random_states(craft.dimension, 50, seed) for seed in (5, 6))
 
-    def logit(*states: Any) -> Tensor:
-        return network.evaluate(torch.from_numpy(np.stack(observation(task, *states), axis=1))).policy[0]
+    def logit(state: Any, goal: Any) -> Tensor:
+        seen = observation(task, state, replace(goal, notes=(np.linspace(0.0, 1.0, 50),)))  # of a knob
+        return network.evaluate(torch.from_numpy(np.stack(seen, axis=1))).policy[0]
 
     here = logit(state, goal)
     assert len(views.turn) == {2: 8, 3: 16}[craft.dimension]

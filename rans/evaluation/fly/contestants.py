@@ -33,8 +33,8 @@ def contestant(spec: str, protocol: ProtocolName = "own", lent: Setup | None = N
             so; ``CONTROLLER:TASK-2d`` or ``-3d``
             with a name of `CONTROLLERS` or MODULE:NAME, which fly the floating platform or the free flyer,
             or another spacecraft as in ``CONTROLLER:go-to-pose-2d@floating-platform-shared``. ``#TASK`` at
-            the end picks one of the tasks of a multi-task agent. Policies made elsewhere (see
-            `user_policy`) know no task of their own: `ConfigError` if they are lent none.
+            the end picks one of the tasks of a multi-task agent, ``#0.3`` a position of a knob. Policies
+            made elsewhere (see `user_policy`) know no task of their own: `ConfigError` if they are lent none.
         protocol: see `rans.evaluation.fly.protocols.under_protocol`.
         lent: somebody's setup, in which policies made elsewhere fly, and a controller by its bare name.
         trust: whether a policy made elsewhere may be a pickle, which runs code when it is opened.
@@ -127,8 +127,9 @@ def _named_setup(name: str, spec: str) -> Setup:
 
 def _picked(setup: Setup, part: str, spec: str) -> Setup:
     """The setup with one of the tasks of a multi-task."""
-    parts = setup.task.parts()
-    if part and part not in parts:
-        raise ConfigError(f"{spec!r} picks the task {part!r}, but there is only "
-                          f"{', '.join(parts) or 'one task'}.")
-    return setup._replace(task=parts[part]) if part else setup
+    if not part:
+        return setup
+    try:
+        return setup._replace(task=setup.task.part(part))
+    except ConfigError as error:
+        raise ConfigError(f"{spec!r} picks the task {part!r}, but {error}") from None

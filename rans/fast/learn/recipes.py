@@ -93,6 +93,14 @@ RECIPES: dict[str, Recipe] = {
         replace(_STILL, gamma=0.995, reward_scale=0.03), 75_000_000,
         tuple(Ramp(price, start, 52_500_000, shape="geometric") for price, start in
               (("thrust_weight", 0.1), ("spin_weight", 0.1), ("misaligned_weight", 0.3)))),
+    "go-to-pose-2d-knob": Recipe(
+        "go-to-pose-priced", _PLATFORM,
+        {"spawn_distance": (1.5, 4.5), "arrived_weight": 15.0, "arrived_fine_weight": 3.0,
+         "arrived_squarings": 3, "rest_position": 0.004, "rest_attitude": 0.02, "thrust_weight": 1.0,
+         "price": (0.3, 30.0)},
+        replace(_SOON, reward_scale=0.03, gamma=0.99, layers=_WIDE), 60_000_000,
+        (Ramp("thrust_weight", 0.1, 30_000_000, shape="geometric"),),
+        large={**_SOON_LARGE, "layers": (256, 256)}, episode_steps=100),
     "go-to-pose-2d-robust": Recipe(
         "go-to-pose", _PLATFORM, {**_LOOSE, "thrust_weight": 0.105}, _ADAPTIVE, 12_500_000,
         (Ramp("thrust_weight", 0.02, 5_000_000, 625_000, "geometric"),), robust, _ADAPTIVE_LARGE),

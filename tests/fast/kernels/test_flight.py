@@ -153,3 +153,12 @@ def test_a_task_of_tensors_is_stepped() -> None:
     world = Flights(network, setup(PLATFORM, task), generated=False).world
     with pytest.raises(TypeError, match="a symbol meets Tensor"):
         FlightKernel(world, network, torch.device("cpu"), 232448, "bf16")
+
+
+@needs_compiler
+def test_a_knob_in_three_products(tmp_path: Path) -> None:
+    """It stays with its episode, and the reward's price does too."""
+    task = TASKS["go-to-pose-priced"](thrust_weight=0.5)
+    kernel, stepped = both(policy(PLATFORM, task), setup(PLATFORM, task), tmp_path, products="bf16x3")
+    # Products are good to 2^-16, which changes a command in 1e5 here.
+    agree(kernel, stepped, 2e-3)

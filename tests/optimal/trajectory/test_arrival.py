@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -48,7 +50,8 @@ def test_rewards_have_gradients_at_the_goal(name: str, dimension: int) -> None:
     state = map_leaves(lambda _: ca.SX.sym("s"), rest)  # type: ignore[call-arg]
     commands = ca.SX.sym("u", 4)  # type: ignore[call-arg]
     u = [commands[i] for i in range(4)]
-    terms = task.reward(Transition(state, rest, (u[0], u[1]), (u[2], u[3])))
+    goal = replace(rest, notes=(0.5,))  # of a knob
+    terms = task.reward(Transition(state, goal, (u[0], u[1]), (u[2], u[3])))
     raw = ca.Function("reward", [ca.vertcat(*leaves(state)), commands], [sum(terms.values())])
     smooth = rounded(raw, ROUNDINGS[0])
     here, command = list(leaves(rest)), [0.5, 0.5, 0.5, 0.5]

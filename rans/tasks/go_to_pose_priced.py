@@ -1,0 +1,91 @@
+"""Go to a pose at a price that every episode draws and shows: one agent from fast to thrifty."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+
+from rans.errors import ConfigError
+from rans.model.dynamics import State
+from rans.model.fields import Field, exp, log
+from rans.model.random import Random
+from rans.tasks.go_to_pose import GoToPose
+from rans.tasks.rewards import Transition
+from rans.tasks.sight import Entry, Knob
+
+_POSITIONS = (0.0, 0.25, 0.5, 0.75, 1.0)
+_PRICED = {name: f"{name}_weight" for name in ("misaligned", "thrust", "switching", "speed", "spin")}
+"""Terms of the reward that the price multiplies, and their weights."""
+
+
+@dataclass(frozen=True)
+class GoToPosePriced(GoToPose):
+    """Go to a pose with a knob: what a step costs is multiplied by a price that the episode draws.
+
+    The price is low (high / low)^knob, the knob uniform. The policy observes the knob, 0 (fast) to 1
+    (thrifty), after what `GoToPose` shows; start and goal of an episode are that task's. So one agent learns
+    every trade of time for thrust, and is judged at five positions, each by itself.
+
+    Raises:
+        ConfigError: the knob leaves 0 to 1, or a price is zero; and as `GoToPose`.
+    """
+
+    knob: tuple[float, float] = (0.0, 1.0)
+    """Range of the knob that episodes draw from."""
+    price: tuple[float, float] = (0.5, 8.0)
+    """What thrust_weight and the other prices are multiplied by with the knob at 0 and at 1."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if isinstance(self.knob[1], float | int) and self.knob[1] > 1.0:
+            raise ConfigError(f"knob must be a range within 0 (fast) to 1 (thrifty), got {self.knob!r}.")
+        if isinstance(self.price[0], float | int) and self.price[0] == 0.0:
+            raise ConfigError(f"price must be > 0, as it rises by factors, got {self.price!r}.")
+
+    def part(self, name: str) -> GoToPosePriced:
+        """The task with the knob held at this position, such as "0.3".
+
+        Raises:
+            ConfigError: it is no number from 0 to 1.
+        """
+        try:
+            return replace(self, knob=(float(name), float(name)))
+        except (ValueError, ConfigError):
+            raise ConfigError("the knob turns from 0 (fast) to 1 (thrifty).") from None
+
+    def parts(self) -> dict[str, GoToPosePriced]:
+        """Five positions of the knob; where it is held, nothing is left to name."""
+        return {"": self} if self.is_held else {f"{at:g}": self.part(f"{at:g}") for at in _POSITIONS}
+
+    @property
+    def is_held(self) -> bool:
+        """Whether every episode has the same price."""
+        return self.knob[0] == self.knob[1]
+
+    def plain(self) -> GoToPose:
+        """What an agent flies whose knob is held: `GoToPose`, with the reward that is this task's there."""
+        price = float(self.price_at(self.knob[0]))
+        own = {one.name: getattr(self, one.name) for one in fields(GoToPose)}
+        return GoToPose(**own | {name: price * own[name] for name in _PRICED.values()})
+
+    def price_at(self, knob: Field) -> Field:
+        """What the prices are multiplied by where the knob stands there."""
+        low, high = self.price
+        rise = log(high / low)
+        if isinstance(rise, float):
+            rise = float(rise)  # NumPy's own would make arrays of single precision double
+        return exp(knob * rise) * low
+
+    def sample(self, random: Random) -> tuple[State, State]:
+        """As `GoToPose`; the goal notes the knob."""
+        start, goal = super().sample(random)
+        return start, replace(goal, notes=(random.uniform(*self.knob),))
+
+    def sight(self, state: State, goal: State) -> tuple[Entry, ...]:
+        """As `GoToPose`, and the knob."""
+        return (*super().sight(state, goal), Knob("knob", "-", goal.notes[0]))
+
+    def reward(self, transition: Transition) -> dict[str, Field]:
+        """As `GoToPose`, with the price of the episode."""
+        price = self.price_at(transition.goal.notes[0])
+        return {name: term * price if name in _PRICED else term
+                for name, term in super().reward(transition).items()}
