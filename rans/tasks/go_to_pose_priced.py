@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields, replace
 
 from rans.errors import ConfigError
 from rans.model.dynamics import State
-from rans.model.fields import Field, exp, log
+from rans.model.fields import Field, exp, log, sqrt
 from rans.model.random import Random
 from rans.tasks.go_to_pose import GoToPose
 from rans.tasks.rewards import Transition
@@ -19,7 +19,7 @@ _PRICED = {name: f"{name}_weight" for name in ("misaligned", "thrust", "switchin
 
 @dataclass(frozen=True)
 class GoToPosePriced(GoToPose):
-    """Go to a pose with a knob: what a step costs is multiplied by a price that the episode draws.
+    """Go to a pose with a knob: every episode draws and shows at what price it is flown.
 
     The price is low (high / low)^knob, the knob uniform. The policy observes the knob, 0 (fast) to 1
     (thrifty), after what `GoToPose` shows; start and goal of an episode are that task's. So one agent learns
@@ -32,7 +32,7 @@ class GoToPosePriced(GoToPose):
     knob: tuple[float, float] = (0.0, 1.0)
     """Range of the knob that episodes draw from."""
     price: tuple[float, float] = (0.5, 8.0)
-    """What thrust_weight and the other prices are multiplied by with the knob at 0 and at 1."""
+    """What thrust_weight and the other prices are worth against the rest with the knob at 0 and at 1."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -62,7 +62,7 @@ class GoToPosePriced(GoToPose):
         return self.knob[0] == self.knob[1]
 
     def plain(self) -> GoToPose:
-        """What an agent flies whose knob is held: `GoToPose`, with the reward that is this task's there."""
+        """What an agent flies whose knob is held: `GoToPose` with the price in its weights."""
         price = float(self.price_at(self.knob[0]))
         own = {one.name: getattr(self, one.name) for one in fields(GoToPose)}
         return GoToPose(**own | {name: price * own[name] for name in _PRICED.values()})
@@ -85,7 +85,11 @@ class GoToPosePriced(GoToPose):
         return (*super().sight(state, goal), Knob("knob", "-", goal.notes[0]))
 
     def reward(self, transition: Transition) -> dict[str, Field]:
-        """As `GoToPose`, with the price of the episode."""
-        price = self.price_at(transition.goal.notes[0])
-        return {name: term * price if name in _PRICED else term
+        """As `GoToPose` with the price of the episode, all divided by its root.
+
+        What is best stays best, and a minibatch weighs dear and cheap episodes alike: without it agents
+        did not learn to arrive where the price is high.
+        """
+        root = sqrt(self.price_at(transition.goal.notes[0]))
+        return {name: term * root if name in _PRICED else term / root
                 for name, term in super().reward(transition).items()}

@@ -99,7 +99,7 @@ RECIPES: dict[str, Recipe] = {
          "arrived_squarings": 3, "rest_position": 0.004, "rest_attitude": 0.02, "thrust_weight": 1.0,
          "price": (0.3, 30.0)},
         replace(_SOON, reward_scale=0.03, gamma=0.99, layers=_WIDE), 60_000_000,
-        (Ramp("thrust_weight", 0.1, 30_000_000, shape="geometric"),),
+        (Ramp("thrust_weight", 0.02, 30_000_000, shape="geometric"),),
         large={**_SOON_LARGE, "layers": (256, 256)}, episode_steps=100),
     "go-to-pose-2d-robust": Recipe(
         "go-to-pose", _PLATFORM, {**_LOOSE, "thrust_weight": 0.105}, _ADAPTIVE, 12_500_000,
