@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from functools import reduce
 from typing import ClassVar
 
-from rans.errors import ConfigError
 from rans.model.drift import FREE, Drift
 from rans.model.dynamics import State
 from rans.model.fields import Field
@@ -38,13 +37,6 @@ class Task(Settings, ABC):
     def parts(self) -> Mapping[str, Task]:
         """What an agent is judged on, by name: the tasks drawn from, or itself, which needs no name: ""."""
         return {"": self}
-
-    def part(self, name: str) -> Task:
-        """One of `parts` by its name; `ConfigError` if it is none of them."""
-        parts = self.parts()
-        if name not in parts or not name:
-            raise ConfigError(f"there is only {', '.join(filter(None, parts)) or 'one task'}.")
-        return parts[name]
 
     def drawn(self, goal: State) -> Task:
         """The task that one goal, of numbers, belongs to: itself, or one of those drawn from."""

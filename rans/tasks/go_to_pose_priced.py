@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields, replace
 
-from rans.errors import ConfigError
+from rans.errors import ConfigError, brief
 from rans.model.dynamics import State
 from rans.model.fields import Field, exp, log, sqrt
 from rans.model.random import Random
@@ -12,7 +13,6 @@ from rans.tasks.go_to_pose import GoToPose
 from rans.tasks.rewards import Transition
 from rans.tasks.sight import Entry, Knob
 
-_POSITIONS = (0.0, 0.25, 0.5, 0.75, 1.0)
 _PRICED = {name: f"{name}_weight" for name in ("misaligned", "thrust", "switching", "speed", "spin")}
 """Terms of the reward that the price multiplies, and their weights."""
 
@@ -41,20 +41,9 @@ class GoToPosePriced(GoToPose):
         if isinstance(self.price[0], float | int) and self.price[0] == 0.0:
             raise ConfigError(f"price must be > 0, as it rises by factors, got {self.price!r}.")
 
-    def part(self, name: str) -> GoToPosePriced:
-        """The task with the knob held at this position, such as "0.3".
-
-        Raises:
-            ConfigError: it is no number from 0 to 1.
-        """
-        try:
-            return replace(self, knob=(float(name), float(name)))
-        except (ValueError, ConfigError):
-            raise ConfigError("the knob turns from 0 (fast) to 1 (thrifty).") from None
-
-    def parts(self) -> dict[str, GoToPosePriced]:
-        """Five positions of the knob; where it is held, nothing is left to name."""
-        return {"": self} if self.is_held else {f"{at:g}": self.part(f"{at:g}") for at in _POSITIONS}
+    def parts(self) -> Mapping[str, GoToPosePriced]:
+        """Every position of the knob; where it is held, nothing is left to name."""
+        return {"": self} if self.is_held else Positions(self)
 
     @property
     def is_held(self) -> bool:
@@ -93,3 +82,23 @@ class GoToPosePriced(GoToPose):
         root = sqrt(self.price_at(transition.goal.notes[0]))
         return {name: term * root if name in _PRICED else term / root
                 for name, term in super().reward(transition).items()}
+
+
+@dataclass(frozen=True)
+class Positions(Mapping[str, GoToPosePriced]):
+    """A task with its knob held: five positions to go through, and any other to pick, such as "0.3"."""
+
+    task: GoToPosePriced
+
+    def __getitem__(self, name: str) -> GoToPosePriced:
+        """The task at this position; `ConfigError` if it is no number from 0 to 1."""
+        try:
+            return replace(self.task, knob=(float(name), float(name)))
+        except (ValueError, ConfigError):
+            raise ConfigError(f"the knob turns from 0 (fast) to 1 (thrifty), got {brief(name)}.") from None
+
+    def __iter__(self) -> Iterator[str]:
+        return (f"{at:g}" for at in (0.0, 0.25, 0.5, 0.75, 1.0))
+
+    def __len__(self) -> int:
+        return 5

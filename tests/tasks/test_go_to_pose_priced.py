@@ -24,7 +24,7 @@ TASK = GoToPosePriced(thrust_weight=0.1, spin_weight=0.2, misaligned_weight=1.0,
 @pytest.mark.parametrize(("knob", "thrust"), [(0.0, 0.05), (0.25, 0.1), (0.5, 0.2), (0.75, 0.4), (1.0, 0.8)])
 def test_the_price_doubles_by_quarters(knob: float, thrust: float) -> None:
     """From 0.5 to 8 are four doublings; weights of 0.1, 0.2 and 1 keep their proportions."""
-    plain = TASK.part(f"{knob:g}").plain()
+    plain = TASK.parts()[f"{knob:g}"].plain()
     assert type(plain) is GoToPose
     assert plain.thrust_weight == pytest.approx(thrust)
     assert plain.spin_weight == pytest.approx(2 * thrust)
@@ -58,19 +58,19 @@ def test_every_episode_is_go_to_pose_at_its_own_price(spacecraft: str) -> None:
 
 
 def test_a_knob_that_is_held_has_one_price() -> None:
-    held = TASK.part("0.3")
+    held = TASK.parts()["0.3"]
     assert list(held.parts()) == [""]
     assert held.for_evaluation() == replace(held, spawn_distance=(3.0, 4.0))
     goals = scenarios(held, load_spacecraft("floating-platform"), seed=3, count=10).goal
     assert (goals.notes[0] == 0.3).all()
-    assert list(TASK.parts()) == ["0", "0.25", "0.5", "0.75", "1"]
-    assert TASK.parts()["0.75"] == TASK.part("0.75")
+    assert [part.knob[1] for part in TASK.parts().values()] == [0.0, 0.25, 0.5, 0.75, 1.0]
+    assert len(TASK.parts()) == 5
 
 
 @pytest.mark.parametrize("name", ["-0.1", "1.1", "nan", "fast"])
 def test_positions_that_do_not_exist(name: str) -> None:
     with pytest.raises(ConfigError, match=r"the knob turns from 0 \(fast\) to 1 \(thrifty\)"):
-        TASK.part(name)
+        TASK.parts()[name]
 
 
 @pytest.mark.parametrize(("change", "says"), [

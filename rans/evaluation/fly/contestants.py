@@ -127,9 +127,8 @@ def _named_setup(name: str, spec: str) -> Setup:
 
 def _picked(setup: Setup, part: str, spec: str) -> Setup:
     """The setup with one of the tasks of a multi-task."""
-    if not part:
-        return setup
-    try:
-        return setup._replace(task=setup.task.part(part))
-    except ConfigError as error:
-        raise ConfigError(f"{spec!r} picks the task {part!r}, but {error}") from None
+    parts = setup.task.parts()
+    if part and part not in parts:
+        raise ConfigError(f"{spec!r} picks the task {part!r}, but there is only "
+                          f"{', '.join(parts) or 'one task'}.")
+    return setup._replace(task=parts[part]) if part else setup
