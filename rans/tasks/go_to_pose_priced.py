@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields, replace
 
 from rans.errors import ConfigError, brief
 from rans.model.dynamics import State
-from rans.model.fields import Field, exp, log, sqrt
+from rans.model.fields import Field, exp, log
 from rans.model.random import Random
 from rans.tasks.go_to_pose import GoToPose
 from rans.tasks.rewards import Transition
@@ -32,7 +32,7 @@ class GoToPosePriced(GoToPose):
     knob: tuple[float, float] = (0.0, 1.0)
     """Range of the knob that episodes draw from."""
     price: tuple[float, float] = (0.5, 8.0)
-    """What thrust_weight and the other prices are worth against the rest with the knob at 0 and at 1."""
+    """What thrust_weight and the other prices are multiplied by with the knob at 0 and at 1."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -74,13 +74,9 @@ class GoToPosePriced(GoToPose):
         return (*super().sight(state, goal), Knob("knob", "-", goal.notes[0]))
 
     def reward(self, transition: Transition) -> dict[str, Field]:
-        """As `GoToPose` with the price of the episode, all divided by its root.
-
-        What is best stays best, and a minibatch weighs dear and cheap episodes alike: without it agents
-        did not learn to arrive where the price is high.
-        """
-        root = sqrt(self.price_at(transition.goal.notes[0]))
-        return {name: term * root if name in _PRICED else term / root
+        """As `GoToPose`, with the price of the episode."""
+        price = self.price_at(transition.goal.notes[0])
+        return {name: term * price if name in _PRICED else term
                 for name, term in super().reward(transition).items()}
 
 

@@ -46,10 +46,10 @@ def test_every_episode_is_go_to_pose_at_its_own_price(spacecraft: str) -> None:
     states = random_states(craft.dimension, 200, seed=1)
     command, before = np.random.default_rng(3).integers(0, 2, (2, len(craft.thrusters), 200)).astype(float)
     terms = TASK.reward(Transition(states, priced.goal, tuple(command), tuple(before)))
-    root = np.exp2(2.0 * knob - 0.5)  # of prices from 1/2 to 8
-    np.testing.assert_allclose(terms["thrust"], -0.1 * root * command.sum(axis=0), rtol=1e-12)  # rounding
+    price = np.exp2(4.0 * knob - 1.0)  # from 1/2 to 8
+    np.testing.assert_allclose(terms["thrust"], -0.1 * price * command.sum(axis=0), rtol=1e-12)  # rounding
     unpriced: Any = GoToPose().reward(Transition(states, plain.goal, tuple(command), tuple(before)))
-    np.testing.assert_allclose(terms["approach"], unpriced["approach"] / root, rtol=1e-12)
+    np.testing.assert_array_equal(terms["approach"], unpriced["approach"])
     seen = observation(TASK, states, priced.goal)
     np.testing.assert_array_equal(seen[:-1], observation(GoToPose(), states, plain.goal))
     np.testing.assert_array_equal(seen[-1], knob)
