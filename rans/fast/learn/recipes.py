@@ -127,8 +127,9 @@ RECIPES: dict[str, Recipe] = {
                                     (Ramp("thrust_weight", 0.01, 5_000_000, 1_250_000, "geometric"),)),
     "track-velocity-heading-2d": Recipe(
         "track-velocity-heading", _PLATFORM, {"fine_scale": 0.02}, _PLANE, 12_000_000),
-    "multi-task-2d": Recipe("multi-task", _PLATFORM, {}, replace(_PLANE, symmetric=False, layers=_WIDE),
-                            24_000_000),
+    "multi-task-2d": Recipe(
+        "multi-task", _PLATFORM, {}, replace(_PLANE, symmetric=False, layers=_WIDE), 24_000_000,
+        large={**_ADAPTIVE_LARGE, "batch_size": 65536}, large_timesteps=1_000_000_000),
     "go-to-pose-3d": Recipe(
         "go-to-pose", _FLYER, {"fine_weight": 1.5, "rest_position": 0.01, "rest_attitude": 0.02,
                                "thrust_weight": 0.04}, replace(_SHARP, layers=_WIDE), 20_000_000),
