@@ -44,7 +44,7 @@ def test_every_effect_is_the_same_in_drake(effect: str) -> None:
     fly_alike(PLANE, EFFECTS[effect])
 
 
-@pytest.mark.parametrize(("effect", "steps"), [(effect, 30 if effect == "all" else 10) for effect in EFFECTS])
+@pytest.mark.parametrize(("effect", "steps"), [(effect, 20 if effect == "all" else 10) for effect in EFFECTS])
 def test_and_in_space(effect: str, steps: int) -> None:
     """Where every period, and every piece of it, takes substeps; alone each flies 25 s in `rans validate`."""
     fly_alike(SPACE, EFFECTS[effect], steps=steps)
