@@ -23,6 +23,12 @@ from validation.study import LAYERS, Scope
 _SHORT = ("thrusters", "commands", "mass", "accelerations", "period", "invariants")
 
 
+@pytest.fixture(autouse=True)
+def _short_coasts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What breaks a law does so within a second too."""
+    monkeypatch.setattr("validation.invariants._COAST", 1.0)
+
+
 def assert_trusted(craft: Spacecraft, seed: int) -> None:
     scope = Scope(craft, seed, states=8, flights=1)
     for name in _SHORT:

@@ -71,7 +71,7 @@ CRAFTS = {"lopsided": lopsided, "crossed": crossed}
 @pytest.fixture
 def _bounds_only(monkeypatch: pytest.MonkeyPatch) -> None:
     """No commands are searched for, whatever the clock says."""
-    monkeypatch.setattr("rans.optimal.certificate.spatial_certificate._annealed", lambda *_: None)
+    monkeypatch.setattr("rans.optimal.certificate.spatial_certificate._annealed", lambda *_, **__: None)
 
 
 def everything(craft: Spacecraft, start: SpatialState, steps: int) -> tuple[np.ndarray, SpatialState]:
