@@ -120,7 +120,7 @@ def test_a_quarter_of_a_million_steps_without_nan(name: str, factor: float, plan
     """
     own = {"nasty planar": planar_craft, "nasty spatial": spatial_craft}
     craft = stronger(own.get(name) or load_spacecraft(name), factor)
-    quick = factor == 1.0 or craft.dimension == 2  # a hundred times the thrust would take 64 substeps in space
+    quick = factor == 1.0 or craft.dimension == 2  # else 64 substeps are chosen in space
     count, n = 2048 if quick else 256, len(craft.thrusters)
     engine = Engine(craft, GoToPose(), count, Timing(substeps=None if quick else 8))
     random, held = actions(craft, count, 125, held=1), actions(craft, count, 125, held=25)

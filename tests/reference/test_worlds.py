@@ -109,7 +109,8 @@ def in_casadi(world: World, start: Any, commands: np.ndarray) -> Any:
                                         leaves(world.held(state, told, body)))]
     step, tracks = ca.Function("step", columns[:3], columns[3:]), []
     for k in range(COUNT):
-        track, own = [np.array([float(x[k]) for x in leaves(start)])], [float(x[k]) for x in leaves(world.body)]
+        begun, own = ([float(x[k]) for x in leaves(tree)] for tree in (start, world.body))
+        track = [np.array(begun)]
         for command in commands[:, k]:
             track.append(np.array(step(track[-1], command, own)).ravel())
         tracks.append(track)
