@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,13 +21,13 @@ from rans.evaluation.fly.follow import follow
 from rans.evaluation.fly.paths import LookAhead, find_path
 from rans.evaluation.fly.protocols import Setup
 from rans.evaluation.measure.metrics import samples
-from rans.files import environment, write_json, write_text
+from rans.files import environment, read_json, write_json
 from rans.flight import Controller, fly
 from rans.scenario import EVALUATION_SEED, scenarios
 from rans.terminal import Terminal, table
 from validation.agent_rows import ROWS, Goal, Row
 from validation.command import ended
-from validation.markdown import with_table
+from validation.markdown import Table
 from validation.time_optimal import time_optimal
 
 _COMMAND = "python -m validation.agents"
@@ -106,12 +106,10 @@ class Agents:
         if not lines:
             names = ", ".join(dict.fromkeys(row.agent for row in ROWS))
             raise ConfigError(f"{self.folder} holds no run named {names}, each followed by -seed0 and so on.")
-        page = self.docs / "agents.md"
-        cells = (line.cells() for line in lines)
-        write_text(page, with_table(page.read_text("utf-8"), _COMMAND, _HEADINGS, cells, _SOURCE))
         write_json(self.docs / "validation" / "agents.json", {
             "episodes": self.episodes, "seed": EVALUATION_SEED, "environment": environment(),
             "lines": [asdict(line) | {"worst": line.worst, "passed": line.passed} for line in lines]})
+        in_document(self.docs).write(self.docs)
         return lines
 
     def _lines(self, row: Row) -> Iterator[Line]:
@@ -176,6 +174,13 @@ def short(names: tuple[str, ...]) -> str:
 def joined(values: Iterable[float]) -> str:
     """Numbers as a table shows them."""
     return " / ".join(f"{value:.3g}" for value in values)
+
+
+def in_document(docs: Path) -> Table:
+    """The table of agents.md, from agents.json."""
+    found = read_json(docs / "validation" / "agents.json")["lines"]
+    lines = [Line(**{one.name: line[one.name] for one in fields(Line)}) for line in found]
+    return Table("agents.md", _COMMAND, _HEADINGS, [line.cells() for line in lines], _SOURCE)
 
 
 def main() -> int:

@@ -10,19 +10,20 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import torch
 from tyro.conf import Positional
 
-from rans.evaluation.assure.assurance import Assurance, made
+from rans.evaluation.assure.assurance import made
 from rans.evaluation.assure.bounds import plan
 from rans.evaluation.fly.contestants import judged_separately
 from rans.fast.verdicts import Failure
-from rans.files import write_json, write_text
+from rans.files import read_json, write_json
 from rans.pretrained import pretrained_names
 from rans.scenario import ASSURANCE_SEED
 from rans.terminal import Terminal, table
-from validation.markdown import with_table
+from validation.markdown import Table
 
 _COMMAND = "python -m validation.assurances"
 _HEADINGS = ("agent", "conditions", "flights", "failed", "probability of failure, 99 %", "how they fail",
@@ -55,17 +56,17 @@ class Assurances:
         Raises:
             ConfigError: there is no such agent, or no place for the table.
         """
-        rows = [_cells(self._assured(*one)) for one in _campaigns(self.agents or pretrained_names())]
-        page = self.docs / "assurance.md"
-        write_text(page, with_table(page.read_text("utf-8"), _COMMAND, _HEADINGS, rows, _SOURCE))
-        Terminal(room=120).print(table("Assurances", _HEADINGS, rows))
+        for one in _campaigns(self.agents or pretrained_names()):
+            self._assure(*one)
+        found = in_document(self.docs)
+        found.write(self.docs)
+        Terminal(room=120).print(table("Assurances", _HEADINGS, found.rows))
         return 0
 
-    def _assured(self, spec: str, conditions: str) -> Assurance:
+    def _assure(self, spec: str, conditions: str) -> None:
         assurance = made(spec, conditions, plan(_CONFIDENCE, self.flights, None), self.seed,
                          f"rans assure '{spec}' --conditions {conditions} --episodes {self.flights}")
-        name = f"{spec.removeprefix('pretrained:').replace('#', '-')}-{conditions}"
-        file = self.docs / "validation" / "assurance" / f"{name.removesuffix('-perfect')}.json"
+        file = _file(self.docs, spec, conditions)
         file.parent.mkdir(parents=True, exist_ok=True)
         assurance.go_on(file)
         assurance.fly("cuda" if torch.cuda.is_available() else "cpu", lambda _: None,
@@ -73,7 +74,18 @@ class Assurances:
         if self.replay:
             assurance.replay(_WORST, _WORST)
         write_json(file, assurance.to_json())
-        return assurance
+
+
+def in_document(docs: Path) -> Table:
+    """The table of assurance.md, from the files of all campaigns that there are."""
+    rows = [_cells(*one, read_json(file)) for one in _campaigns(pretrained_names())
+            if (file := _file(docs, *one)).exists()]
+    return Table("assurance.md", _COMMAND, _HEADINGS, rows, _SOURCE)
+
+
+def _file(docs: Path, spec: str, conditions: str) -> Path:
+    name = f"{spec.removeprefix('pretrained:').replace('#', '-')}-{conditions}"
+    return docs / "validation" / "assurance" / f"{name.removesuffix('-perfect')}.json"
 
 
 def _campaigns(names: tuple[str, ...] | list[str]) -> Iterator[tuple[str, str]]:
@@ -85,18 +97,19 @@ def _campaigns(names: tuple[str, ...] | list[str]) -> Iterator[tuple[str, str]]:
             yield f"pretrained:{name}", "lab"
 
 
-def _cells(assurance: Assurance) -> tuple[str, ...]:
-    campaign, replays = assurance.campaign, assurance.replays
-    bound = campaign.bound()
-    range_ = f"at most {bound.high:.2g}" if not bound.events else f"{bound.low:.2g} to {bound.high:.2g}"
-    kinds = ", ".join(f"{count:,} {_SHORT[kind]}" for kind, count in campaign.events.items() if count)
+def _cells(spec: str, conditions: str, told: dict[str, Any]) -> tuple[str, ...]:
+    bound, replays, low = told["bounds"]["any"], told["replays"], ""
+    if bound["failures"]:
+        low = f"{bound['at least']:.2g} to "
+    kinds = ", ".join(f"{count:,} {_SHORT[Failure[kind]]}"
+                      for kind, count in told["campaign"]["failures"].items() if count)
     again = "–"  # noqa: RUF001
-    if replays and replays.tried:
-        judged = [one for one in replays.found if "drake" in one.again]
-        drake = sum(one.again["drake"] is not None for one in judged)
-        again = f"{replays.failed} of {replays.tried}, {drake} of {len(judged)}"
-    return (f"`{assurance.spec.removeprefix('pretrained:')}`", str(assurance.conditions),
-            f"{campaign.flights:,}", f"{bound.events:,}", range_, kinds or "–", again)  # noqa: RUF001
+    if replays and replays["flown again"]:
+        judged = [one["again"]["drake"] is not None for one in replays["judged"] if "drake" in one["again"]]
+        again = (f"{replays['failed again']} of {replays['flown again']}, {sum(judged)} of {len(judged)}")
+    return (f"`{spec.removeprefix('pretrained:')}`", conditions, f"{bound['flights']:,}",
+            f"{bound['failures']:,}", f"{low or 'at most '}{bound['at most']:.2g}",
+            kinds or "–", again)  # noqa: RUF001
 
 
 if __name__ == "__main__":

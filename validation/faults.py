@@ -1,7 +1,8 @@
 """What agents hold when thrusters fail, by class of fault, and how far they drift where no controller could.
 
 ``python -m validation.faults AGENT...`` flies run folders and ``pretrained:NAME`` on 10,000 episodes a row,
-on a GPU if there is one, prints the table and writes docs/validation/faults.json.
+on a GPU if there is one, prints the table and writes docs/validation/faults.json. ``python -m
+validation.figures`` then writes the table of docs/robustness.md.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from rans.episode import Episode, World
 from rans.evaluation.compare.bounds import Amounts, Event
 from rans.evaluation.fly.protocols import Setup
 from rans.fast.learn.network import Network
+from rans.files import read_json
 from rans.model.conditions import Conditions, FaultChoice, FaultConditions, FaultKind
 from rans.model.faults import fault_sets
 from rans.model.spacecraft import Spacecraft
@@ -27,6 +29,7 @@ from rans.optimal.certificate.hull import Health, least_settling, settling_set
 from rans.optimal.certificate.lattice import Lattice
 from rans.scenario import EVALUATION_SEED, draws, each, scenarios
 from validation.batch import Rows, flown, study
+from validation.markdown import Table
 
 _HELD_OUT = 0.3, 1.0
 """Share of its force that a weak thruster has, which no training knows (issue: partial thrust)."""
@@ -35,6 +38,11 @@ _BOUNDED = 1000
 _SETTLING = Event("settling")
 _EFFORT = Effort(seconds=2.0, nozzle_seconds=0.3, levels=1)
 """Nearly all certificates are then exact."""
+
+
+_COMMAND = "python -m validation.faults"
+_HEADINGS = ("recoverable fault", "from the start", "at a moment up to 15 s", "at any moment",
+             "settling over its bound")
 
 
 class Row(NamedTuple):
@@ -143,6 +151,21 @@ class Faults:
                 said |= {"certified": median(least.values),
                          "over certified": median(settled[:self.certified].over(least))}
         return said
+
+
+def in_document(docs: Path) -> Table:
+    """The table of robustness.md: of the first agent, what may be recovered from."""
+    found: Rows = next(iter(read_json(docs / "validation" / "faults.json")["agents"].values()))
+    names = [name for name in found if "over least" in found[name]]
+    return Table("robustness.md", _COMMAND, _HEADINGS, [_cells(found, name) for name in names], "")
+
+
+def _cells(found: Rows, name: str) -> tuple[str, ...]:
+    moments = [f"{name}, by 15 s", f"{name}, any moment"]
+    held = [f"{found[one]['held']['value']:.2f}" if one in found else "" for one in (name, *moments)]
+    told = name.replace(", recoverable", "").replace("stuck-open", "stuck open")
+    unknown = f", {_HELD_OUT[0]:g} to {_HELD_OUT[1]:g}, in no training" if "weak" in name else ""
+    return (told + unknown, *held, f"{found[name]['over least']:.2f}")
 
 
 def main() -> None:

@@ -3,10 +3,34 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import NamedTuple
 
 from rans.errors import ConfigError
+from rans.files import write_text
 
 _END = "<!-- end of table -->"
+
+
+class Table(NamedTuple):
+    """One table of a document."""
+
+    page: str
+    """Its file, from the folder of the documents."""
+    command: str
+    """What measured it."""
+    headings: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    source: str
+    """Where its figures are, a sentence."""
+
+    def within(self, docs: Path) -> str:
+        """The page's text with this table in its place; ConfigError see `with_table`."""
+        return with_table((docs / self.page).read_text("utf-8"), *self[1:])
+
+    def write(self, docs: Path) -> None:
+        """Into its page."""
+        write_text(docs / self.page, self.within(docs))
 
 
 def with_table(page: str, command: str, headings: Sequence[str], rows: Iterable[Sequence[str]],

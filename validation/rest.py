@@ -22,13 +22,13 @@ from rans.evaluation.fly.protocols import Setup
 from rans.fast.engine import Engine
 from rans.fast.learn.network import Network
 from rans.fast.learn.selection import likeliest
-from rans.files import write_text
+from rans.files import read_json
 from rans.model.spacecraft import Spacecraft
 from rans.pretrained import pretrained_names
 from rans.scenario import EVALUATION_SEED
 from rans.terminal import Terminal, table
 from validation.batch import Rows, study
-from validation.markdown import with_table
+from validation.markdown import Table
 
 _COMMAND = "python -m validation.rest"
 _HEADINGS = ("agent", "duty at rest, %", "valve changes a second", "steps with opposite nozzles open, %",
@@ -108,13 +108,19 @@ class Rest:
             commands = last_commands(network, judged, self.episodes, self.seed, device)
             return {"at rest": said(commands, setup.craft, setup.timing.control_period)}
 
-        result = study(self.agents or tuple(_shipped()), told, self.episodes, self.seed,
-                       self.docs / "validation" / "rest.json")
-        rows = [_cells(name, found["at rest"]) for name, found in result.items()]
-        page = self.docs / "agents.md"
-        write_text(page, with_table(page.read_text("utf-8"), _COMMAND, _HEADINGS, rows, _SOURCE))
-        Terminal(room=110).print(table("At rest", _HEADINGS, rows))
+        study(self.agents or tuple(_shipped()), told, self.episodes, self.seed,
+              self.docs / "validation" / "rest.json")
+        found = in_document(self.docs)
+        found.write(self.docs)
+        Terminal(room=110).print(table("At rest", _HEADINGS, found.rows))
         return 0
+
+
+def in_document(docs: Path) -> Table:
+    """The table of agents.md, from rest.json."""
+    found = read_json(docs / "validation" / "rest.json")["agents"]
+    return Table("agents.md", _COMMAND, _HEADINGS,
+                 [_cells(name, rows["at rest"]) for name, rows in found.items()], _SOURCE)
 
 
 def _shipped() -> Iterator[str]:

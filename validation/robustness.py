@@ -2,7 +2,7 @@
 
 ``python -m validation.robustness AGENT...`` flies run folders and ``pretrained:NAME`` on 10,000 episodes a
 row, on a GPU if there is one, prints the table and writes docs/validation/robustness.json; with ``--lqr``
-the LQR beside them.
+the LQR beside them. ``python -m validation.figures`` then writes the table of docs/robustness.md.
 """
 
 from __future__ import annotations
@@ -19,13 +19,24 @@ from rans.evaluation.fly.protocols import Setup
 from rans.evaluation.measure.metrics import last_fifth, settling_times, solved
 from rans.fast.learn.network import Network
 from rans.fast.learn.troubles import TROUBLES
+from rans.files import read_json
 from rans.flight import fly
 from rans.model.conditions import BodyConditions, Conditions
 from rans.model.conditions_file import load_conditions
 from rans.scenario import EVALUATION_SEED, draws, scenarios
 from validation.batch import Found, Rows, flown, loaded, study
+from validation.markdown import Table
 
 _LQR_EPISODES = 256
+_COMMAND = "python -m validation.robustness"
+_TOLD = {"none": "none", "lab": "`lab`, all at once", "latency": "latency 0 to 200 ms",
+         "delay": "commands 0 to 1 period late", "rise": "thrust rises in 0 to 100 ms",
+         "least on-time": "valves open at least 0.4 s", "mass": "mass x 0.7 to 2",
+         "inertia": "inertia x 0.5 to 2", "centre of mass": "centre of mass 0 to 3 cm off",
+         "force": "force 0 to 0.3 N", "torque": "torque 0 to 0.1 N m",
+         "noise": "noise 0 to 3 cm, 3 degrees, 3 cm/s, 3 degrees/s", "noise, worst": "noise, all of it",
+         "inertia halved": "inertia x 0.5"}
+"""What the document calls its rows."""
 
 
 def rows() -> dict[str, Conditions]:
@@ -80,6 +91,22 @@ class Robustness:
             _, setup = loaded(self.agents[0], "cpu")
             extra["lqr"] = {row: flown_by_lqr(setup, found, self.seed) for row, found in rows().items()}
         return study(self.agents, told, self.episodes, self.seed, self.output, extra)
+
+
+def in_document(docs: Path) -> Table:
+    """The table of robustness.md: of every figure the worst training, in the plane and in space."""
+    found = [read_json(docs / "validation" / f"{name}.json")["agents"].values()
+             for name in ("robustness", "robustness-space")]
+    rows = [(told, *(cell for agents in found for cell in _worst([agent[row] for agent in agents])))
+            for row, told in _TOLD.items()]
+    return Table("robustness.md", _COMMAND, ("trouble", *("plane: held", "settles", "duty"),
+                                             *("space: held", "settles", "duty")), rows, "")
+
+
+def _worst(said: list[dict[str, Any]]) -> tuple[str, str, str]:
+    return (f"{min(one['held']['value'] for one in said):.2f}",
+            f"{max(one['settling time'] for one in said):.1f}",
+            f"{max(one['duty at rest'] for one in said):.1f}")
 
 
 def _said(found: Found) -> dict[str, Any]:

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,9 @@ def _wide(monkeypatch: pytest.MonkeyPatch) -> None:
 QUICK = ["--device", "cpu", "--spacecraft", "floating-platform", "--quick"]
 
 
-def test_figures(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_figures(capsys: pytest.CaptureFixture[str], tmp_path: Path,
+                 monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("validation.speed.flights._UNITS", {2: (64,)})  # of three sizes
     file = tmp_path / "speed.json"
     assert main(["benchmark", *QUICK, "--num-envs", "64", "--output", str(file)]) == 0
     text = capsys.readouterr().out
@@ -48,7 +51,15 @@ def test_figures(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
 def test_peers_that_cannot_be_installed_are_rows_that_say_why(
         capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """pip finds no such version; Stable-Baselines3 is there anyway. Ours was in `test_figures`."""
+    def environment(home: Path, **_: Any) -> None:
+        """None of its own, which would take seconds: without an index pip installs nothing."""
+        python = home / "bin" / "python"
+        python.parent.mkdir(parents=True)
+        python.write_text(f'#!/bin/sh\nexec "{sys.executable}" "$@"\n')
+        python.chmod(0o755)
+
     monkeypatch.setenv("PIP_NO_INDEX", "1")
+    monkeypatch.setattr("validation.peers.runner.venv.create", environment)
     monkeypatch.setattr("validation.speed.suite.measurements", lambda *_: [
         Measurement("engine", "64 environments", 1e6, "steps/s"), Measurement("policy", "one", 9.0, "us")])
     sb3 = Peer("stable-baselines3", "stable_baselines3", "sb3_ppo.py", ())

@@ -36,6 +36,7 @@ def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
     return captured.err
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_both_engines(capsys: pytest.CaptureFixture[str], run_folder: Path) -> None:
     """The second evaluation keeps what the first one wrote, and the motion is the same."""
     for engine in ("fast", "drake"):
@@ -44,7 +45,7 @@ def test_both_engines(capsys: pytest.CaptureFixture[str], run_folder: Path) -> N
         assert str(run_folder / "evaluation.json") in text
     written = json.loads((run_folder / "evaluation.json").read_text())
     assert written.keys() == {"fast", "drake", "conditions", "about"}
-    assert (run_folder / "evaluation.svg").read_text().startswith("<?xml")
+    assert "<svg" in (run_folder / "evaluation.svg").read_text()
 
 
 @pytest.mark.usefixtures("undrawn")
@@ -95,6 +96,7 @@ def test_a_multi_task_agent_is_judged_task_by_task(tmp_path: Path) -> None:
     assert "velocity error" in names["track-twist"] - names["go-to-pose"]
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.usefixtures("undrawn")
 def test_the_seed_decides(run_folder: Path) -> None:
     """And results of the other engine stay only beside those of the same episodes."""

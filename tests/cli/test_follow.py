@@ -40,6 +40,7 @@ def test_writes_table_numbers_and_figure(run: Path, tmp_path: Path,
     assert ET.parse(run / "follow-corner.svg").getroot().tag.endswith("svg")
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_same_seed_gives_the_same_flights(run: Path) -> None:
     results = []
     for seed in (1, 1, 2):

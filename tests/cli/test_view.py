@@ -117,7 +117,8 @@ def watched_training() -> Iterator[tuple[subprocess.Popen[str], int]]:
         assert re.search(r"seen at http://localhost:\d+ from the first checkpoint on", first), first
         children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
         wait_until(lambda: any("spawn_main" in cmdline(int(pid)) for pid in children.read_text().split()))
-        watcher, = (int(pid) for pid in children.read_text().split() if "spawn_main" in cmdline(int(pid)))
+        # The first: on a busy machine another already draws the learning curve.
+        watcher, *_ = (int(pid) for pid in children.read_text().split() if "spawn_main" in cmdline(int(pid)))
         assert process.stderr.readline().startswith("training: ")
         yield process, watcher
 

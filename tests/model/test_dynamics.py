@@ -151,14 +151,14 @@ def test_torque_free_asymmetric_top_follows_jacobi() -> None:
     body = Body(1.0, (i1, 0.0, 0.0, i2, 0.0, i3))
     zero = Vec3(0.0, 0.0, 0.0)
     state = SpatialState(zero, Quat(1.0, 0.0, 0.0, 0.0), zero, Vec3(a1, 0.0, a3))
-    for period in range(1, 126):
+    for period in range(1, 51):
         state = advance(state, Wrench(zero, zero), body, 0.2, FINE)
         sn, cn, dn, _ = ellipj(rate * 0.2 * period, modulus)
-        # Rounding over 8,000 steps of 3 ms.
+        # Rounding over 3,200 steps of 3 ms.
         assert state.spin() == pytest.approx((a1 * cn, a2 * sn, a3 * dn), abs=1e-9)
 
 
-@settings(max_examples=25)
+@settings(max_examples=12)
 @given(seed=seeds)
 def test_space_agrees_with_scipy(seed: int) -> None:
     """Rotation matrix and 3x3 solves instead of quaternion and cofactors."""
@@ -183,14 +183,14 @@ def test_space_agrees_with_scipy(seed: int) -> None:
 @settings(max_examples=10)
 @given(moments=inertias(), seed=seeds)
 def test_coasting_conserves_momentum_and_energy(moments: Any, seed: int) -> None:
-    """Angular momentum in W, by SciPy's rotations, over 1 s without thrust."""
+    """Angular momentum in W, by SciPy's rotations, over 0.2 s without thrust."""
     (xx, xy, xz), (_, yy, yz), (_, _, zz) = moments
     body, inertia = Body(5.32, (xx, xy, xz, yy, yz, zz)), np.array(moments)
     start, zero = random_states(3, 32, seed), Vec3(0.0, 0.0, 0.0)
-    end = advance(start, Wrench(zero, zero), body, 1.0, 5 * FINE)
+    end = advance(start, Wrench(zero, zero), body, 0.2, FINE)
     momentum = [rotation(s.attitude).apply(rows(s.w) @ inertia) for s in (start, end)]
     energy = [np.einsum("ni,ij,nj->n", rows(s.w), inertia, rows(s.w)) for s in (start, end)]
-    # Truncation at 3 ms over 1 s, up to 1.7 rad/s; velocity does not change by a bit.
+    # Truncation at 3 ms, up to 1.7 rad/s; velocity does not change by a bit.
     assert momentum[1] == pytest.approx(momentum[0], abs=1e-9)
     assert energy[1] == pytest.approx(energy[0], abs=1e-9)
     assert np.array_equal(rows(end.v), rows(start.v))
@@ -220,7 +220,6 @@ def test_turning_the_plane_turns_the_motion(angle: float, seed: int) -> None:
     assert np.array(leaves(first)) == pytest.approx(np.array(leaves(last)), abs=1e-13)  # rounding
 
 
-@settings(max_examples=25)
 @given(turn=turns, seed=seeds)
 def test_turning_the_world_turns_the_motion(turn: tuple[float, ...], seed: int) -> None:
     """World axes turned by SciPy; the motion in B must not notice."""
@@ -232,16 +231,16 @@ def test_turning_the_world_turns_the_motion(turn: tuple[float, ...], seed: int) 
         return SpatialState(Vec3(*world.apply(rows(s.p)).T), Quat(w, x, y, z),
                             Vec3(*world.apply(rows(s.v)).T), s.w)
 
-    first = advance(turned(state), applied, NASTY, 0.2, FINE)
-    last = turned(advance(state, applied, NASTY, 0.2, FINE))
-    # Rounding.
+    first = advance(turned(state), applied, NASTY, 0.2, 2)
+    last = turned(advance(state, applied, NASTY, 0.2, 2))
+    # Rounding: whatever the substeps leave out, they leave out of both.
     for a, b in ((first.p, last.p), (first.v, last.v), (first.w, last.w)):
         assert rows(a) == pytest.approx(rows(b), abs=1e-12)
     difference = rotation(first.attitude).inv() * rotation(last.attitude)
     assert difference.magnitude() == pytest.approx(0.0, abs=1e-12)
 
 
-@settings(max_examples=25)
+@settings(max_examples=10)
 @given(seed=seeds)
 def test_plane_embedded_in_space(seed: int) -> None:
     """A flat motion in space is the motion in the plane, whatever the inertia about the other axes."""

@@ -43,11 +43,11 @@ def test_gymnasium_and_sb3_find_nothing_wrong(name: str) -> None:
 def test_same_rewards_and_ends_as_the_fast_environment(name: str, nasty: bool) -> None:
     """Two episodes of a seed under the same random commands, at a step size that plays no part."""
     craft: dict[str, Any] = {"spacecraft": NASTY[name]} if nasty else {}
-    timing = Timing(substeps=32, episode_steps=20)
+    timing = Timing(substeps=32, episode_steps=8)
     ours, judge = (flown(make(name, timing=timing, **craft)) for make in (gymnasium.make, drake))
     for (seen, reward, *ends, info), (seen_in_drake, reward_in_drake, *ends_in_drake, info_in_drake) in zip(
             ours, judge, strict=True):
-        # 20 periods at 32 substeps are true to 1e-8 m; rewards change at most by 4 a metre (1 / scale,
+        # 8 periods at 32 substeps are true to 1e-8 m; rewards change at most by 4 a metre (1 / scale,
         # up to 20 for narrow ones); observations are rounded to float32, 5e-7 of a way of 4 m.
         assert reward_in_drake == pytest.approx(reward, abs=2e-7)
         np.testing.assert_allclose(seen_in_drake, seen, atol=1e-6)

@@ -22,7 +22,7 @@ from tests.reference.random_flights import PLANE, Random, flown, in_engine
 from tests.worlds import EFFECTS
 from validation.sampling import gap
 
-PLANTED_STEPS = 15
+PLANTED_STEPS = 11
 
 
 def disturbance_in_body(monkeypatch: pytest.MonkeyPatch) -> None:

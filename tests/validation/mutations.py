@@ -269,5 +269,4 @@ MUTATIONS: list[tuple[Spacecraft, Patch, str]] = [
     (PLANE, late_in(validation.flights, only_full=True), "bang-bang"),
     (PLANE, engine_of_another_mass, "engine"),
     (PLANE, stale_command, "oracles"),
-    (SPACE, stale_command, "oracles"),
 ]

@@ -34,8 +34,10 @@ def test_the_worst_training_counts_figure_by_figure() -> None:
     assert "(of 2)" in good.cells()[4]
 
 
-def test_a_folder_of_runs_becomes_a_table(tmp_path: Path) -> None:
+def test_a_folder_of_runs_becomes_a_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Agents that know nothing, of two tasks, and a path: the rows of other tasks are left out."""
+    paths = [row for row in ROWS if row.path]
+    monkeypatch.setattr(agents, "ROWS", [row for row in ROWS if row not in paths[1:]])
     for name, task, settings in (("go-to-position-3d-seed0", "go-to-position", GoToPosition()),
                                  ("track-velocity-2d-seed0", "track-velocity", TrackVelocity()),
                                  ("track-velocity-2d-seed1", "track-velocity", TrackVelocity())):
@@ -48,7 +50,7 @@ def test_a_folder_of_runs_becomes_a_table(tmp_path: Path) -> None:
     lines = Agents(tmp_path / "runs", episodes=8, starts=1, docs=tmp_path).run()
     assert [line.row.partition(",")[0] for line in lines] == [
         *["6DoF go to position"] * 3, *["3DoF track velocity"] * 2,
-        *(f"3DoF follow the {path} at 0.25 m/s" for path in ("circle", "spiral", "square"))]
+        "3DoF follow the circle at 0.25 m/s"]
     assert set(lines[3].runs) == {"track-velocity-2d-seed0", "track-velocity-2d-seed1"}
     assert not any(line.passed for line in lines)
     read = json.loads((tmp_path / "validation" / "agents.json").read_text("utf-8"))

@@ -25,6 +25,12 @@ from validation.checks import Check
 from validation.study import LAYERS, Scope
 
 
+@pytest.fixture(autouse=True)
+def _short_coasts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What breaks a law does so within a second too."""
+    monkeypatch.setattr("validation.invariants._COAST", 1.0)
+
+
 def failures(craft: Spacecraft) -> Iterator[tuple[str, str]]:
     """Layer and check of everything that is found, in order."""
     scope = Scope(craft, seed=1, states=8, flights=1)

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import atexit
+import functools
 import shutil
 import subprocess
+import tempfile
 from ctypes import CDLL, c_int, c_uint, c_void_p
 from pathlib import Path
 
@@ -16,6 +19,7 @@ from rans.fast.step import Step
 from tests.fast.engines import actions
 
 COMPILER = next(filter(None, map(shutil.which, ("c++", "g++", "clang++"))), "")
+COMMAND = (COMPILER, "-std=c++17", "-O0", "-fPIC")
 needs_compiler = pytest.mark.skipif(not COMPILER, reason="needs a C++ compiler")
 TOLERANCE = {torch.float64: 1e-12, torch.float32: 2e-5}
 """Some dozen steps multiply a last place of values up to 4 by a hundred at most."""
@@ -51,10 +55,19 @@ class HostKernel(Kernel):
 
 def compiled_on_host(text: str, path: Path) -> CDLL:
     """The library of a kernel's text, whose threads are a block each."""
-    path.with_suffix(".cpp").write_text(f'#include "{Path(__file__).with_name("host.cuh")}"\n{text}')
-    subprocess.run([COMPILER, "-std=c++17", "-O0", "-shared", "-fPIC", "-o", path.with_suffix(".so"),
-                    path.with_suffix(".cpp")], check=True)
+    path.with_suffix(".cpp").write_text(f'#include "{_header()}"\n{text}')
+    subprocess.run([*COMMAND, "-shared", "-o", path.with_suffix(".so"), path.with_suffix(".cpp")], check=True)
     return CDLL(str(path.with_suffix(".so")))
+
+
+@functools.cache
+def _header() -> Path:
+    """Of every kernel here; GCC reads what it made of it before, another compiler the header itself."""
+    folder = tempfile.TemporaryDirectory()
+    atexit.register(folder.cleanup)
+    header = Path(shutil.copy(Path(__file__).with_name("host.cuh"), folder.name))
+    subprocess.run([*COMMAND, "-x", "c++-header", "-o", f"{header}.gch", header], check=True)
+    return header
 
 
 def compare(ours: Engine, theirs: Engine, steps: int = 25, form: torch.dtype = torch.uint8,
