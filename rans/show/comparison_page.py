@@ -84,8 +84,11 @@ def _front(comparison: Comparison, front: Front) -> Section:
     text = _FRONT + (_FRONT_BOUNDS.format(starts=counted(len(starts), "start")) if starts else "")
     picture = Picture.of(front_figure(front, comparison.curve),
                          "Time to be at rest in the goal set against impulse.")
+    findings = [Finding(sentence) for sentence in front_tables.sentences(front)]
+    if starts:
+        findings.append(Finding("No flight beats the certified front.", not list(front.impossible())))
     return Section("Front of time and impulse", text, [Table(*front_tables.table(front))], [picture],
-                   [Finding(sentence) for sentence in front_tables.sentences(front)])
+                   findings)
 
 
 def _plane(comparison: Comparison) -> Section:

@@ -68,10 +68,10 @@ def _draw_line(axes: Axes, front: Front, agent: str, line: Sequence[Entry], k: i
         place = point(one)
         axes.annotate(f"{one.contestant.knob:g}", (place.time, place.impulse), (4, 4),
                       textcoords="offset points", fontsize=7)
-    bounds = [(point(one).time, multiple.bound) for one in line if (multiple := front.multiple(one))]
+    bounds = [(own.time, own.bound) for one in line if (own := front.multiple(one))]
     if bounds:
         axes.plot(*np.transpose(bounds), color=colour, marker="+", markersize=5, linestyle="", zorder=3,
-                  label="certified least impulse to be there\nat the flights' own times, each position")
+                  label="certified least impulse to be there\nwhen each flight was, by position")
 
 
 def _places(entries: Sequence[Entry]) -> np.ndarray:

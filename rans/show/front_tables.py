@@ -31,7 +31,9 @@ def sentences(front: Front) -> Iterator[str]:
         for other in front.others():
             verdict = front.verdict(line, other)
             does = "dominates" if verdict.dominates else "does not dominate"
-            yield f"{agent} {does} {other.name}: {_reason(verdict, point(other), *_error(front))}."
+            sure = (f" (in {100.0 * front.chance(line, other):.3g} % of resamplings)" if verdict.dominates
+                    else "")
+            yield f"{agent} {does} {other.name}{sure}: {_reason(verdict, point(other), *_error(front))}."
         over = [multiple.episode for one in line if (multiple := front.multiple(one))]
         if over:
             yield (f"{agent} spends {min(over):.2f} to {max(over):.2f} times the certified least impulse for "
@@ -41,14 +43,16 @@ def sentences(front: Front) -> Iterator[str]:
 def _reason(verdict: Verdict, other: Point, quantity: str, factor: float, unit: str) -> str:
     thrifty, quick, _ = verdict
     if thrifty is None:
-        return f"it is never there in {other.time:.3g} s"
-    text = f"in {other.time:.3g} s {thrifty.impulse:.3g} N s instead of {other.impulse:.3g}"
+        return f"it is never there in {other.time:.4g} s"
+    if thrifty.impulse >= other.impulse:
+        return f"in {other.time:.4g} s it spends {thrifty.impulse:.4g} N s, not less than {other.impulse:.4g}"
+    text = f"in {other.time:.4g} s {thrifty.impulse:.4g} N s instead of {other.impulse:.4g}"
     if quick is None or quick.time >= other.time:
-        return text
+        return f"{text}, but with {other.impulse:.4g} N s it is no quicker"
     error, there = max(thrifty.error, quick.error), min(thrifty.there, quick.there)
-    return (f"{text}; with {other.impulse:.3g} N s {quick.time:.3g} s instead of {other.time:.3g}; "
-            f"{quantity} error {factor * error:.2g} {unit} instead of {factor * other.error:.2g}; gets there "
-            f"from {100.0 * there:.4g} % of starts instead of {100.0 * other.there:.4g}")
+    return (f"{text}; with {other.impulse:.4g} N s {quick.time:.4g} s instead of {other.time:.4g}; "
+            f"{quantity} error {factor * error:.3g} {unit}, not {factor * other.error:.3g}; there from "
+            f"{100.0 * there:.4g} % of starts, not {100.0 * other.there:.4g}")
 
 
 def to_json(front: Front) -> dict[str, Any]:

@@ -15,9 +15,10 @@ import numpy as np
 from rans.evaluation.compare.bounds import Bound, Event
 from rans.evaluation.compare.certified import certify_each
 from rans.evaluation.compare.contest import Contest, Entry
+from rans.evaluation.measure.statistics import Bootstrap
 from rans.optimal.certificate.certificate import Effort
 
-_EFFORT = Effort(seconds=10.0, nozzle_seconds=1.0, levels=1)
+_EFFORT = Effort(seconds=5.0, nozzle_seconds=0.5, levels=1)
 """Bounds only: no controls are looked for beyond the first level of fuel that cannot be excluded."""
 _MOST_STARTS = 64
 """More would narrow the means of the bounds by less than 1 %."""
@@ -38,9 +39,14 @@ class Point(NamedTuple):
 
 def point(entry: Entry) -> Point:
     """Where somebody stands."""
+    return Point(*map(float, _figures(entry).mean(axis=0)))
+
+
+def _figures(entry: Entry) -> np.ndarray:
+    """(N, 4), a `Point` for every start."""
     error = next(iter(entry.errors.values()))
     late = np.minimum(entry.arrival, entry.flight.times[-1])
-    return Point(*(float(x.mean()) for x in (late, entry.thrust, error, np.isfinite(entry.arrival))))
+    return np.stack([late, entry.thrust, error, np.isfinite(entry.arrival)], axis=-1)
 
 
 def least(line: Sequence[Point], what: str, given: str, limit: float) -> Point | None:
@@ -87,6 +93,8 @@ class Multiple(NamedTuple):
     """Until the flight is there: the same event as the bound's."""
     bound: float
     """Mean of the bounds, N s."""
+    time: float
+    """Mean of when these flights were there, s."""
     starts: int
 
 
@@ -117,6 +125,13 @@ class Front:
     def verdict(self, line: Sequence[Entry], other: Entry) -> Verdict:
         """What a line is to somebody else."""
         return judged([*map(point, line)], point(other))
+
+    def chance(self, line: Sequence[Entry], other: Entry) -> float:
+        """Share of the resamplings of all starts (see `Bootstrap`) in which a line dominates somebody."""
+        bootstrap = Bootstrap(self.contest.episodes)
+        draws = np.stack([bootstrap.means(_figures(one)) for one in (*line, other)], axis=1).tolist()
+        won = [judged([Point(*one) for one in row[:-1]], Point(*row[-1])).dominates for row in draws]
+        return sum(won) / len(won)
 
     def events(self, start: int) -> list[Event]:
         """What is bounded from a start: least time, the horizons, and everybody's own time."""
@@ -149,7 +164,8 @@ class Front:
         if not bound:
             return None
         return Multiple(float(entry.thrust[starts].sum() / bound),
-                        float(entry.arrival_thrust[starts].sum() / bound), bound / len(starts), len(starts))
+                        float(entry.arrival_thrust[starts].sum() / bound), bound / len(starts),
+                        float(entry.arrival[starts].mean()), len(starts))
 
     def impossible(self) -> Iterator[str]:
         """Flights below a bound: each would prove an error of ours."""
@@ -168,10 +184,12 @@ class Front:
 
 def certify_front(front: Front, seconds: float, cache: Path | None = None, workers: int | None = None,
                   progress: Callable[[], object] = lambda: None) -> None:
-    """Bounds from one start after the other, for so many seconds; those kept in the cache take none.
+    """Bounds from one start after the other, for about so many seconds; none for 0.
 
     For cache, workers and progress see `rans.evaluation.compare.certified.certify_each`.
     """
+    if seconds == 0.0:
+        return
     until = time.monotonic() + seconds
     for answer in certify_each(front.contest, front.questions(), _EFFORT, cache, workers, progress):
         front.certified.append(answer)

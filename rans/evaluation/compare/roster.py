@@ -8,6 +8,7 @@ from pathlib import Path
 
 from rans.errors import ConfigError, RansError
 from rans.evaluation.compare.contest import Contest, Contestant
+from rans.evaluation.fly.agent import LoadedRun
 from rans.evaluation.fly.contestants import contestant, controller_name
 from rans.evaluation.fly.controllers import CONTROLLERS, controller, is_user_policy
 from rans.evaluation.fly.judge import EngineName
@@ -33,11 +34,16 @@ def contest_of(spec: str, episodes: int, seed: int = EVALUATION_SEED, engine: En
     """
     if episodes < 1:
         raise ConfigError(f"--episodes must be at least 1, got {episodes}.")
-    run = without_knob(contestant(spec)).under(conditions)
-    if first := next(iter(run.task.parts())):
-        raise ConfigError(f"{spec} knows several tasks: pick one, as in {spec}#{first}.")
+    run = _single(spec, contestant(spec)).under(conditions)
     craft, task, timing, world = run.judged
     return Contest(craft, task, timing, seed, episodes, engine, world)
+
+
+def _single(spec: str, run: LoadedRun) -> LoadedRun:
+    """The same, if it has one task; without a knob, if that is held."""
+    if first := next(iter(run.task.parts())):
+        raise ConfigError(f"{spec} knows several tasks: pick one, as in {spec}#{first}.")
+    return without_knob(run)
 
 
 def enlisted(specs: Sequence[str], contest: Contest, trust: bool = False) -> dict[str, Contestant]:
@@ -74,7 +80,7 @@ def enlist(spec: str, contest: Contest, trust: bool = False) -> Contestant:
 
     For ``trust`` see `rans.evaluation.fly.contestants.contestant`.
     """
-    run = without_knob(contestant(spec, lent=contest.setup, trust=trust))
+    run = _single(spec, contestant(spec, lent=contest.setup, trust=trust))
     if type(run.task) is not type(contest.task):
         raise ConfigError(f"{spec} is for the task {type(run.task).__name__}, but the first contestant for "
                           f"{type(contest.task).__name__}; compare them separately.")
