@@ -67,6 +67,26 @@ class Compare:
         from rans.evaluation.compare.run import Comparison, fill, trace
         from rans.evaluation.fly.contestants import output_folder
 
+        self._check()
+        named = [turned(spec, self.positions) if self.front else [spec] for spec in self.contestants]
+        contest = contest_of(named[0][0], self.episodes, self.seed, self.engine, self.conditions)
+        comparison = Comparison(contest)
+        flying = enlisted([spec for line in named for spec in line], contest, self.trust)
+        between = {spec: flying.pop(spec) for line in named for spec in line[1:-1]
+                   if spec in flying and spec not in self.contestants}
+        folder = ready_folder(self.output or output_folder(self.contestants[0]))
+        cache = folder / "compare-bounds.json"
+        with kept(partial(_write, comparison, folder)), progress() as bars:
+            def track(what: str, count: int) -> Callable[..., None]:
+                return partial(bars.advance, bars.add_task(what, total=count))
+
+            fill(comparison, flying, self.beside, self.certified, cache, track)
+            if self.front:
+                trace(comparison, between, self.budget, cache, track)
+        return 1 if comparison.failures else 0
+
+    def _check(self) -> None:
+        """What can be told before anything is loaded; raises `ConfigError`."""
         if not self.contestants:
             raise ConfigError("name at least one contestant, for example a run folder.")
         for name in set(self.beside) - {"optimal"}:
@@ -78,21 +98,6 @@ class Compare:
         if not self.budget >= 0:
             raise ConfigError(f"--budget must be >= 0 s, got {self.budget}.")
         check_count("--episodes", self.episodes)
-        named = [turned(spec, self.positions) if self.front else [spec] for spec in self.contestants]
-        contest = contest_of(named[0][0], self.episodes, self.seed, self.engine, self.conditions)
-        comparison = Comparison(contest)
-        flying = enlisted([spec for line in named for spec in line], contest, self.trust)
-        between = {spec: flying.pop(spec) for line in named for spec in line[1:-1] if spec in flying}
-        folder = ready_folder(self.output or output_folder(self.contestants[0]))
-        with kept(partial(_write, comparison, folder)), progress() as bars:
-            def track(what: str, count: int) -> Callable[..., None]:
-                return partial(bars.advance, bars.add_task(what, total=count))
-
-            cache = folder / "compare-bounds.json"
-            fill(comparison, flying, self.beside, self.certified, cache, track)
-            if self.front:
-                trace(comparison, between, self.budget, cache, track)
-        return 1 if comparison.failures else 0
 
 
 def _write(comparison: Comparison, folder: Path) -> None:

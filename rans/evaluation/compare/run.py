@@ -31,6 +31,8 @@ _FRONT = (0.24, 0.28, *_HORIZONS[1:])
 _RELAXED = (0.4, 0.8)
 """Those of them for which the relaxed optimum is found too."""
 
+_IMPERFECT = "Optima and bounds are those of a perfect world; under these conditions none is claimed."
+
 Track = Callable[[str, int], Callable[..., object]]
 """Called with what begins and how many steps it has; what it returns is called after each, or after
 several with their number."""
@@ -130,8 +132,7 @@ def fill(comparison: Comparison, contestants: Mapping[str, Contestant], beside: 
             comparison.curve += [_entry(comparison, one, track, workers)
                                  for one in roster.swept(name, comparison.contest)]
     if "optimal" in beside and comparison.contest.conditions is not None:
-        comparison.notes.append("Optima and bounds are those of a perfect world; under these conditions none "
-                                "is claimed.")
+        comparison.notes.append(_IMPERFECT)
     elif "optimal" in beside:
         _find_relaxed(comparison, track, workers)
         _find_certified(comparison, certified, cache, track, workers)
@@ -150,13 +151,17 @@ def trace(comparison: Comparison, between: Mapping[str, Contestant], seconds: fl
     for spec, one in between.items():
         with _noted(comparison, spec):
             front.entries.append(_entry(comparison, one, track, workers))
-    if comparison.contest.conditions is None:
-        with _noted(comparison, "the certified front"):
-            certify_front(front, seconds, cache, workers, track("certified front", len(front.questions())))
-        comparison.failures += front.impossible()
-        if not front.starts():
-            comparison.notes.append(f"No start has all bounds of the front after {seconds:g} s: give it a "
-                                    "larger --budget.")
+    if not front.lines():
+        comparison.notes.append("Nobody has a knob to turn: the front has points, but no line.")
+    if comparison.contest.conditions is not None:
+        comparison.notes += [] if _IMPERFECT in comparison.notes else [_IMPERFECT]
+        return
+    with _noted(comparison, "the certified front"):
+        certify_front(front, seconds, cache, workers, track("certified front", len(front.questions())))
+    comparison.failures += front.impossible()
+    if not front.starts():
+        comparison.notes.append(f"No start has all bounds of the front after {seconds:g} s: give it a "
+                                "larger --budget.")
 
 
 def _entry(comparison: Comparison, contestant: Contestant, track: Track, workers: int | None) -> Entry:

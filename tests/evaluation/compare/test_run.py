@@ -20,6 +20,7 @@ from rans.evaluation.compare.roster import contest_of, enlisted
 from rans.evaluation.compare.run import Comparison, fill, trace
 from rans.files import plain
 from rans.flight import fly
+from rans.model.conditions_file import load_conditions
 from rans.model.fields import map_leaves
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
@@ -177,7 +178,13 @@ def test_a_front_between_flights_and_proofs(comparison: Comparison, monkeypatch:
     for found in (lqr, switching):
         assert found
         assert 1.0 <= found.until <= found.episode
-    assert (told.failures, told.notes) == ([], [])
+    assert told.failures == []
+    assert told.notes == ["Nobody has a knob to turn: the front has points, but no line."]
+    rough = Comparison(replace(CONTEST, conditions=load_conditions("lab")), [told.entries[0]])
+    trace(rough, {}, 1e3)
+    assert rough.front
+    assert not rough.front.certified
+    assert "under these conditions none is claimed" in rough.notes[-1]
 
 
 def test_horizon_that_nobody_can_meet(comparison: Comparison) -> None:
