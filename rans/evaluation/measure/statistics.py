@@ -59,7 +59,8 @@ class Bootstrap:
 
     def means(self, values: np.ndarray) -> np.ndarray:
         """(RESAMPLES, K) means of (N, K) values, one row for each resample."""
-        return np.array([values[picks].mean(axis=0) for picks in self._picks])
+        times = np.array([np.bincount(picks, minlength=len(values)) for picks in self._picks])
+        return times @ values / len(values)
 
     def median(self, values: np.ndarray) -> Estimate:
         """Of (N,) values; infinity is a value like any other, and larger than all."""
