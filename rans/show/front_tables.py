@@ -34,10 +34,11 @@ def sentences(front: Front) -> Iterator[str]:
             sure = (f" (in {100.0 * front.chance(line, other):.3g} % of resamplings)" if verdict.dominates
                     else "")
             yield f"{agent} {does} {other.name}{sure}: {_reason(verdict, point(other), *_error(front))}."
-        over = [multiple.episode for one in line if (multiple := front.multiple(one))]
+        over = [f"{own.episode:.2f} at {one.contestant.knob:g}" for one in line
+                if (own := front.multiple(one))]
         if over:
-            yield (f"{agent} spends {min(over):.2f} to {max(over):.2f} times the certified least impulse for "
-                   "the times of its positions.")
+            yield (f"{agent} spends, in multiples of the certified least impulse for its own times, "
+                   f"{', '.join(over)}.")
 
 
 def _reason(verdict: Verdict, other: Point, quantity: str, factor: float, unit: str) -> str:

@@ -13,6 +13,7 @@ from rans.evaluation.fly.contestants import contestant, controller_name
 from rans.evaluation.fly.controllers import CONTROLLERS, controller, is_user_policy
 from rans.evaluation.fly.judge import EngineName
 from rans.evaluation.fly.knob import without_knob
+from rans.evaluation.fly.protocols import Setup
 from rans.evaluation.fly.tuned import tuned
 from rans.fast.learn.run_folder import RunFolder
 from rans.files import read_json
@@ -43,7 +44,10 @@ def _single(spec: str, run: LoadedRun) -> LoadedRun:
     """The same, if it has one task; without a knob, if that is held."""
     if first := next(iter(run.task.parts())):
         raise ConfigError(f"{spec} knows several tasks: pick one, as in {spec}#{first}.")
-    return without_knob(run)
+    plain = without_knob(run)
+    if plain is not run and (name := controller_name(spec)):  # who needs no training sees no knob
+        return plain._replace(controller=controller(name, Setup(plain.craft, plain.task, plain.timing)))
+    return plain
 
 
 def enlisted(specs: Sequence[str], contest: Contest, trust: bool = False) -> dict[str, Contestant]:

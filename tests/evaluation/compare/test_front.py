@@ -131,7 +131,7 @@ def test_words_and_figures_of_a_front() -> None:
     assert [*sentences(found)] == [
         "agent does not dominate dear: in 2.667 s 0.5 N s instead of 4, but with 4 N s it is no quicker.",
         "agent does not dominate held#0.5: in 2.667 s 0.5 N s instead of 1, but with 1 N s it is no quicker.",
-        "agent spends 1.50 to 3.00 times the certified least impulse for the times of its positions."]
+        "agent spends, in multiples of the certified least impulse for its own times, 3.00 at 0, 1.50 at 1."]
     axes, _ = front_figure(found).axes
     drawn = points(axes)
     assert drawn["agent, knob at 2 positions"] == [pytest.approx([8 / 3, 1.0]), pytest.approx([8 / 3, 0.5])]

@@ -44,6 +44,14 @@ def test_it_flies_as_in_its_own_task(agent: str) -> None:
     assert not np.array_equal(flights[0], flights[2])  # the knob is seen
 
 
+def test_who_needs_no_training_sees_no_knob() -> None:
+    contest = contest_of("lqr:go-to-pose-priced-2d#0.3", 2)
+    one = enlist("lqr:go-to-pose-priced-2d#0.3", contest)
+    assert (one.name, one.knob) == ("LQR", None)
+    assert contest.fly(one.controller).flight.task == contest.task
+    assert contest.task == GoToPosePriced(knob=(0.3, 0.3)).plain().for_evaluation()
+
+
 def test_a_knob_is_turned_where_nobody_holds_it(agent: str, tmp_path: Path) -> None:
     assert turned(agent, 5) == [f"{agent}#{knob}" for knob in ("0", "0.25", "0.5", "0.75", "1")]
     for other in (f"{agent}#0.3", "lqr:go-to-pose-2d", "pretrained:multi-task-2d", "python:some:policy",
