@@ -45,6 +45,14 @@ class Compare:
     """What computes the motion: the shared equations, or Drake as an independent judge."""
     certified: int = 4
     """Starts whose bounds are certified, about 25 processor seconds each; kept for the next time."""
+    front: bool = False
+    """Draw time against impulse as well: the line of an agent with a knob, all others, and the certified
+    front."""
+    positions: int = 9
+    """At which an agent with a knob flies for the front, evenly from 0 (fast) to 1 (thrifty); in all other
+    tables it has the first and the last."""
+    budget: float = 300.0
+    """Seconds to look for bounds of the front, from one start after the other; kept for the next time."""
     seed: int = EVALUATION_SEED
     """Of the starts."""
     output: Path | None = None
@@ -55,28 +63,46 @@ class Compare:
 
     def run(self) -> int:
         """Print the table of scores."""
-        from rans.evaluation.compare.roster import contest_of, enlisted
-        from rans.evaluation.compare.run import Comparison, fill
+        from rans.evaluation.compare.roster import contest_of, enlisted, turned
+        from rans.evaluation.compare.run import Comparison, fill, trace
         from rans.evaluation.fly.contestants import output_folder
 
+        self._check()
+        named = [turned(spec, self.positions) if self.front else [spec] for spec in self.contestants]
+        contest = contest_of(named[0][0], self.episodes, self.seed, self.engine, self.conditions)
+        comparison = Comparison(contest)
+        flying = enlisted([spec for line in named for spec in line], contest, self.trust)
+        between = {spec: flying.pop(spec) for line in named for spec in line[1:-1]
+                   if spec in flying and spec not in self.contestants}
+        folder = ready_folder(self.output or output_folder(self.contestants[0]))
+        cache = folder / "compare-bounds.json"
+        with kept(partial(_write, comparison, folder)), progress() as bars:
+            def track(what: str, count: int) -> Callable[..., None]:
+                return partial(bars.advance, bars.add_task(what, total=count))
+
+            fill(comparison, flying, self.beside, self.certified, cache, track)
+            if self.front:
+                trace(comparison, between, self.budget, cache, track)
+        return 1 if comparison.failures else 0
+
+    def _check(self) -> None:
+        """What can be told before anything is loaded; raises `ConfigError`."""
         if not self.contestants:
             raise ConfigError("name at least one contestant, for example a run folder.")
         for name in set(self.beside) - {"optimal"}:
             CONTROLLERS[name]  # a wrong name is told before anybody flies
         if self.certified < 0:
             raise ConfigError(f"--certified must be >= 0, got {self.certified}.")
+        if self.positions < 2:
+            raise ConfigError(f"--positions must be >= 2, the ends of the knob, got {self.positions}.")
+        if not self.budget >= 0:
+            raise ConfigError(f"--budget must be >= 0 s, got {self.budget}.")
         check_count("--episodes", self.episodes)
-        contest = contest_of(self.contestants[0], self.episodes, self.seed, self.engine, self.conditions)
-        comparison, flying = Comparison(contest), enlisted(self.contestants, contest, self.trust)
-        folder = ready_folder(self.output or output_folder(self.contestants[0]))
-        with kept(partial(_write, comparison, folder)), progress() as bars:
-            fill(comparison, flying, self.beside, self.certified, folder / "compare-bounds.json",
-                 lambda what, count: partial(bars.advance, bars.add_task(what, total=count)))
-        return 1 if comparison.failures else 0
 
 
 def _write(comparison: Comparison, folder: Path) -> None:
     from rans.evaluation.measure.statistics import figure
+    from rans.show import front_tables
     from rans.show.comparison_page import TEXT, page
     from rans.show.comparison_tables import gap_names, gap_rows, gaps, scoreboard, to_json
 
@@ -94,6 +120,10 @@ def _write(comparison: Comparison, folder: Path) -> None:
         starts = counted(len(comparison.certified_starts()), "start")
         console.show(f"Median multiple of the bound of the same event, {starts}",
                      ("event", *gap_names(found)), gap_rows(found))
+    if board and (front := comparison.front):
+        console.show("Front of time and impulse", *front_tables.table(front))
+        for sentence in front_tables.sentences(front):
+            console.say(sentence)
     for sentence in (*comparison.notes, *comparison.failures):
         console.say(sentence)
     console.say(f"Written to {folder / 'compare.html'} and compare.json.")

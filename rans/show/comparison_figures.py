@@ -26,7 +26,7 @@ from rans.show.figures import styled
 from rans.show.panels import GREY, INK, PLAIN, RED, label, look
 
 
-def _logarithmic(axes: Axes, axis: Axis, marks: Sequence[float] = (1.0, 2.0, 5.0)) -> None:
+def logarithmic(axes: Axes, axis: Axis, marks: Sequence[float] = (1.0, 2.0, 5.0)) -> None:
     """Plain numbers at these multiples of powers of ten; nothing where no value is positive."""
     least, scale = ((axes.dataLim.minposx, axes.set_xscale) if axis is axes.xaxis
                     else (axes.dataLim.minposy, axes.set_yscale))
@@ -57,7 +57,7 @@ def plane(comparison: Comparison) -> Figure:
     for k, entry in enumerate(comparison.entries):
         _draw_contestant(axes, entry, starts, bootstrap, k)
     for axis in (axes.xaxis, axes.yaxis):
-        _logarithmic(axes, axis, (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0))
+        logarithmic(axes, axis, (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0))
     label(axes, f"time and thrust-time to arrive, medians over {counted(len(starts), 'start')}",
           "time to arrive, s", "thrust-time to arrive, N s")
     panels.legend_beside(right, axes)
@@ -172,7 +172,7 @@ def final_error_curves(entries: Sequence[Entry]) -> Figure:
         if bound is not None:
             axes.axvline(factor * bound, color=INK, linestyle="--", linewidth=1.0, label="tolerance")
         axes.set_ylim(0.0, 1.02)
-        _logarithmic(axes, axes.xaxis)
+        logarithmic(axes, axes.xaxis)
         label(axes, f"final {quantity} error", f"{quantity} error, mean of the last fifth, {unit}",
               "share of starts")
         axes.legend(loc="best")
@@ -193,7 +193,7 @@ def shares_and_latency(board: dict[str, Scores]) -> Figure:
         axes.set_yticks([-k for k in range(len(board))], list(board))
         axes.set_ylim(0.6 - len(board), 0.6)
         label(axes, key.split(",")[0], key, "")
-    _logarithmic(grid[-1], grid[-1].xaxis)
+    logarithmic(grid[-1], grid[-1].xaxis)
     return figure
 
 

@@ -11,11 +11,14 @@ import numpy as np
 
 from rans.errors import counted
 from rans.evaluation.compare.bounds import Event
+from rans.evaluation.compare.front import Front
 from rans.evaluation.compare.run import Comparison
 from rans.files import environment
 from rans.flight import Flight, fly
 from rans.show import comparison_figures as figures
 from rans.show import comparison_tables as tables
+from rans.show import front_tables
+from rans.show.front_figure import front_figure
 from rans.show.page import Finding, Page, Picture, Section, Table, header
 from rans.show.report import comparison_section
 
@@ -29,6 +32,17 @@ TEXT = (
     "know the future and are only locally optimal.")
 """The protocol in short; docs/comparison.md has all of it."""
 
+_FRONT = (
+    "Time is the mean of when flights are first at rest in the goal set (one that never is counts with the "
+    "whole episode), impulse the mean thrust-time of the whole episode. Positions of a knob are joined by "
+    "straight lines. A knob dominates whoever spends more than the line at the same time and takes longer "
+    "than the line with the same impulse, if at both places the line is as accurate and as often there.")
+_FRONT_BOUNDS = (
+    " Bounds are means over {starts}. A bar is the least impulse of being at rest in the goal set at this "
+    "time, the same from each start, and nothing spent afterwards. \"Over its bound\" divides by the least "
+    "impulse of being there when the flight was, start by start: \"until there\" is the same event above and "
+    "below; the whole episode has to hold the pose as well, which is in no bound.")
+
 
 def page(comparison: Comparison, command: str = "") -> Page:
     """Whatever the comparison holds, failures on top, and the command that made it."""
@@ -36,6 +50,8 @@ def page(comparison: Comparison, command: str = "") -> Page:
     if comparison.entries:
         errors = Picture.of(figures.final_error_curves(comparison.entries),
                             "Distribution of final errors over all starts.")
+        if comparison.front:
+            sections.append(_front(comparison, comparison.front))
         sections += [_plane(comparison), *_gaps(comparison), _starts(comparison),
                      Section("Final errors", pictures=[errors]), _returns(comparison),
                      *_differences(comparison)]
@@ -60,6 +76,19 @@ def _summary(comparison: Comparison) -> Section:
     found = [Table(("score", *board), rows, "Scores over all starts"),
              Table(("contestant", "knows", "tuning"), made, "What it took")] if rows else []
     return Section("Contestants", TEXT, found, (), findings)
+
+
+def _front(comparison: Comparison, front: Front) -> Section:
+    """The figure, everybody's place in it, and who dominates whom."""
+    starts = front.starts()
+    text = _FRONT + (_FRONT_BOUNDS.format(starts=counted(len(starts), "start")) if starts else "")
+    picture = Picture.of(front_figure(front, comparison.curve),
+                         "Time to be at rest in the goal set against impulse.")
+    findings = [Finding(sentence) for sentence in front_tables.sentences(front)]
+    if starts:
+        findings.append(Finding("No flight beats the certified front.", not list(front.impossible())))
+    return Section("Front of time and impulse", text, [Table(*front_tables.table(front))], [picture],
+                   findings)
 
 
 def _plane(comparison: Comparison) -> Section:

@@ -17,6 +17,7 @@ from rans.evaluation.measure.metrics import DISPLAY
 from rans.evaluation.measure.statistics import Bootstrap, Estimate, figure, share
 from rans.files import environment
 from rans.optimal.trajectory.objectives import MaximumReward
+from rans.show import front_tables
 
 Scores = dict[str, Estimate]
 """By heading, unit included."""
@@ -144,6 +145,7 @@ def to_json(comparison: Comparison, text: str) -> dict[str, Any]:
                       "events": {event.text: event._asdict() for event in comparison.events()},
                       "gaps": {question: {name: ratios.tolist() for name, ratios in found.items()}
                                for question, found in gaps(comparison).items()}},
+        "front": front_tables.to_json(comparison.front) if comparison.front else None,
         "per_start": {"contestants": {e.name: [*_starts(e)] for e in comparison.entries},
                       "lqr_weights": {e.name: [*_starts(e)] for e in comparison.curve},
                       "relaxed": {name: [_relaxed_row(row) for row in rows]

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from rans.cli import main
+from rans.evaluation.compare.bounds import Bound
 from rans.evaluation.compare.run import Comparison
+from rans.model.timing import Timing
+from rans.tasks import GoToPosePriced
+from tests.fast.training import CONFIG, tiny_trainer
 
 IDLE = "python:tests.evaluation.policies:idle"
 
@@ -69,6 +74,8 @@ def test_interrupted_it_still_writes(tmp_path: Path, monkeypatch: pytest.MonkeyP
     (["lqr:go-to-pose-2d", "--output", "/dev/null/x"], "cannot write into /dev/null/x: Not a directory"),
     (["lqr:go-to-pose-2d", "--with", "lqr", "pid"], "no controller named 'pid'"),
     (["lqr:go-to-pose-2d", "--episodes", "0"], "--episodes must be >= 1 and < 2^31, got 0"),
+    (["lqr:go-to-pose-2d", "--front", "--positions", "1"], "--positions must be >= 2, the ends of the knob"),
+    (["lqr:go-to-pose-2d", "--front", "--budget", "nan"], "--budget must be >= 0 s, got nan"),
 ])
 def test_mistakes_end_in_a_sentence(arguments: list[str], sentence: str,
                                     capsys: pytest.CaptureFixture[str]) -> None:
@@ -87,3 +94,32 @@ def test_every_option_reaches_the_comparison(tmp_path: Path, monkeypatch: pytest
                  "--engine", "drake", "--certified", "2", "--output", str(tmp_path)]) == 0
     assert told == [((5, 11, "drake"), ("lqr:go-to-pose-2d", IDLE), ("mpc",), 2,
                      tmp_path / "compare-bounds.json")]
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_front_of_an_agent_with_a_knob(tmp_path: Path, capsys: pytest.CaptureFixture[str],
+                                       monkeypatch: pytest.MonkeyPatch) -> None:
+    """Both ends of the knob are contestants, the positions between fly for the front only."""
+    monkeypatch.setattr("rans.evaluation.compare.certified.bounds", lambda asked, starts, *_: (
+        (k, Bound(starts[k], one.horizon, 0.1)) for k, one in enumerate(asked)))
+    config = replace(CONFIG, task="go-to-pose-priced", settings=GoToPosePriced(), total_timesteps=1,
+                     timing=Timing())
+    run = tmp_path / "turned"
+    tiny_trainer(run, config).train(lambda _: None)
+    command = ["compare", str(run), "lqr:go-to-pose-2d", "--front", "--positions", "3", "--with", "lqr",
+               "--episodes", "2"]
+    assert main(command) == 0
+    read = json.loads((run / "compare.json").read_text())
+    assert [row["contestant"] for row in read["summary"]] == ["turned#0", "turned#1", "LQR"]
+    front = read["front"]
+    assert front["lines"] == {"turned": ["turned#0", "turned#0.5", "turned#1"]}
+    assert front["certified"]["starts"] == [0, 1]
+    lqr = front["points"]["LQR"]
+    arrival = [row["arrival"] for row in read["per_start"]["contestants"]["LQR"]]
+    assert lqr["time"] == pytest.approx(sum(arrival) / 2)
+    assert lqr["over_bound"]["bound"] == pytest.approx(0.1)
+    assert "turned does not dominate LQR: " in capsys.readouterr().out
+    assert main([*command, "--budget", "0"]) == 0
+    assert "No start has all bounds of the front after 0 s" in capsys.readouterr().out
+    assert main(["compare", "lqr:go-to-pose-2d", str(run)]) == 2
+    assert f"{run} knows several tasks: pick one, as in {run}#0" in capsys.readouterr().err

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, replace
 from itertools import product
 from pathlib import Path
@@ -26,24 +26,32 @@ _VERSION = 4
 
 def certify(contest: Contest, count: int, events: Sequence[Event], cache: Path | None = None,
             workers: int | None = None, progress: Callable[[], object] = lambda: None) -> Iterator[Bound]:
-    """Bounds of events from the first starts, as they are found.
+    """Bounds of events from the first so many starts, as they are found; see `certify_each`."""
+    wanted = product(range(min(count, contest.episodes)), events)
+    return certify_each(contest, wanted, _EFFORT, cache, workers, progress)
+
+
+def certify_each(contest: Contest, wanted: Iterable[tuple[int, Event]], effort: Effort,
+                 cache: Path | None = None, workers: int | None = None,
+                 progress: Callable[[], object] = lambda: None) -> Iterator[Bound]:
+    """Bounds as they are found, those first that are kept already.
 
     `RansError` if a process died, or the cache is damaged or cannot be written.
 
     Args:
         contest: gives the starts.
-        count: of starts.
-        events: what is bounded.
+        wanted: numbers of starts, and what is bounded.
+        effort: for each.
         cache: JSON file that keeps the bounds for the next time.
         workers: see `bounds`.
         progress: called once per bound.
     """
     known = _read(cache) if cache and cache.exists() else {}
     common = (contest.craft, contest.task, contest.timing.control_period)
-    wanted = product(zip(range(count), each(contest.starts), strict=False), events)
+    scenarios = list(each(contest.starts))
     asked: list[tuple[str, int, Question]] = []
-    for (start, scenario), event in wanted:
-        one = question(*common, event, _EFFORT, scenario)
+    for start, event in wanted:
+        one = question(*common, event, effort, scenarios[start])
         key = hashlib.sha256(f"{_VERSION} {to_toml(one.craft)} {one[1:]!r}".encode()).hexdigest()[:32]
         if key in known:
             yield replace(known[key], start=start)

@@ -121,6 +121,8 @@ class Contestant:
     """What it is given: observations, the state, a model."""
     tuning: str
     """How much was spent on making or tuning it."""
+    knob: float | None = None
+    """Where an agent's knob is held, 0 (fast) to 1 (thrifty), after "#" in its name; None: there is none."""
 
 
 @dataclass(frozen=True)

@@ -8,15 +8,19 @@ from pathlib import Path
 
 from rans.errors import ConfigError, RansError
 from rans.evaluation.compare.contest import Contest, Contestant
+from rans.evaluation.fly.agent import LoadedRun
 from rans.evaluation.fly.contestants import contestant, controller_name
 from rans.evaluation.fly.controllers import CONTROLLERS, controller, is_user_policy
 from rans.evaluation.fly.judge import EngineName
+from rans.evaluation.fly.knob import without_knob
+from rans.evaluation.fly.protocols import Setup
 from rans.evaluation.fly.tuned import tuned
 from rans.fast.learn.run_folder import RunFolder
 from rans.files import read_json
 from rans.model.conditions import Conditions
 from rans.pretrained import pretrained_folder
 from rans.scenario import EVALUATION_SEED
+from rans.tasks.go_to_pose_priced import Positions
 
 _OBSERVATION = "observation"
 _MODEL = "state, exact model"
@@ -31,11 +35,19 @@ def contest_of(spec: str, episodes: int, seed: int = EVALUATION_SEED, engine: En
     """
     if episodes < 1:
         raise ConfigError(f"--episodes must be at least 1, got {episodes}.")
-    run = contestant(spec).under(conditions)
-    if first := next(iter(run.task.parts())):
-        raise ConfigError(f"{spec} knows several tasks: pick one, as in {spec}#{first}.")
+    run = _single(spec, contestant(spec)).under(conditions)
     craft, task, timing, world = run.judged
     return Contest(craft, task, timing, seed, episodes, engine, world)
+
+
+def _single(spec: str, run: LoadedRun) -> LoadedRun:
+    """The same, if it has one task; without a knob, if that is held."""
+    if first := next(iter(run.task.parts())):
+        raise ConfigError(f"{spec} knows several tasks: pick one, as in {spec}#{first}.")
+    plain = without_knob(run)
+    if plain is not run and (name := controller_name(spec)):  # who needs no training sees no knob
+        return plain._replace(controller=controller(name, Setup(plain.craft, plain.task, plain.timing)))
+    return plain
 
 
 def enlisted(specs: Sequence[str], contest: Contest, trust: bool = False) -> dict[str, Contestant]:
@@ -58,12 +70,21 @@ def enlisted(specs: Sequence[str], contest: Contest, trust: bool = False) -> dic
     return found
 
 
+def turned(spec: str, count: int) -> list[str]:
+    """An agent whose knob nobody holds, with its knob at so many positions; others as they are."""
+    try:
+        has_knob = not controller_name(spec) and isinstance(contestant(spec).task.parts(), Positions)
+    except RansError:
+        has_knob = False  # `enlisted` tells what is wrong with it
+    return [f"{spec}#{k / (count - 1):g}" for k in range(count)] if has_knob else [spec]
+
+
 def enlist(spec: str, contest: Contest, trust: bool = False) -> Contestant:
     """The contestant of this name; `ConfigError` if none is for the same task, craft and control rate.
 
     For ``trust`` see `rans.evaluation.fly.contestants.contestant`.
     """
-    run = contestant(spec, lent=contest.setup, trust=trust)
+    run = _single(spec, contestant(spec, lent=contest.setup, trust=trust))
     if type(run.task) is not type(contest.task):
         raise ConfigError(f"{spec} is for the task {type(run.task).__name__}, but the first contestant for "
                           f"{type(contest.task).__name__}; compare them separately.")
@@ -76,7 +97,8 @@ def enlist(spec: str, contest: Contest, trust: bool = False) -> Contestant:
                           f"{periods[1]:g} s; compare them separately.")
     if name := controller_name(spec):
         return Contestant(run.controller.name, run.controller, _MODEL, _budget(name, contest))
-    return Contestant(run.controller.name, run.controller, _OBSERVATION, _tuning(spec))
+    return Contestant(run.controller.name, run.controller, _OBSERVATION, _tuning(spec),
+                      getattr(run.controller, "knob", None))
 
 
 def _tuning(spec: str) -> str:

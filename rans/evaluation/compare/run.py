@@ -14,6 +14,7 @@ from rans.evaluation.compare import relaxed, roster
 from rans.evaluation.compare.bounds import Amounts, Bound, Event, no_certificate, staying_set
 from rans.evaluation.compare.certified import certify
 from rans.evaluation.compare.contest import Contest, Contestant, Entry
+from rans.evaluation.compare.front import Front, certify_front
 from rans.evaluation.compare.relaxed import Relaxed
 from rans.evaluation.fly.controllers import BESIDE
 from rans.files import first_line
@@ -24,8 +25,13 @@ from rans.shown import Shown
 _HORIZONS = (0.24, 0.32, 0.4, 0.6, 0.8, 1.0)
 """Shares of an episode at which the least thrust-time is certified: 6, 8, 10, 15, 20 and 25 s of 25 s."""
 
+_FRONT = (0.24, 0.28, *_HORIZONS[1:])
+"""Those at which the front is drawn: it is steep where time is short."""
+
 _RELAXED = (0.4, 0.8)
 """Those of them for which the relaxed optimum is found too."""
+
+_IMPERFECT = "Optima and bounds are those of a perfect world; under these conditions none is claimed."
 
 Track = Callable[[str, int], Callable[..., object]]
 """Called with what begins and how many steps it has; what it returns is called after each, or after
@@ -44,6 +50,8 @@ class Comparison(Shown):
     relaxed: dict[str, list[Relaxed]] = field(default_factory=dict)
     """Optima from every start, by objective."""
     certified: list[Bound] = field(default_factory=list)
+    front: Front | None = None
+    """Time against impulse, where it was asked for."""
     notes: list[str] = field(default_factory=list)
     """What does not exist here, and why."""
     failures: list[str] = field(default_factory=list)
@@ -124,12 +132,36 @@ def fill(comparison: Comparison, contestants: Mapping[str, Contestant], beside: 
             comparison.curve += [_entry(comparison, one, track, workers)
                                  for one in roster.swept(name, comparison.contest)]
     if "optimal" in beside and comparison.contest.conditions is not None:
-        comparison.notes.append("Optima and bounds are those of a perfect world; under these conditions none "
-                                "is claimed.")
+        comparison.notes.append(_IMPERFECT)
     elif "optimal" in beside:
         _find_relaxed(comparison, track, workers)
         _find_certified(comparison, certified, cache, track, workers)
         comparison.failures += comparison.impossible()
+
+
+def trace(comparison: Comparison, between: Mapping[str, Contestant], seconds: float,
+          cache: Path | None = None, track: Track = lambda *_: lambda *_: None,
+          workers: int | None = None) -> None:
+    """After `fill`: fly the positions of knobs that are no contestants, and certify the front.
+
+    The bounds take about so many seconds, see `certify_front`.
+    """
+    front = Front(comparison.contest, comparison.horizons(_FRONT), [*comparison.entries])
+    comparison.front = front
+    for spec, one in between.items():
+        with _noted(comparison, spec):
+            front.entries.append(_entry(comparison, one, track, workers))
+    if not front.lines():
+        comparison.notes.append("Nobody has a knob to turn: the front has points, but no line.")
+    if comparison.contest.conditions is not None:
+        comparison.notes += [] if _IMPERFECT in comparison.notes else [_IMPERFECT]
+        return
+    with _noted(comparison, "the certified front"):
+        certify_front(front, seconds, cache, workers, track("certified front", len(front.questions())))
+    comparison.failures += front.impossible()
+    if not front.starts():
+        comparison.notes.append(f"No start has all bounds of the front after {seconds:g} s: give it a "
+                                "larger --budget.")
 
 
 def _entry(comparison: Comparison, contestant: Contestant, track: Track, workers: int | None) -> Entry:

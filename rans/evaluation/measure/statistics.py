@@ -57,6 +57,11 @@ class Bootstrap:
     def __init__(self, count: int) -> None:
         self._picks = np.random.default_rng(SEED).integers(0, count, (RESAMPLES, count))
 
+    def means(self, values: np.ndarray) -> np.ndarray:
+        """(RESAMPLES, K) means of (N, K) values, one row for each resample."""
+        times = np.array([np.bincount(picks, minlength=len(values)) for picks in self._picks])
+        return times @ values / len(values)
+
     def median(self, values: np.ndarray) -> Estimate:
         """Of (N,) values; infinity is a value like any other, and larger than all."""
         return self.of(np.median, values)

@@ -17,9 +17,10 @@ from rans.evaluation.compare.bounds import Event
 from rans.evaluation.compare.certified import certify
 from rans.evaluation.compare.contest import Contest, arrived
 from rans.evaluation.compare.roster import contest_of, enlisted
-from rans.evaluation.compare.run import Comparison, fill
+from rans.evaluation.compare.run import Comparison, fill, trace
 from rans.files import plain
 from rans.flight import fly
+from rans.model.conditions_file import load_conditions
 from rans.model.fields import map_leaves
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
@@ -160,6 +161,30 @@ def test_bounds_are_kept_for_the_next_time(comparison: Comparison, cache: Path,
     cache.write_text('{"key": 3}')
     with pytest.raises(ConfigError, match=r"bounds\.json does not hold bounds; delete it"):
         list(certify(CONTEST, 1, [Event()], cache))
+
+
+def test_a_front_between_flights_and_proofs(comparison: Comparison, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What somebody spends until it is there is above the bound for its own time."""
+    monkeypatch.setattr("rans.evaluation.compare.front._EFFORT", Effort(0.2, 0.1, 1))
+    monkeypatch.setattr("rans.evaluation.compare.front._MOST_STARTS", 1)
+    told = replace(comparison, failures=[], notes=[])
+    trace(told, enlisted(["switching:go-to-pose-2d"], CONTEST), 1e3, workers=1)
+    front = told.front
+    assert front
+    assert [entry.name for entry in front.entries] == ["LQR", IDLE, "switching"]
+    assert front.starts() == [0]
+    lqr, idle, switching = map(front.multiple, front.entries)
+    assert idle is None
+    for found in (lqr, switching):
+        assert found
+        assert 1.0 <= found.until <= found.episode
+    assert told.failures == []
+    assert told.notes == ["Nobody has a knob to turn: the front has points, but no line."]
+    rough = Comparison(replace(CONTEST, conditions=load_conditions("lab")), [told.entries[0]])
+    trace(rough, {}, 1e3)
+    assert rough.front
+    assert not rough.front.certified
+    assert "under these conditions none is claimed" in rough.notes[-1]
 
 
 def test_horizon_that_nobody_can_meet(comparison: Comparison) -> None:

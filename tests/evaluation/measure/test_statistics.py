@@ -35,6 +35,16 @@ def test_interval_is_that_of_scipy(centre: object) -> None:
     assert ours.high == pytest.approx(theirs.high, abs=0.15 * width)
 
 
+def test_means_of_several_columns_are_of_the_same_draws() -> None:
+    values = RANDOM.lognormal(size=(60, 1)) * [1.0, 3.0]
+    bootstrap = Bootstrap(60)
+    drawn = bootstrap.means(values)
+    np.testing.assert_allclose(drawn[:, 1], 3.0 * drawn[:, 0], rtol=1e-12)
+    one = bootstrap.mean(values[:, 0])
+    low, high = np.sort(drawn[:, 0])[[24, 974]]  # the 25th and the 975th of 1,000
+    assert (low, high) == pytest.approx((one.low, one.high), rel=1e-12)
+
+
 def test_differences_are_paired() -> None:
     """A constant advantage is known exactly however much the starts differ."""
     easy_and_hard = RANDOM.uniform(1.0, 100.0, 40)

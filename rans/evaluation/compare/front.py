@@ -1,0 +1,197 @@
+"""Time against impulse: who dominates whom, and how far everybody is from what is possible."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from rans.evaluation.compare.bounds import Bound, Event
+from rans.evaluation.compare.certified import certify_each
+from rans.evaluation.compare.contest import Contest, Entry
+from rans.evaluation.measure.statistics import Bootstrap
+from rans.optimal.certificate.certificate import Effort
+
+_EFFORT = Effort(seconds=5.0, nozzle_seconds=0.5, levels=1)
+"""Bounds only: no controls are looked for beyond the first level of fuel that cannot be excluded."""
+_MOST_STARTS = 64
+"""About half an hour of search on two processors."""
+
+
+class Point(NamedTuple):
+    """Somebody's means over all starts; a place between two of them is theirs in proportion."""
+
+    time: float
+    """To be at rest in the goal set, s; who never is counts with the whole episode."""
+    impulse: float
+    """Thrust-time of the episode, N s."""
+    error: float
+    """Of position (or whatever the task names first) over the last fifth, SI units."""
+    there: float
+    """Share of starts from which it is ever at rest in the goal set, 0 to 1."""
+
+
+def point(entry: Entry) -> Point:
+    """Where somebody stands."""
+    return Point(*map(float, _figures(entry).mean(axis=0)))
+
+
+def _figures(entry: Entry) -> np.ndarray:
+    """(N, 4), a `Point` for every start."""
+    error = next(iter(entry.errors.values()))
+    late = np.minimum(entry.arrival, entry.flight.times[-1])
+    return np.stack([late, entry.thrust, error, np.isfinite(entry.arrival)], axis=-1)
+
+
+def least(line: Sequence[Point], what: str, given: str, limit: float) -> Point | None:
+    """The place on a broken line that has least of one figure where another is at most the limit."""
+    places = [one for one in line if getattr(one, given) <= limit]
+    for one, other in pairwise(line):
+        begin, end = getattr(one, given), getattr(other, given)
+        if (begin - limit) * (end - limit) < 0:
+            share = (limit - begin) / (end - begin)
+            places.append(Point(*(a + share * (b - a) for a, b in zip(one, other, strict=True))))
+    return min(places, key=lambda place: getattr(place, what), default=None)
+
+
+class Verdict(NamedTuple):
+    """What a line is to a point."""
+
+    thrifty: Point | None
+    """The line's least impulse in the point's time; None where it is never as quick."""
+    quick: Point | None
+    """Its least time with the point's impulse; None where it never spends as little."""
+    dominates: bool
+    """Whether both are better, and the line at both is as accurate and as often there."""
+
+
+def judged(line: Sequence[Point], other: Point) -> Verdict:
+    """Whether a line dominates a point: less impulse in its time, less time with its impulse, and as good."""
+    thrifty, quick = least(line, "impulse", "time", other.time), least(line, "time", "impulse", other.impulse)
+    if thrifty is None or quick is None:
+        return Verdict(thrifty, quick, False)
+    better = thrifty.impulse < other.impulse and quick.time < other.time
+    as_good = all(one.error <= other.error and one.there >= other.there for one in (thrifty, quick))
+    return Verdict(thrifty, quick, better and as_good)
+
+
+class Multiple(NamedTuple):
+    """Impulse over the certified least of being at rest in the goal set when the flight first is.
+
+    Means over starts divided by the mean of the bounds from the same starts.
+    """
+
+    episode: float
+    """Of the whole episode: holding the pose is in it, but not in the bound, which holds all the same."""
+    until: float
+    """Until the flight is there: the same event as the bound's."""
+    bound: float
+    """Mean of the bounds, N s."""
+    time: float
+    """Mean of when these flights were there, s."""
+    starts: int
+
+
+@dataclass
+class Front:
+    """Everybody, all positions of knobs included, and the bounds found within a budget."""
+
+    contest: Contest
+    horizons: Sequence[float]
+    """At which the certified front is drawn, s."""
+    entries: list[Entry] = field(default_factory=list)
+    certified: list[Bound] = field(default_factory=list)
+
+    def lines(self) -> dict[str, list[Entry]]:
+        """Positions of each knob that was turned, by agent, from fast to thrifty."""
+        found: dict[str, list[Entry]] = {}
+        for entry in self.entries:
+            if entry.contestant.knob is not None:
+                found.setdefault(entry.name.rpartition("#")[0], []).append(entry)
+        return {agent: sorted(line, key=lambda one: one.contestant.knob or 0.0)
+                for agent, line in found.items() if len(line) > 1}
+
+    def others(self) -> list[Entry]:
+        """Whoever is no position of a line."""
+        turned = {one.name for line in self.lines().values() for one in line}
+        return [entry for entry in self.entries if entry.name not in turned]
+
+    def verdict(self, line: Sequence[Entry], other: Entry) -> Verdict:
+        """What a line is to somebody else."""
+        return judged([*map(point, line)], point(other))
+
+    def chance(self, line: Sequence[Entry], other: Entry) -> float:
+        """Share of the resamplings of all starts (see `Bootstrap`) in which a line dominates somebody."""
+        figures = np.hstack([_figures(one) for one in (*line, other)])
+        draws = Bootstrap(len(figures)).means(figures).reshape(-1, len(line) + 1, 4).tolist()
+        won = [judged([Point(*one) for one in row[:-1]], Point(*row[-1])).dominates for row in draws]
+        return sum(won) / len(won)
+
+    def events(self, start: int) -> list[Event]:
+        """What is bounded from a start: least time, the horizons, and everybody's own time."""
+        own = (float(entry.arrival[start]) for entry in self.entries)
+        horizons = dict.fromkeys([*self.horizons, *(t for t in own if 0.0 < t < math.inf)])
+        return [Event(), *(Event(horizon=t) for t in horizons)]
+
+    def questions(self) -> list[tuple[int, Event]]:
+        """All that may be asked, start by start."""
+        most = min(self.contest.episodes, _MOST_STARTS)
+        return [(k, event) for k in range(most) for event in self.events(k)]
+
+    def starts(self) -> list[int]:
+        """Those of which every bound is known."""
+        known = self._known()
+        return [k for k in sorted({k for k, _ in known})
+                if all((k, event) in known for event in self.events(k))]
+
+    def front(self) -> dict[Event, float]:
+        """Mean bound over the starts: of the least time, and of impulse by each horizon."""
+        known, starts = self._known(), self.starts()
+        return {event: float(np.mean([known[k, event] for k in starts]))
+                for event in (Event(), *(Event(horizon=t) for t in self.horizons))} if starts else {}
+
+    def multiple(self, entry: Entry) -> Multiple | None:
+        """How far somebody is from the bounds of its own times; None where none are known."""
+        known = self._known()
+        starts = [k for k in self.starts() if 0.0 < entry.arrival[k] < math.inf]
+        bound = sum(known[k, Event(horizon=float(entry.arrival[k]))] for k in starts)
+        if not bound:
+            return None
+        return Multiple(float(entry.thrust[starts].sum() / bound),
+                        float(entry.arrival_thrust[starts].sum() / bound), bound / len(starts),
+                        float(entry.arrival[starts].mean()), len(starts))
+
+    def impossible(self) -> Iterator[str]:
+        """Flights below a bound: each would prove an error of ours."""
+        known = self._known()
+        for entry in self.entries:
+            for k in self.starts():
+                own = Event(horizon=float(entry.arrival[k]))
+                if (entry.arrival[k] < known[k, Event()] - 1e-9
+                        or entry.arrival_thrust[k] < known.get((k, own), 0.0) - 1e-9):
+                    yield (f"{entry.name} beats the certified front from start {k}: the certificate or a "
+                           "flight is wrong.")
+
+    def _known(self) -> dict[tuple[int, Event], float]:
+        return {(one.start, one.event): one.best for one in self.certified}
+
+
+def certify_front(front: Front, seconds: float, cache: Path | None = None, workers: int | None = None,
+                  progress: Callable[[], object] = lambda: None) -> None:
+    """Bounds from one start after the other, for about so many seconds; none for 0.
+
+    For cache, workers and progress see `rans.evaluation.compare.certified.certify_each`.
+    """
+    if seconds == 0.0:
+        return
+    until = time.monotonic() + seconds
+    for answer in certify_each(front.contest, front.questions(), _EFFORT, cache, workers, progress):
+        front.certified.append(answer)
+        if time.monotonic() > until:
+            break

@@ -1,0 +1,82 @@
+"""A front in numbers and words, for the page, the terminal and the JSON file of a comparison."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+from rans.evaluation.compare.contest import Entry
+from rans.evaluation.compare.front import Front, Point, Verdict, point
+from rans.evaluation.measure.metrics import DISPLAY
+from rans.evaluation.measure.statistics import figure
+
+
+def table(front: Front) -> tuple[list[str], list[list[str]]]:
+    """Columns, and a row for every contestant and position."""
+    quantity, factor, unit = _error(front)
+    rows = []
+    for entry in _ordered(front):
+        place, multiple = point(entry), front.multiple(entry)
+        over = multiple[:2] if multiple else (math.nan, math.nan)
+        numbers = 100.0 * place.there, place.time, place.impulse, factor * place.error, *over
+        rows.append([entry.name, *map(figure, numbers)])
+    return ["contestant", "get there, %", "time, s", "impulse, N s", f"{quantity} error, {unit}",
+            "impulse over its bound", "until there over its bound"], rows
+
+
+def sentences(front: Front) -> Iterator[str]:
+    """Who dominates whom, and how far from the bounds each line is."""
+    for agent, line in front.lines().items():
+        for other in front.others():
+            verdict = front.verdict(line, other)
+            does = "dominates" if verdict.dominates else "does not dominate"
+            sure = (f" (in {100.0 * front.chance(line, other):.3g} % of resamplings)" if verdict.dominates
+                    else "")
+            yield f"{agent} {does} {other.name}{sure}: {_reason(verdict, point(other), *_error(front))}."
+        over = [f"{own.episode:.2f} at {one.contestant.knob:g}" for one in line
+                if (own := front.multiple(one))]
+        if over:
+            yield (f"{agent} spends, in multiples of the certified least impulse for its own times, "
+                   f"{', '.join(over)}.")
+
+
+def _reason(verdict: Verdict, other: Point, quantity: str, factor: float, unit: str) -> str:
+    thrifty, quick, _ = verdict
+    if thrifty is None:
+        return f"it is never there in {other.time:.4g} s"
+    if thrifty.impulse >= other.impulse:
+        return f"in {other.time:.4g} s it spends {thrifty.impulse:.4g} N s, not less than {other.impulse:.4g}"
+    text = f"in {other.time:.4g} s {thrifty.impulse:.4g} N s instead of {other.impulse:.4g}"
+    if quick is None or quick.time >= other.time:
+        return f"{text}, but with {other.impulse:.4g} N s it is no quicker"
+    error, there = max(thrifty.error, quick.error), min(thrifty.there, quick.there)
+    return (f"{text}; with {other.impulse:.4g} N s {quick.time:.4g} s instead of {other.time:.4g}; "
+            f"{quantity} error {factor * error:.3g} {unit}, not {factor * other.error:.3g}; there from "
+            f"{100.0 * there:.4g} % of starts, not {100.0 * other.there:.4g}")
+
+
+def to_json(front: Front) -> dict[str, Any]:
+    """For `rans.files.write_json`; SI units."""
+    return {
+        "horizon": front.contest.duration, "starts": front.contest.episodes,
+        "points": {one.name: {"knob": one.contestant.knob, **point(one)._asdict(),
+                              "over_bound": multiple._asdict() if (multiple := front.multiple(one)) else None}
+                   for one in _ordered(front)},
+        "lines": {agent: [one.name for one in line] for agent, line in front.lines().items()},
+        "dominates": {agent: {other.name: front.verdict(line, other).dominates for other in front.others()}
+                      for agent, line in front.lines().items()},
+        "said": [*sentences(front)],
+        "certified": {"starts": front.starts(),
+                      "bounds": [{"event": event.text, "horizon": event.horizon, "mean": bound}
+                                 for event, bound in front.front().items()]}}
+
+
+def _ordered(front: Front) -> list[Entry]:
+    return [*(one for line in front.lines().values() for one in line), *front.others()]
+
+
+def _error(front: Front) -> tuple[str, float, str]:
+    """Which error is judged, and how it is shown."""
+    quantity = next(iter(front.entries[0].errors))
+    return quantity, *DISPLAY[quantity]

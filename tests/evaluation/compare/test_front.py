@@ -1,0 +1,165 @@
+"""Fronts by hand: places on a broken line, who dominates whom, and multiples of bounds."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rans.evaluation.compare import certified
+from rans.evaluation.compare.bounds import Bound, Event
+from rans.evaluation.compare.contest import Contest, Contestant, Entry
+from rans.evaluation.compare.front import Front, Point, certify_front, judged, least, point
+from rans.show.comparison_page import page
+from rans.show.comparison_tables import to_json
+from rans.show.front_figure import front_figure
+from rans.show.front_tables import sentences, table
+from tests.show.test_comparison_figures import points
+from tests.show.test_comparison_tables import NOBODY, comparison, entry
+
+LINE = [Point(5.0, 20.0, 0.01, 1.0), Point(10.0, 10.0, 0.03, 0.9), Point(20.0, 4.0, 0.02, 1.0)]
+HORIZONS = (2.0, 5.0)
+
+
+@pytest.mark.parametrize(("what", "given", "limit", "place"), [
+    ("impulse", "time", 6.0, (6.0, 18.0, 0.014, 0.98)),  # a fifth of the way from the first to the second
+    ("impulse", "time", 10.0, LINE[1]), ("impulse", "time", 99.0, LINE[2]), ("impulse", "time", 4.9, None),
+    ("time", "impulse", 7.0, (15.0, 7.0, 0.025, 0.95)),  # half-way from the second to the third
+    ("time", "impulse", 99.0, LINE[0]), ("time", "impulse", 3.9, None)])
+def test_places_on_a_line(what: str, given: str, limit: float, place: tuple[float, ...] | None) -> None:
+    found = least(LINE, what, given, limit)
+    assert found == (place and pytest.approx(place))
+
+
+def test_a_line_may_bend_back() -> None:
+    """Slower and dearer at first: until 6.25 s, where the last piece is down at 20 again, nothing is won."""
+    line = [Point(5.0, 20.0, 0.0, 1.0), Point(6.0, 22.0, 0.0, 1.0), Point(8.0, 6.0, 0.0, 1.0)]
+    assert least(line, "impulse", "time", 6.2) == line[0]
+    assert least(line, "impulse", "time", 7.0) == pytest.approx((7.0, 14.0, 0.0, 1.0))
+    assert least(line, "time", "impulse", 21.0) == line[0]
+
+
+@pytest.mark.parametrize(("other", "dominates"), [
+    (Point(6.0, 20.0, 0.02, 0.9), True),  # 18 N s in 6 s, 5 s with 20 N s
+    (Point(6.0, 20.0, 0.012, 0.9), False),  # but an error of 0.014 in 6 s
+    (Point(6.0, 20.0, 0.02, 0.99), False),  # but there from 98 % only in 6 s
+    (Point(6.0, 18.0, 1.0, 0.0), False),  # on the line
+    (Point(4.0, 99.0, 1.0, 0.0), False), (Point(99.0, 3.0, 1.0, 0.0), False),  # quicker; thriftier than all
+    (Point(30.0, 4.5, 0.1, 0.5), True)])  # slower than all, and dearer than the last
+def test_who_is_dominated(other: Point, dominates: bool) -> None:
+    assert judged(LINE, other).dominates == dominates
+
+
+def named(name: str, knob: float | None = None, **changes: Any) -> Entry:
+    """See `entry`: there after 1 s, 2 s and never; in all 2, 1 and 0 N s, of which 1 and 1 until there."""
+    return replace(entry(), contestant=Contestant(name, NOBODY, "", "", knob), **changes)
+
+
+def answers(own: tuple[float, float] = (0.4, 0.6)) -> list[Bound]:
+    """Of all three starts: nobody in 0.5 s, 0.2 N s by each horizon; and for 1 and 2 s of the first two."""
+    found = [Bound(k, horizon, 0.5 if horizon is None else 0.2) for k in range(3)
+             for horizon in (None, *HORIZONS)]
+    return [Bound(1, 2.0, own[1]) if (one.start, one.horizon) == (1, 2.0) else one
+            for one in (*found, Bound(0, 1.0, own[0]))]
+
+
+def front(*entries: Entry, **changes: Any) -> Front:
+    flight = entries[0].flight
+    return Front(Contest(flight.craft, flight.task, flight.timing, 1, 3), HORIZONS, [*entries], **changes)
+
+
+def test_where_somebody_stands() -> None:
+    """Who is never there counts with all 5 s; errors of 1, 1 and 900 cm."""
+    assert point(entry()) == pytest.approx((8 / 3, 1.0, 9.02 / 3, 2 / 3))
+
+
+def test_multiples_are_of_bounds_of_the_same_starts_and_times() -> None:
+    found = front(named("agent"), certified=answers())
+    assert found.events(0) == [Event(), Event(horizon=2.0), Event(horizon=5.0), Event(horizon=1.0)]
+    assert found.events(2) == [Event(), Event(horizon=2.0), Event(horizon=5.0)]  # never there
+    assert found.starts() == [0, 1, 2]
+    # 2 and 1 N s in all, 1 and 1 until there, of 0.4 and 0.6
+    assert found.multiple(found.entries[0]) == pytest.approx((3.0, 2.0, 0.5, 1.5, 2))
+    assert found.front() == pytest.approx(
+        {Event(): 0.5, Event(horizon=2.0): 1.0 / 3, Event(horizon=5.0): 0.2})
+    assert not list(found.impossible())
+    unknown = front(named("agent"), certified=answers()[:-1])  # the first one's own time is not known
+    assert unknown.starts() == [1, 2]
+    assert front(named("agent")).multiple(found.entries[0]) is None
+    assert front(named("agent")).front() == {}
+
+
+@pytest.mark.parametrize("wrong", [(1.1, 0.6), (0.4, 1.1)])
+def test_who_beats_a_bound_is_found_out(wrong: tuple[float, float]) -> None:
+    told = list(front(named("agent"), certified=answers(wrong)).impossible())
+    assert told == [f"agent beats the certified front from start {wrong.index(1.1)}: the certificate or a "
+                    "flight is wrong."]
+
+
+def knobs() -> Front:
+    """A line from 1 N s to a half, and somebody beside it who needs four times that."""
+    fast, thrifty = named("agent#0", 0.0), named("agent#1", 1.0)
+    dear = named("dear")
+    thrifty.flight.commands[:] *= 0.5
+    dear.flight.commands[:] *= 4.0
+    return front(thrifty, dear, fast, named("held#0.5", 0.5), certified=answers())
+
+
+def test_how_sure_a_line_is() -> None:
+    """Better on every draw of three starts but one of 27: three times the third, from where nobody spends."""
+    found = knobs()
+    line, (dear, held) = found.lines()["agent"], found.others()
+    quicker = named("quicker#0", 0.0)
+    vars(quicker)["arrival"] = np.array([0.5, 0.5, 0.5])
+    sure = found.chance([quicker, *line], dear)
+    assert sure == pytest.approx(26 / 27, abs=0.02)  # 3 standard deviations of 1,000 draws
+    assert found.chance(line, held) == 0.0
+
+
+def test_words_and_figures_of_a_front() -> None:
+    found = knobs()
+    assert [*found.lines()] == ["agent"]  # from fast to thrifty; one position makes no line
+    assert [one.name for one in found.lines()["agent"]] == ["agent#0", "agent#1"]
+    assert [one.name for one in found.others()] == ["dear", "held#0.5"]
+    columns, rows = table(found)
+    assert columns[4] == "position error, cm"
+    assert rows[0] == ["agent#0", "66.7", "2.67", "1", "301", "3", "2"]
+    assert [row[3] for row in rows] == ["1", "0.5", "4", "1"]
+    assert [*sentences(found)] == [
+        "agent does not dominate dear: in 2.667 s 0.5 N s instead of 4, but with 4 N s it is no quicker.",
+        "agent does not dominate held#0.5: in 2.667 s 0.5 N s instead of 1, but with 1 N s it is no quicker.",
+        "agent spends, in multiples of the certified least impulse for its own times, 3.00 at 0, 1.50 at 1."]
+    axes, _ = front_figure(found).axes
+    drawn = points(axes)
+    assert drawn["agent, knob at 2 positions"] == [pytest.approx([8 / 3, 1.0]), pytest.approx([8 / 3, 0.5])]
+    assert drawn["dear (66.7 % get there)"] == [pytest.approx([8 / 3, 4.0])]
+    assert [x for x, _ in drawn["certified least time, mean of 3 starts"]] == [0.5, 0.5]
+    bars = drawn["certified least impulse to be there\nat this time from each start, mean of 3 starts"]
+    assert bars == [pytest.approx([2.0, 1 / 3]), pytest.approx([5.0, 0.2])]
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_page_and_file_have_the_front() -> None:
+    found = knobs()
+    told = comparison(front=found)
+    assert "Front of time and impulse" in [section.title for section in page(told).sections]
+    read = to_json(told, "")["front"]
+    assert read["points"]["agent#0"]["over_bound"]["episode"] == pytest.approx(3.0)
+    assert read["dominates"] == {"agent": {"dear": False, "held#0.5": False}}
+    assert read["certified"]["starts"] == [0, 1, 2]
+    assert to_json(comparison(), "")["front"] is None
+
+
+def test_the_budget_ends_the_search(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each answer takes 10 s of a clock of ours; what is found in time is kept."""
+    clock = iter(np.arange(0.0, 1e3, 10.0))
+    monkeypatch.setattr("rans.evaluation.compare.front.time.monotonic", lambda: float(next(clock)))
+    monkeypatch.setattr(certified, "bounds", lambda asked, starts, *_: (
+        (k, Bound(starts[k], one.horizon, 0.1)) for k, one in enumerate(asked)))
+    for seconds, count in ((35.0, 4), (math.inf, 10), (0.0, 0)):
+        found = front(named("agent"))
+        certify_front(found, seconds)
+        assert len(found.certified) == count

@@ -1,0 +1,59 @@
+"""A knob that is held: the agent flies the plain task as it flies its own."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rans.evaluation.compare.roster import contest_of, enlist, turned
+from rans.evaluation.fly.contestants import contestant
+from rans.flight import fly
+from rans.model.fields import leaves
+from rans.scenario import scenarios
+from rans.tasks import GoToPose, GoToPosePriced
+from tests.fast.training import CONFIG, tiny_trainer
+
+
+@pytest.fixture(scope="module", params=["floating-platform", "free-flyer"])
+def agent(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> str:
+    """A run folder of an agent with a knob, briefly trained."""
+    path = tmp_path_factory.mktemp("runs") / "turned"
+    tiny_trainer(path, replace(CONFIG, task="go-to-pose-priced", settings=GoToPosePriced(),
+                               spacecraft=request.param)).train(lambda _: None)
+    return str(path)
+
+
+def test_it_flies_as_in_its_own_task(agent: str) -> None:
+    """The same starts, and there the same commands, though the plain task shows no knob."""
+    flights = []
+    for knob in ("0", "0.3", "1"):
+        own = contestant(f"{agent}#{knob}")
+        contest = contest_of(f"{agent}#{knob}", 40)
+        one = enlist(f"{agent}#{knob}", contest)
+        assert (one.name, one.knob, type(contest.task)) == (f"turned#{knob}", float(knob), GoToPose)
+        plain = contest.fly(one.controller).flight
+        craft, task, timing, _ = own.judged
+        starts = scenarios(task, craft, contest.seed, 40)
+        priced = fly(craft, task, own.controller, starts, timing)
+        np.testing.assert_array_equal(plain.commands, priced.commands)
+        np.testing.assert_array_equal(leaves(plain.states), leaves(priced.states))
+        flights.append(plain.commands)
+    assert not np.array_equal(flights[0], flights[2])  # the knob is seen
+
+
+def test_who_needs_no_training_sees_no_knob() -> None:
+    contest = contest_of("lqr:go-to-pose-priced-2d#0.3", 2)
+    one = enlist("lqr:go-to-pose-priced-2d#0.3", contest)
+    assert (one.name, one.knob) == ("LQR", None)
+    assert contest.fly(one.controller).flight.task == contest.task
+    assert contest.task == GoToPosePriced(knob=(0.3, 0.3)).plain().for_evaluation()
+
+
+def test_a_knob_is_turned_where_nobody_holds_it(agent: str, tmp_path: Path) -> None:
+    assert turned(agent, 5) == [f"{agent}#{knob}" for knob in ("0", "0.25", "0.5", "0.75", "1")]
+    for other in (f"{agent}#0.3", "lqr:go-to-pose-2d", "pretrained:multi-task-2d", "python:some:policy",
+                  str(tmp_path / "nobody"), "no such thing"):
+        assert turned(other, 5) == [other]
