@@ -83,23 +83,30 @@ def _longest(craft: Spacecraft, body: Body | None, uneven: float = _UNEVEN) -> f
 
 
 def spin_up(craft: Spacecraft, body: Body | None = None) -> float:
-    """The largest angular acceleration of any command, rad/s^2; for a body that differs, a bound of it."""
-    size, nominal = craft.dimension, _tensors(Body.of(craft))
-    table = np.array(craft.wrench_map)
-    ways = np.linalg.solve(nominal, table[:, size:].T).T
-    most = float(np.linalg.norm(ways, axis=1).max())
-    if craft.thrust_sharing == "none":
-        most = max(most, _longest_sum(ways))
-    if body is None:
-        return most
-    inverse = np.linalg.inv(_tensors(body))
-    lighter = float(np.linalg.norm(inverse @ nominal, 2, axis=(-2, -1)).max())
-    forces = np.linalg.norm(table[:, :size], axis=1)
-    force = forces.max() if craft.thrust_sharing == "split" else forces.sum()
-    shift = sum(_largest(x) ** 2 for x in body.centre) ** 0.5
-    opened = zip(body.gain, body.leak, strict=True) if body.gain and body.leak else ()
-    thrust = max((_largest(numbers(gain) + numbers(leak)) for gain, leak in opened), default=1.0)
-    return thrust * (lighter * most + shift * force * float(np.linalg.norm(inverse, 2, axis=(-2, -1)).max()))
+    """The largest angular acceleration of any command, rad/s^2; of several bodies that of the quickest."""
+    ways, directions = _ways(craft, body or Body.of(craft)), np.random.default_rng(0).normal(size=(64, 3))
+    if craft.thrust_sharing != "none" and (body is None or body.droop is None):
+        return float(np.linalg.norm(ways, axis=-1).max())
+    # Exactly for those few that are the quickest in some of many directions.
+    directions = directions[:, :ways.shape[-1]]
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    seen = np.maximum(ways @ directions.T, 0.0).sum(axis=1).max(axis=-1)
+    return max(_longest_sum(ways[k]) for k in np.argsort(seen)[-8:])
+
+
+def _ways(craft: Spacecraft, body: Body) -> np.ndarray:
+    """Angular acceleration of every body by each thruster, as far as it can open, (bodies, n, 1 or 3)."""
+    table, size = np.array(craft.wrench_map), craft.dimension
+    count = len(table)
+    opened = [numbers(gain) + numbers(leak) for gain, leak in zip(
+        body.gain or (1.0,) * count, body.leak or (0.0,) * count, strict=True)]
+    shares = np.atleast_2d(np.stack(np.broadcast_arrays(*opened), axis=-1))
+    centre = np.atleast_2d(np.stack(np.broadcast_arrays(*map(numbers, body.centre or (0.0,) * size)), axis=-1))[:, None]
+    force, tensors = table[:, :size], np.atleast_3d(_tensors(body).T).T
+    moved = np.cross(centre, force) if size == 3 else (centre[..., :1] * force[:, 1:]
+                                                       - centre[..., 1:] * force[:, :1])
+    torques = (table[:, size:] - moved) * shares[..., None]
+    return np.linalg.solve(tensors[:, None], torques[..., None])[..., 0]
 
 
 def _longest_sum(vectors: np.ndarray) -> float:
@@ -122,7 +129,3 @@ def _tensors(body: Body) -> np.ndarray:
     order = (0,) if len(entries) == 1 else (0, 1, 2, 1, 3, 4, 2, 4, 5)
     side = 1 if len(entries) == 1 else 3
     return np.stack([entries[k] for k in order], axis=-1).reshape(*entries[0].shape, side, side)
-
-
-def _largest(field: Any) -> float:
-    return float(np.abs(numbers(field)).max())

@@ -11,7 +11,7 @@ import math
 import operator
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Self, TypeVar
+from typing import Any, NamedTuple, Self, TypeVar
 
 from rans.model.accuracy import chosen
 from rans.model.body import Body
@@ -133,9 +133,17 @@ def _dot(shares: Sequence[Field], coefficients: Sequence[float]) -> Field:
     return sum(terms[1:], start=terms[0]) if terms else shares[0] * 0.0
 
 
-Piece = tuple[Field, Wrench, Wrench | None]
-"""A part of a control period, s, with the thrusters' wrench at its beginning and at its end, a straight line
-over time between; None: it stays."""
+class Piece(NamedTuple):
+    """A part of a control period."""
+
+    duration: Field
+    """s."""
+    first: Wrench
+    """Of the thrusters, at its beginning."""
+    last: Wrench | None = None
+    """At its end, a straight line over time between; None: it stays."""
+    longest: float = math.inf
+    """No duration is above it, s."""
 
 
 def held(state: AnyState, craft: Spacecraft, body: Body, command: Sequence[Field], timing: Timing,
@@ -144,15 +152,15 @@ def held(state: AnyState, craft: Spacecraft, body: Body, command: Sequence[Field
     """The state after a command was held for one control period, heading or quaternion normalised.
 
     The craft's actuators say how they take commands, one field of 0 to 1 per thruster; ``late`` is instead
-    what valves that answer late make of it (`rans.model.valves.pieces`). A piece whose share of the period is
-    a plain number takes that share of the substeps; the rest is as for `advance`.
+    what valves that answer late make of it (`rans.model.valves.pieces`). A piece takes the share of the
+    substeps that is its share of the period at most; the rest is as for `advance`.
     """
     substeps, period = timing.substeps or chosen(craft, timing).substeps or 1, timing.control_period
-    at_once = ((share * period, wrench(craft, part, body), None)
+    at_once = (Piece(share * period, wrench(craft, part, body))
                for share, part in craft.actuators.pulses(command))
-    for duration, first, last in at_once if late is None else late:
-        plain = type(duration) is float  # not of NumPy
-        steps = max(1, math.ceil(duration / period * substeps - 1e-9)) if plain else substeps
+    for duration, first, last, longest in at_once if late is None else late:
+        longest = min(duration if type(duration) is float else longest, period)  # a float, not one of NumPy
+        steps = max(1, math.ceil(longest / period * substeps - 1e-9))
         state = advance(state, first, body, duration, steps, nodes, disturbance, drift, last)
     return state.normalised()
 
@@ -252,5 +260,5 @@ def _advance_spatial(state: SpatialState, load: _Load, h: Field) -> SpatialState
         return state.attitude.rotate(u.scale(share))
 
     p, v = moved(state.p, state.v, h, load.drift, rule, pushes, in_world, load.steady())
-    attitude = state.attitude.times(exponential(rotation.vector(1.0)))
+    attitude = state.attitude.times(exponential(rotation.whole))
     return SpatialState(p, attitude, v, at(rate, 1.0))

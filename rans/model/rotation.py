@@ -94,22 +94,31 @@ class Rotation:
     """
 
     def __init__(self, rate: Series, duration: Field) -> None:
-        self._duration = duration
-        self._derivatives = [rate]
-        """The k-th, over k factorial."""
-        for k in range(1, 5):
-            rate = [x.scale(j / k) for j, x in enumerate(rate[1:], 1)]
-            self._derivatives.append(rate)
+        self.whole = _magnus(rate, duration)
+        """Rotation vector of the whole step, in the frame at its start."""
+        zero, (w0, w1, w2, w3) = Vec3(0.0, 0.0, 0.0), (*rate, *[Vec3(0.0, 0.0, 0.0)] * 4)[:4]
+        second, third = ((zero if len(rate) <= k else w0.cross(rate[k]).scale(duration / 12.0)) for k in (1, 2))
+        path = [w0, w1.scale(1.0 / 2.0), w2.scale(1.0 / 3.0) + second, w3.scale(1.0 / 4.0) + third]
+        self._path = [zero, *(x.scale(duration) for x in path)]
+        self._path.append(self.whole - reduce(add, self._path))
 
     def vector(self, share: float) -> Vec3:
-        """Rotation vector from the start until this share of the step is gone, in the frame at the start."""
-        r0, r1, r2, r3, r4 = (at(series, 0.5 * share).scale(share**k * self._duration)
-                              for k, series in enumerate(self._derivatives, 1))
-        slope = r1 + r3.scale(3.0 / 20.0)
-        first = slope.cross(r0)
-        second = (r2.scale(2.0) + first).cross(r0).scale(-1.0 / 60.0)
-        brackets = (slope + second).cross(first - r0.scale(20.0) - r2).scale(1.0 / 240.0)
-        return r0 + r2.scale(1.0 / 12.0) + r4.scale(1.0 / 80.0) + brackets
+        """Rotation vector from the start until this share of the step is gone, of order five."""
+        return at(self._path, share)
+
+
+def _magnus(rate: Series, duration: Field) -> Vec3:
+    derivatives = [rate]
+    """The k-th, over k factorial."""
+    for k in range(1, 5):
+        rate = [x.scale(j / k) for j, x in enumerate(rate[1:], 1)]
+        derivatives.append(rate)
+    r0, r1, r2, r3, r4 = (at(series, 0.5).scale(duration) for series in derivatives)
+    slope = r1 + r3.scale(3.0 / 20.0)
+    first = slope.cross(r0)
+    second = (r2.scale(2.0) + first).cross(r0).scale(-1.0 / 60.0)
+    brackets = (slope + second).cross(first - r0.scale(20.0) - r2).scale(1.0 / 240.0)
+    return r0 + r2.scale(1.0 / 12.0) + r4.scale(1.0 / 80.0) + brackets
 
 
 def turned(rotation: Vec3, v: Vec3) -> Vec3:
