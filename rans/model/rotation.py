@@ -5,6 +5,7 @@ A series is a list of vectors, the coefficients of the powers of the share of a 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from functools import reduce
 from operator import add
@@ -16,6 +17,8 @@ Series = Sequence[Vec3]
 
 _ORDER = 8
 """Of the spin's series where moments of inertia differ."""
+_EVEN_ORDER = 6
+"""Of equal moments under a torque that turns; it is only the attitude's (`rans.model.dynamics.advance`)."""
 
 
 def at(series: Series, share: float) -> Vec3:
@@ -43,19 +46,26 @@ def spin_series(w: Vec3, torque: Sequence[Any], inertia: Sequence[Field], h: Fie
     """
     xx, xy, xz, yy, yz, zz = inertia
     excess, inverse = (_less(xx, zz), xy, xz, _less(yy, zz), yz, 0.0), _inverse(inertia)
-    even = all(isinstance(x, float) and x == 0.0 for x in excess)
+    calm = even(inertia)
+    order = _ORDER if not calm else len(torque) if steady is None else _EVEN_ORDER
     turning = [] if steady is None else [steady]
     rate, momentum = [w], []
-    for k in range(len(torque) if even and not turning else _ORDER):
+    for k in range(order):
         torques: list[Any] = list(torque[k:k + 1])
         if turning:
             torques.append(turning[k])
             turning.append(last_product(turning, rate).scale(h / (k + 1)))
-        if not even:
+        if not calm:
             momentum.append(_symmetric_times(excess, rate[k]))
             torques.append(last_product(momentum, rate))
         rate.append(_symmetric_times(inverse, reduce(add, torques)).scale(h / (k + 1)))
     return rate
+
+
+def even(inertia: Sequence[Field]) -> bool:
+    """Whether all moments of inertia, as in `spin_series`, are known to be equal."""
+    xx, xy, xz, yy, yz, zz = inertia
+    return all(isinstance(x, float) and x == 0.0 for x in (_less(xx, zz), xy, xz, _less(yy, zz), yz))
 
 
 def last_product(a: Series, b: Series) -> Vec3:
@@ -108,17 +118,18 @@ class Rotation:
 
 
 def _magnus(rate: Series, duration: Field) -> Vec3:
-    derivatives = [rate]
-    """The k-th, over k factorial."""
-    for k in range(1, 5):
-        rate = [x.scale(j / k) for j, x in enumerate(rate[1:], 1)]
-        derivatives.append(rate)
-    r0, r1, r2, r3, r4 = (at(series, 0.5).scale(duration) for series in derivatives)
+    r0, r1, r2, r3, r4 = (_derivative(rate, k).scale(duration) for k in range(5))
     slope = r1 + r3.scale(3.0 / 20.0)
     first = slope.cross(r0)
     second = (r2.scale(2.0) + first).cross(r0).scale(-1.0 / 60.0)
     brackets = (slope + second).cross(first - r0.scale(20.0) - r2).scale(1.0 / 240.0)
     return r0 + r2.scale(1.0 / 12.0) + r4.scale(1.0 / 80.0) + brackets
+
+
+def _derivative(series: Series, k: int) -> Vec3:
+    """The k-th of a series in the middle, over k factorial."""
+    terms = [x.scale(math.comb(j, k) * 0.5**(j - k)) for j, x in enumerate(series[k:], k)]
+    return reduce(add, terms) if terms else Vec3(0.0, 0.0, 0.0)
 
 
 def turned(rotation: Vec3, v: Vec3) -> Vec3:
