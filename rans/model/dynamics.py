@@ -17,7 +17,7 @@ from rans.model.accuracy import chosen
 from rans.model.body import Body
 from rans.model.drift import FREE, Drift
 from rans.model.fields import Attitude, Field, Heading, Quat, Vec2, Vec3, Vector, at_least, map_leaves
-from rans.model.rotation import Rotation, at, even, exponential, spin_series, turned
+from rans.model.rotation import Rotation, at, even, exponential, pulled, spin_series, turned
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.model.translation import RULES, moved
@@ -249,10 +249,10 @@ def _advance_spatial(state: SpatialState, load: _Load, h: Field) -> SpatialState
 
     The thrust's acceleration is expressed in B at the start of the step.
     """
-    pull, torque = load.disturbance, [load.thrust.torque]
+    inertia, pull, growth = load.body.inertia, load.disturbance, load.growth
+    torque = [load.thrust.torque, *([] if growth is None else [growth.torque])]
     steady = None if pull is None else state.attitude.conjugate().rotate(pull.torque)
-    rate = spin_series(state.w, torque if load.growth is None else [*torque, load.growth.torque],
-                       load.body.inertia, h, steady)
+    rate = spin_series(state.w, torque, inertia, h, steady)
     rotation, push, rule = Rotation(rate, h), load.pushes(), RULES[_SPATIAL_NODES]
     turns = [(rotation.vector(node), node, weight) for node, weight in rule]
     pushes = (turned(turn, push(node)) for turn, node, _ in turns)
@@ -261,11 +261,8 @@ def _advance_spatial(state: SpatialState, load: _Load, h: Field) -> SpatialState
         return state.attitude.rotate(u.scale(share))
 
     p, v = moved(state.p, state.v, h, load.drift, rule, pushes, in_world, load.steady())
-    attitude = state.attitude.times(exponential(rotation.whole))
-    if steady is None or not even(load.body.inertia):
-        return SpatialState(p, attitude, v, at(rate, 1.0))
-    # Without gyroscopic torques it is an integral like the translation's, closer than the end of a series.
-    mean = torque[0] if load.growth is None else torque[0] + load.growth.torque.scale(0.5)
-    for turn, _, weight in turns:
-        mean = mean + turned(turn.scale(-1.0), steady).scale(weight)
-    return SpatialState(p, attitude, v, state.w + mean.scale(h * (1.0 / load.body.inertia[0])))
+    turn, w = rotation.whole, at(rate, 1.0)
+    if steady is not None and even(inertia):
+        once, twice = (x.scale(h * (1.0 / inertia[0])) for x in pulled(torque, turns, steady))
+        turn, w = (state.w + twice).scale(h) + rotation.brackets, state.w + once
+    return SpatialState(p, state.attitude.times(exponential(turn)), v, w)

@@ -17,8 +17,8 @@ Series = Sequence[Vec3]
 
 _ORDER = 8
 """Of the spin's series where moments of inertia differ."""
-_EVEN_ORDER = 6
-"""Of equal moments under a torque that turns; it is only the attitude's (`rans.model.dynamics.advance`)."""
+_EVEN_ORDER = 4
+"""Of equal moments under a torque that turns: it only says where that points (`pulled`)."""
 
 
 def at(series: Series, share: float) -> Vec3:
@@ -104,7 +104,9 @@ class Rotation:
     """
 
     def __init__(self, rate: Series, duration: Field) -> None:
-        self.whole = _magnus(rate, duration)
+        self.brackets = _brackets(rate, duration)
+        """What the rotation vector has beside the integral of the rate, for the whole step."""
+        self.whole = _sum(rate, [1.0 / k for k in range(1, len(rate) + 1)]).scale(duration) + self.brackets
         """Rotation vector of the whole step, in the frame at its start."""
         zero, (w0, w1, w2, w3) = Vec3(0.0, 0.0, 0.0), (*rate, *[Vec3(0.0, 0.0, 0.0)] * 4)[:4]
         second, third = ((zero if len(rate) <= k else w0.cross(rate[k]).scale(duration / 12.0)) for k in (1, 2))
@@ -117,19 +119,41 @@ class Rotation:
         return at(self._path, share)
 
 
-def _magnus(rate: Series, duration: Field) -> Vec3:
-    r0, r1, r2, r3, r4 = (_derivative(rate, k).scale(duration) for k in range(5))
+def _brackets(rate: Series, duration: Field) -> Vec3:
+    r0, r1, r2, r3 = (_derivative(rate, k).scale(duration) for k in range(4))
     slope = r1 + r3.scale(3.0 / 20.0)
     first = slope.cross(r0)
     second = (r2.scale(2.0) + first).cross(r0).scale(-1.0 / 60.0)
-    brackets = (slope + second).cross(first - r0.scale(20.0) - r2).scale(1.0 / 240.0)
-    return r0 + r2.scale(1.0 / 12.0) + r4.scale(1.0 / 80.0) + brackets
+    return (slope + second).cross(first - r0.scale(20.0) - r2).scale(1.0 / 240.0)
 
 
 def _derivative(series: Series, k: int) -> Vec3:
     """The k-th of a series in the middle, over k factorial."""
-    terms = [x.scale(math.comb(j, k) * 0.5**(j - k)) for j, x in enumerate(series[k:], k)]
+    return _sum(series[k:], [math.comb(j, k) * 0.5**(j - k) for j in range(k, len(series))])
+
+
+def _sum(vectors: Sequence[Vec3], factors: Sequence[float]) -> Vec3:
+    terms = [x.scale(factor) for x, factor in zip(vectors, factors, strict=True)]
     return reduce(add, terms) if terms else Vec3(0.0, 0.0, 0.0)
+
+
+def pulled(torque: Sequence[Any], turns: Sequence[tuple[Vec3, float, float]],
+           steady: Vec3) -> tuple[Vec3, Vec3]:
+    """A torque and one that is constant in W, integrated once and twice over the share of a step that is gone.
+
+    Where moments of inertia are equal nothing else changes the spin, and this is closer to the truth than
+    the end of a series.
+
+    Args:
+        torque: in B, by powers of that share, N m.
+        turns: rotation vectors at the nodes of a rule, the nodes and their weights.
+        steady: the other, as B sees it at the start, N m.
+    """
+    seen = [turned(turn.scale(-1.0), steady) for turn, _, _ in turns]
+    powers = range(1, len(torque) + 1)
+    return (_sum(torque, [1.0 / k for k in powers]) + _sum(seen, [weight for *_, weight in turns]),
+            _sum(torque, [1.0 / (k * (k + 1)) for k in powers])
+            + _sum(seen, [weight * (1.0 - node) for _, node, weight in turns]))
 
 
 def turned(rotation: Vec3, v: Vec3) -> Vec3:
