@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 import warnings
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -101,7 +100,8 @@ def _ways(craft: Spacecraft, body: Body) -> np.ndarray:
     opened = [numbers(gain) + numbers(leak) for gain, leak in zip(
         body.gain or (1.0,) * count, body.leak or (0.0,) * count, strict=True)]
     shares = np.atleast_2d(np.stack(np.broadcast_arrays(*opened), axis=-1))
-    centre = np.atleast_2d(np.stack(np.broadcast_arrays(*map(numbers, body.centre or (0.0,) * size)), axis=-1))[:, None]
+    offset = map(numbers, body.centre or (0.0,) * size)
+    centre = np.atleast_2d(np.stack(np.broadcast_arrays(*offset), axis=-1))[:, None]
     force, tensors = table[:, :size], np.atleast_3d(_tensors(body).T).T
     moved = np.cross(centre, force) if size == 3 else (centre[..., :1] * force[:, 1:]
                                                        - centre[..., 1:] * force[:, :1])

@@ -20,6 +20,12 @@ _ORDER = 8
 _EVEN_ORDER = 4
 """Of equal moments under a torque that turns: it only says where that points (`pulled`)."""
 
+_IN_THE_MIDDLE = [[math.comb(j, k) * 0.5 ** (j - k) for j in range(_ORDER + 1)] for k in range(4)]
+"""Share that every coefficient of a series has in its k-th derivative there, over k factorial."""
+_ALTERNATING = {first: [(-1) ** k / math.perm(first - 1 + 2 * k, 2 * k) for k in range(4, -1, -1)]
+                for first in (2, 3)}
+"""Coefficients by falling powers; all made beforehand, as torch traces few functions of numbers."""
+
 
 def at(series: Series, share: float) -> Vec3:
     """Value of a series (Horner); an empty one is zero."""
@@ -108,8 +114,10 @@ class Rotation:
         """What the rotation vector has beside the integral of the rate, for the whole step."""
         self.whole = _sum(rate, [1.0 / k for k in range(1, len(rate) + 1)]).scale(duration) + self.brackets
         """Rotation vector of the whole step, in the frame at its start."""
-        zero, (w0, w1, w2, w3) = Vec3(0.0, 0.0, 0.0), (*rate, *[Vec3(0.0, 0.0, 0.0)] * 4)[:4]
-        second, third = ((zero if len(rate) <= k else w0.cross(rate[k]).scale(duration / 12.0)) for k in (1, 2))
+        # Its Taylor series as far as that is short, and one more term that ends it where the step ends.
+        zero = Vec3(0.0, 0.0, 0.0)
+        w0, w1, w2, w3 = (*rate, zero, zero, zero, zero)[:4]
+        second, third = (w0.cross(rate[k]).scale(duration / 12.0) if k < len(rate) else zero for k in (1, 2))
         path = [w0, w1.scale(1.0 / 2.0), w2.scale(1.0 / 3.0) + second, w3.scale(1.0 / 4.0) + third]
         self._path = [zero, *(x.scale(duration) for x in path)]
         self._path.append(self.whole - reduce(add, self._path))
@@ -129,7 +137,7 @@ def _brackets(rate: Series, duration: Field) -> Vec3:
 
 def _derivative(series: Series, k: int) -> Vec3:
     """The k-th of a series in the middle, over k factorial."""
-    return _sum(series[k:], [math.comb(j, k) * 0.5**(j - k) for j in range(k, len(series))])
+    return _sum(series[k:], _IN_THE_MIDDLE[k][k:len(series)])
 
 
 def _sum(vectors: Sequence[Vec3], factors: Sequence[float]) -> Vec3:
@@ -139,7 +147,7 @@ def _sum(vectors: Sequence[Vec3], factors: Sequence[float]) -> Vec3:
 
 def pulled(torque: Sequence[Any], turns: Sequence[tuple[Vec3, float, float]],
            steady: Vec3) -> tuple[Vec3, Vec3]:
-    """A torque and one that is constant in W, integrated once and twice over the share of a step that is gone.
+    """A torque and one that is constant in W, integrated once and twice over the share of a step gone.
 
     Where moments of inertia are equal nothing else changes the spin, and this is closer to the truth than
     the end of a series.
@@ -176,8 +184,8 @@ def _sine_and_cosine(square: Field) -> tuple[Field, Field]:
 
 
 def _alternating(square: Field, first: int) -> Field:
-    """1 - s / (n (n + 1)) (1 - s / ((n + 2) (n + 3)) (1 - ...)), four brackets deep."""
-    result = 1.0 - square * (1.0 / ((first + 6) * (first + 7)))
-    for n in (first + 4, first + 2, first):
-        result = 1.0 - square * result * (1.0 / (n * (n + 1)))
+    """1 - s / (n (n + 1)) + s^2 / (n (n + 1) (n + 2) (n + 3)) - ..., five terms."""
+    result, *factors = _ALTERNATING[first]
+    for factor in factors:
+        result = square * result + factor
     return result
