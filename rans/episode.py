@@ -101,10 +101,11 @@ class World:
 
     def __post_init__(self) -> None:
         """Substeps are chosen for what flies; under conditions for the quickest of 1,024 episodes' bodies."""
-        bodies = None
+        bodies, torque = None, 0.0
         if self.conditions is not None:
             bodies = examples(self.conditions, self.craft, self.timing.episode_steps).strongest()
-        object.__setattr__(self, "timing", chosen(self.craft, self.timing, bodies))
+            torque = self.conditions.steady_torque
+        object.__setattr__(self, "timing", chosen(self.craft, self.timing, bodies, torque))
 
     def move(self, state: Any, influences: Influences) -> Any:
         """The state one control period later, by our equations."""

@@ -39,8 +39,15 @@ _UNEVEN = 1.5
 _RESERVE = 4.0
 """The same where steps are chosen: a tumbling rod multiplies its errors, so that it gets twice as many."""
 
+_FLIGHT = 25.0
+"""s, for which accuracy is promised."""
+_UNSTABLE = 11.0
+"""A torque tau that stays in W makes a spacecraft a pendulum whose errors grow as exp(0.65 t sqrt(tau / I)).
+From this flight times sqrt(tau / I) on, steps are shorter in proportion: with 1,000 times a step's error
+(`roboran`, `lab`) 25 s of the free flyer are within 1e-5 rad, with 10 million times (`harsh`) within 1e-4."""
 
-def chosen(craft: Spacecraft, timing: Timing, body: Body | None = None) -> Timing:
+
+def chosen(craft: Spacecraft, timing: Timing, body: Body | None = None, torque: float = 0.0) -> Timing:
     """The timing with a number of substeps, where it leaves that open.
 
     25 s of closed loop are then within 1e-4 m and 1e-4 rad: `validation.accuracy` shows it on random craft.
@@ -50,6 +57,7 @@ def chosen(craft: Spacecraft, timing: Timing, body: Body | None = None) -> Timin
         craft: what flies.
         timing: how.
         body: what is drawn or broken of it, numbers or arrays (N,); None: as designed.
+        torque: the largest that stays in W, N m.
     """
     if timing.substeps is not None:
         return timing
@@ -57,6 +65,9 @@ def chosen(craft: Spacecraft, timing: Timing, body: Body | None = None) -> Timin
     alpha = spin_up(craft, body) * period**2
     turn = max(_USUAL_SPIN * period, math.sqrt(math.pi * alpha), _PEAK * alpha)
     needed = turn / _longest(craft, body, _RESERVE)
+    if craft.dimension == 3:
+        least = float(np.linalg.eigvalsh(_tensors(body or Body.of(craft))).min())
+        needed *= max(1.0, _FLIGHT * math.sqrt(torque / least) / _UNSTABLE)
     if alpha > _HARDEST:
         warnings.warn(
             f"spacecraft {craft.name!r}: one command turns it up to {alpha / 2:.3g} rad in a control period "

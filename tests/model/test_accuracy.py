@@ -14,7 +14,7 @@ from rans.fast.engine import Engine
 from rans.model.accuracy import MOST, chosen, fastest, spin_up
 from rans.model.body import Body
 from rans.model.case import Influences
-from rans.model.conditions import Conditions, FaultConditions, ThrusterConditions
+from rans.model.conditions import Conditions, DisturbanceConditions, FaultConditions, ThrusterConditions
 from rans.model.fields import Vec3, map_leaves
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.spacecraft_file import load_spacecraft
@@ -129,6 +129,18 @@ def test_faults_count_with_what_they_leave_of_each_thruster() -> None:
     late = replace(faults, thrusters=ThrusterConditions(thrust=(1.5, 1.5)))
     assert World(craft, GoToPose(), timing, conditions=late).timing == chosen(
         craft, timing, replace(nominal, gain=(1.5,) * 12))
+
+
+def test_a_torque_that_stays_in_the_world_takes_more() -> None:
+    """A ball of 0.2045 kg m^2 that steps of 1 rad fit: 3 * 0.29705 = 0.89 rad a period, 1 step. Half a
+    newton metre is 25 * sqrt(0.5 / 0.2045) / 11 = 3.55 times as many: 3.2, so 4. The plane is never unstable."""
+    timing = Timing()
+    for torque, number in ((0.0, 1), (0.03, 1), (0.5, 4)):
+        assert chosen(FLYER, timing, torque=torque).substeps == number
+    assert chosen(load_spacecraft("floating-platform"), timing, torque=0.5).substeps == 1
+    pushed = Conditions(disturbances=DisturbanceConditions(torque=(0.0, 0.2), slow_torque=0.3))
+    for conditions in (pushed, replace(Conditions(), others=(pushed,))):
+        assert World(FLYER, GoToPose(), timing, conditions=conditions).timing.substeps == 4
 
 
 def test_worlds_and_engines_know_the_number() -> None:
