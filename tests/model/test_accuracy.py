@@ -133,7 +133,7 @@ def test_faults_count_with_what_they_leave_of_each_thruster() -> None:
 
 def test_a_torque_that_stays_in_the_world_takes_more() -> None:
     """A ball of 0.2045 kg m^2 that steps of 1 rad fit: 3 * 0.29705 = 0.89 rad a period, 1 step. Half a
-    newton metre is 25 * sqrt(0.5 / 0.2045) / 11 = 3.55 times as many: 3.2, so 4. The plane is never unstable."""
+    newton metre: 25 * sqrt(0.5 / 0.2045) / 11 = 3.55 times as many, 3.2, so 4. The plane is stable."""
     timing = Timing()
     for torque, number in ((0.0, 1), (0.03, 1), (0.5, 4)):
         assert chosen(FLYER, timing, torque=torque).substeps == number
