@@ -11,7 +11,7 @@ import math
 import operator
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple, Self, TypeVar
+from typing import Any, Self, TypeVar
 
 from rans.model.accuracy import chosen
 from rans.model.body import Body
@@ -133,17 +133,9 @@ def _dot(shares: Sequence[Field], coefficients: Sequence[float]) -> Field:
     return sum(terms[1:], start=terms[0]) if terms else shares[0] * 0.0
 
 
-class Piece(NamedTuple):
-    """A part of a control period."""
-
-    duration: Field
-    """s."""
-    first: Wrench
-    """Of the thrusters, at its beginning."""
-    last: Wrench | None = None
-    """At its end, a straight line over time between; None: it stays."""
-    longest: float = math.inf
-    """No duration is above it, s."""
+Piece = tuple[Field, Wrench, Wrench | None, float]
+"""A part of a control period: how long it lasts, s, the thrusters' wrench at its beginning and at its end, a
+straight line over time between (None: it stays), and how long it may last at most, s."""
 
 
 def held(state: AnyState, craft: Spacecraft, body: Body, command: Sequence[Field], timing: Timing,
@@ -156,14 +148,14 @@ def held(state: AnyState, craft: Spacecraft, body: Body, command: Sequence[Field
     substeps that is its share of the period at most; the rest is as for `advance`.
     """
     substeps, period = timing.substeps or chosen(craft, timing).substeps or 1, timing.control_period
-    at_once = (Piece(share * period, wrench(craft, part, body))
+    at_once = ((share * period, wrench(craft, part, body), None, period)
                for share, part in craft.actuators.pulses(command))
     for duration, first, last, longest in at_once if late is None else late:
         longest = min(duration if type(duration) is float else longest, period)  # a float, not one of NumPy
         steps = max(1, math.ceil(longest / period * substeps - 1e-9))
-        # Half as long a step is, with one node less, as accurate at the angles that `NODES` is for.
-        short = 2.0 * longest * substeps <= period * steps
-        state = advance(state, first, body, duration, steps, nodes - short, disturbance, drift, last)
+        # Half as long a step needs one node less at the angles that `NODES` is for.
+        few = nodes - (2.0 * longest * substeps <= period * steps)
+        state = advance(state, first, body, duration, steps, few, disturbance, drift, last)
     return state.normalised()
 
 
@@ -247,10 +239,7 @@ def _advance_planar(state: PlanarState, load: _Load, h: Field, nodes: int) -> Pl
 
 
 def _advance_spatial(state: SpatialState, load: _Load, h: Field) -> SpatialState:
-    """Spin by its Taylor series, attitude by Magnus' series, translation by quadrature.
-
-    The thrust's acceleration is expressed in B at the start of the step.
-    """
+    """Spin by its Taylor series, attitude by Magnus', translation by quadrature, in B's axes at the start."""
     inertia, pull, growth = load.body.inertia, load.disturbance, load.growth
     torque = [load.thrust.torque, *([] if growth is None else [growth.torque])]
     steady = None if pull is None else state.attitude.conjugate().rotate(pull.torque)

@@ -68,12 +68,12 @@ def pieces(craft: Spacecraft, body: Body, commands: Sequence[Sequence[Field]], l
         if isinstance(end, float) and isinstance(begin, float) and begin == end:
             continue
         if not ramps:
-            yield Piece(end - begin, _at(0.5 * (begin + end), before, jumps, lag))
+            yield end - begin, _at(0.5 * (begin + end), before, jumps, lag), None, period
             continue
         # A straight line through two points inside, where nothing jumps.
         a, b = (_at(begin + share * (end - begin), before, jumps, lag) for share in (0.25, 0.75))
         first, last = (map_leaves(lambda x, y: 1.5 * x - 0.5 * y, *ends) for ends in ((a, b), (b, a)))
-        yield Piece(end - begin, first, last)
+        yield end - begin, first, last, period
 
 
 def _once(before: Wrench, jump: Jump, lag: Lag, period: float) -> Iterator[Piece]:
@@ -82,20 +82,20 @@ def _once(before: Wrench, jump: Jump, lag: Lag, period: float) -> Iterator[Piece
     if jump.down is not None:
         after = map_leaves(operator.add, after, jump.down)
     if lag.latest > 0.0:
-        yield Piece(lag.latency, before, longest=lag.latest)
+        yield lag.latency, before, None, lag.latest
     gone = lag.latency
     if lag.rise is not None and lag.fall is None:
-        yield Piece(lag.rise, before, after, lag.slowest)
+        yield lag.rise, before, after, lag.slowest
         gone = gone + lag.rise
     elif lag.rise is not None and lag.fall is not None and jump.down is not None:
         first = where(lag.rise < lag.fall, lag.rise, lag.fall)
         up, down = _share(lag.fall, lag.rise), _share(lag.rise, lag.fall)
         middle = map_leaves(lambda x, y, z: x + y * up + z * down, before, jump.up, jump.down)
         rest = lag.rise + lag.fall - first - first
-        yield Piece(first, before, middle, lag.slowest)
-        yield Piece(rest, middle, after, lag.slowest)
+        yield first, before, middle, lag.slowest
+        yield rest, middle, after, lag.slowest
         gone = gone + first + rest
-    yield Piece(period - gone, after, longest=period)
+    yield period - gone, after, None, period
 
 
 def _told(craft: Spacecraft, body: Body, commands: Sequence[Sequence[Field]], period: float,
