@@ -7,7 +7,6 @@ Drivers differ in who moves the spacecraft (our equations, or Drake) and who beg
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -101,11 +100,12 @@ class World:
     """What episodes do not promise; None: a perfect world."""
 
     def __post_init__(self) -> None:
-        """Substeps are chosen for what flies; under conditions for 1,024 episodes' bodies, after faults."""
-        bodies = None
+        """Substeps are chosen for what flies; under conditions for the quickest of 1,024 episodes' bodies."""
+        bodies, torque = None, 0.0
         if self.conditions is not None:
-            bodies = examples(self.conditions, self.craft, self.timing.episode_steps).body_at(math.inf)
-        object.__setattr__(self, "timing", chosen(self.craft, self.timing, bodies))
+            bodies = examples(self.conditions, self.craft, self.timing.episode_steps).strongest()
+            torque = self.conditions.steady_torque
+        object.__setattr__(self, "timing", chosen(self.craft, self.timing, bodies, torque))
 
     def move(self, state: Any, influences: Influences) -> Any:
         """The state one control period later, by our equations."""

@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 import warnings
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -40,8 +39,15 @@ _UNEVEN = 1.5
 _RESERVE = 4.0
 """The same where steps are chosen: a tumbling rod multiplies its errors, so that it gets twice as many."""
 
+_FLIGHT = 25.0
+"""s, for which accuracy is promised."""
+_UNSTABLE = 11.0
+"""A torque tau that stays in W makes a spacecraft a pendulum whose errors grow as exp(0.65 t sqrt(tau / I)).
+From this flight times sqrt(tau / I) on, steps are shorter in proportion: with 1,000 times a step's error
+(`roboran`, `lab`) 25 s of the free flyer are within 1e-5 rad, with 10 million times (`harsh`) within 1e-4."""
 
-def chosen(craft: Spacecraft, timing: Timing, body: Body | None = None) -> Timing:
+
+def chosen(craft: Spacecraft, timing: Timing, body: Body | None = None, torque: float = 0.0) -> Timing:
     """The timing with a number of substeps, where it leaves that open.
 
     25 s of closed loop are then within 1e-4 m and 1e-4 rad: `validation.accuracy` shows it on random craft.
@@ -51,6 +57,7 @@ def chosen(craft: Spacecraft, timing: Timing, body: Body | None = None) -> Timin
         craft: what flies.
         timing: how.
         body: what is drawn or broken of it, numbers or arrays (N,); None: as designed.
+        torque: the largest that stays in W, N m.
     """
     if timing.substeps is not None:
         return timing
@@ -58,6 +65,9 @@ def chosen(craft: Spacecraft, timing: Timing, body: Body | None = None) -> Timin
     alpha = spin_up(craft, body) * period**2
     turn = max(_USUAL_SPIN * period, math.sqrt(math.pi * alpha), _PEAK * alpha)
     needed = turn / _longest(craft, body, _RESERVE)
+    if craft.dimension == 3:
+        least = float(np.linalg.eigvalsh(_tensors(body or Body.of(craft))).min())
+        needed *= max(1.0, _FLIGHT * math.sqrt(torque / least) / _UNSTABLE)
     if alpha > _HARDEST:
         warnings.warn(
             f"spacecraft {craft.name!r}: one command turns it up to {alpha / 2:.3g} rad in a control period "
@@ -83,23 +93,31 @@ def _longest(craft: Spacecraft, body: Body | None, uneven: float = _UNEVEN) -> f
 
 
 def spin_up(craft: Spacecraft, body: Body | None = None) -> float:
-    """The largest angular acceleration of any command, rad/s^2; for a body that differs, a bound of it."""
-    size, nominal = craft.dimension, _tensors(Body.of(craft))
-    table = np.array(craft.wrench_map)
-    ways = np.linalg.solve(nominal, table[:, size:].T).T
-    most = float(np.linalg.norm(ways, axis=1).max())
-    if craft.thrust_sharing == "none":
-        most = max(most, _longest_sum(ways))
-    if body is None:
-        return most
-    inverse = np.linalg.inv(_tensors(body))
-    lighter = float(np.linalg.norm(inverse @ nominal, 2, axis=(-2, -1)).max())
-    forces = np.linalg.norm(table[:, :size], axis=1)
-    force = forces.max() if craft.thrust_sharing == "split" else forces.sum()
-    shift = sum(_largest(x) ** 2 for x in body.centre) ** 0.5
-    opened = zip(body.gain, body.leak, strict=True) if body.gain and body.leak else ()
-    thrust = max((_largest(numbers(gain) + numbers(leak)) for gain, leak in opened), default=1.0)
-    return thrust * (lighter * most + shift * force * float(np.linalg.norm(inverse, 2, axis=(-2, -1)).max()))
+    """The largest angular acceleration of any command, rad/s^2; of several bodies that of the quickest."""
+    ways, directions = _ways(craft, body or Body.of(craft)), np.random.default_rng(0).normal(size=(64, 3))
+    if craft.thrust_sharing != "none" and (body is None or body.droop is None):
+        return float(np.linalg.norm(ways, axis=-1).max())
+    # Exactly for those few that are the quickest in some of many directions.
+    directions = directions[:, :ways.shape[-1]]
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    seen = np.maximum(ways @ directions.T, 0.0).sum(axis=1).max(axis=-1)
+    return max(_longest_sum(ways[k]) for k in np.argsort(seen)[-8:])
+
+
+def _ways(craft: Spacecraft, body: Body) -> np.ndarray:
+    """Angular acceleration of every body by each thruster, as far as it can open, (bodies, n, 1 or 3)."""
+    table, size = np.array(craft.wrench_map), craft.dimension
+    count = len(table)
+    opened = [numbers(gain) + numbers(leak) for gain, leak in zip(
+        body.gain or (1.0,) * count, body.leak or (0.0,) * count, strict=True)]
+    shares = np.atleast_2d(np.stack(np.broadcast_arrays(*opened), axis=-1))
+    offset = map(numbers, body.centre or (0.0,) * size)
+    centre = np.atleast_2d(np.stack(np.broadcast_arrays(*offset), axis=-1))[:, None]
+    force, tensors = table[:, :size], np.atleast_3d(_tensors(body).T).T
+    moved = np.cross(centre, force) if size == 3 else (centre[..., :1] * force[:, 1:]
+                                                       - centre[..., 1:] * force[:, :1])
+    torques = (table[:, size:] - moved) * shares[..., None]
+    return np.linalg.solve(tensors[:, None], torques[..., None])[..., 0]
 
 
 def _longest_sum(vectors: np.ndarray) -> float:
@@ -122,7 +140,3 @@ def _tensors(body: Body) -> np.ndarray:
     order = (0,) if len(entries) == 1 else (0, 1, 2, 1, 3, 4, 2, 4, 5)
     side = 1 if len(entries) == 1 else 3
     return np.stack([entries[k] for k in order], axis=-1).reshape(*entries[0].shape, side, side)
-
-
-def _largest(field: Any) -> float:
-    return float(np.abs(numbers(field)).max())

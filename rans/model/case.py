@@ -121,6 +121,14 @@ class Case:
         return replace(self.body, gain=tuple(map(choose, self.fault.gain, self.body.gain)),
                        leak=tuple(map(choose, self.fault.leak, self.body.leak)))
 
+    def strongest(self) -> Body:
+        """What flies, with thrusters that are always as strong as before or after their fault."""
+        if self.fault is None:
+            return self.body
+        gain = (where(a + b > c + d, a + b, c + d) for a, b, c, d in zip(
+            self.body.gain, self.body.leak, self.fault.gain, self.fault.leak, strict=True))
+        return replace(self.body, gain=tuple(gain), leak=(0.0,) * len(self.body.leak))
+
     def disturbance(self, step: Field, period: float) -> Wrench | None:
         """What pushes in this control period beside the thrusters, constant in W; None: nothing ever.
 
@@ -203,7 +211,8 @@ def _lag(conditions: Conditions, random: Random) -> Lag | None:
     latency = random.within(given.latency) + random.within(given.command_delay)
     ramps = largest(given.rise) > 0.0 or largest(given.fall or 0.0) > 0.0
     rise = random.within(given.rise) if ramps else None
-    return Lag(latency, rise, None if given.fall is None else random.within(given.fall))
+    fall = None if given.fall is None else random.within(given.fall)
+    return Lag(latency, rise, fall, conditions.delay, conditions.lasting - conditions.delay)
 
 
 def _hold(conditions: Conditions, random: Random) -> Hold | None:

@@ -223,6 +223,12 @@ class Conditions(Settings):
         return None if replace(self, description="") == Conditions() else self
 
     @property
+    def steady_torque(self) -> float:
+        """The largest that stays for longer than a kick, N m."""
+        every = (part.disturbances for part in (self, *self.others))
+        return max(largest(part.torque) + largest(part.slow_torque) for part in every)
+
+    @property
     def delay(self) -> float:
         """The longest time from a decision until a valve begins to move, s."""
         return largest(self.thrusters.latency) + largest(self.thrusters.command_delay)

@@ -17,7 +17,7 @@ from rans.model.accuracy import chosen
 from rans.model.body import Body
 from rans.model.drift import FREE, Drift
 from rans.model.fields import Attitude, Field, Heading, Quat, Vec2, Vec3, Vector, at_least, map_leaves
-from rans.model.rotation import Rotation, at, exponential, spin_series, turned
+from rans.model.rotation import Rotation, at, even, exponential, pulled, spin_series, turned
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.model.translation import RULES, moved
@@ -133,9 +133,9 @@ def _dot(shares: Sequence[Field], coefficients: Sequence[float]) -> Field:
     return sum(terms[1:], start=terms[0]) if terms else shares[0] * 0.0
 
 
-Piece = tuple[Field, Wrench, Wrench | None]
-"""A part of a control period, s, with the thrusters' wrench at its beginning and at its end, a straight line
-over time between; None: it stays."""
+Piece = tuple[Field, Wrench, Wrench | None, float]
+"""A part of a control period: how long it lasts, s, the thrusters' wrench at its beginning and at its end, a
+straight line over time between (None: it stays), and how long it may last at most, s."""
 
 
 def held(state: AnyState, craft: Spacecraft, body: Body, command: Sequence[Field], timing: Timing,
@@ -144,16 +144,18 @@ def held(state: AnyState, craft: Spacecraft, body: Body, command: Sequence[Field
     """The state after a command was held for one control period, heading or quaternion normalised.
 
     The craft's actuators say how they take commands, one field of 0 to 1 per thruster; ``late`` is instead
-    what valves that answer late make of it (`rans.model.valves.pieces`). A piece whose share of the period is
-    a plain number takes that share of the substeps; the rest is as for `advance`.
+    what valves that answer late make of it (`rans.model.valves.pieces`). A piece takes the share of the
+    substeps that is its share of the period at most; the rest is as for `advance`.
     """
     substeps, period = timing.substeps or chosen(craft, timing).substeps or 1, timing.control_period
-    at_once = ((share * period, wrench(craft, part, body), None)
+    at_once = ((share * period, wrench(craft, part, body), None, period)
                for share, part in craft.actuators.pulses(command))
-    for duration, first, last in at_once if late is None else late:
-        plain = type(duration) is float  # not of NumPy
-        steps = max(1, math.ceil(duration / period * substeps - 1e-9)) if plain else substeps
-        state = advance(state, first, body, duration, steps, nodes, disturbance, drift, last)
+    for duration, first, last, longest in at_once if late is None else late:
+        longest = min(duration if type(duration) is float else longest, period)  # a float, not one of NumPy
+        steps = max(1, math.ceil(longest / period * substeps - 1e-9))
+        # Half as long a step needs one node less at the angles that `NODES` is for.
+        few = nodes - (2.0 * longest * substeps <= period * steps)
+        state = advance(state, first, body, duration, steps, few, disturbance, drift, last)
     return state.normalised()
 
 
@@ -237,20 +239,21 @@ def _advance_planar(state: PlanarState, load: _Load, h: Field, nodes: int) -> Pl
 
 
 def _advance_spatial(state: SpatialState, load: _Load, h: Field) -> SpatialState:
-    """Spin by its Taylor series, attitude by Magnus' series, translation by quadrature.
-
-    The thrust's acceleration is expressed in B at the start of the step.
-    """
-    pull, torque = load.disturbance, [load.thrust.torque]
+    """Spin by its Taylor series, attitude by Magnus', translation by quadrature, in B's axes at the start."""
+    inertia, pull, growth = load.body.inertia, load.disturbance, load.growth
+    torque = [load.thrust.torque, *([] if growth is None else [growth.torque])]
     steady = None if pull is None else state.attitude.conjugate().rotate(pull.torque)
-    rate = spin_series(state.w, torque if load.growth is None else [*torque, load.growth.torque],
-                       load.body.inertia, h, steady)
+    rate = spin_series(state.w, torque, inertia, h, steady)
     rotation, push, rule = Rotation(rate, h), load.pushes(), RULES[_SPATIAL_NODES]
-    pushes = (turned(rotation.vector(node), push(node)) for node, _ in rule)
+    turns = [(rotation.vector(node), node, weight) for node, weight in rule]
+    pushes = (turned(turn, push(node)) for turn, node, _ in turns)
 
     def in_world(u: Vec3, share: Field) -> Vec3:
         return state.attitude.rotate(u.scale(share))
 
     p, v = moved(state.p, state.v, h, load.drift, rule, pushes, in_world, load.steady())
-    attitude = state.attitude.times(exponential(rotation.vector(1.0)))
-    return SpatialState(p, attitude, v, at(rate, 1.0))
+    turn, w = rotation.whole, at(rate, 1.0)
+    if steady is not None and even(inertia):
+        once, twice = (x.scale(h * (1.0 / inertia[0])) for x in pulled(torque, turns, steady))
+        turn, w = (state.w + twice).scale(h) + rotation.brackets, state.w + once
+    return SpatialState(p, state.attitude.times(exponential(turn)), v, w)

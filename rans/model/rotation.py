@@ -5,6 +5,7 @@ A series is a list of vectors, the coefficients of the powers of the share of a 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from functools import reduce
 from operator import add
@@ -16,6 +17,14 @@ Series = Sequence[Vec3]
 
 _ORDER = 8
 """Of the spin's series where moments of inertia differ."""
+_EVEN_ORDER = 4
+"""Of equal moments under a torque that turns: it only says where that points (`pulled`)."""
+
+_IN_THE_MIDDLE = [[math.comb(j, k) * 0.5 ** (j - k) for j in range(_ORDER + 1)] for k in range(4)]
+"""Share that every coefficient of a series has in its k-th derivative there, over k factorial."""
+_ALTERNATING = {first: [(-1) ** k / math.perm(first - 1 + 2 * k, 2 * k) for k in range(4, -1, -1)]
+                for first in (2, 3)}
+"""Coefficients by falling powers; all made beforehand, as torch traces few functions of numbers."""
 
 
 def at(series: Series, share: float) -> Vec3:
@@ -43,19 +52,26 @@ def spin_series(w: Vec3, torque: Sequence[Any], inertia: Sequence[Field], h: Fie
     """
     xx, xy, xz, yy, yz, zz = inertia
     excess, inverse = (_less(xx, zz), xy, xz, _less(yy, zz), yz, 0.0), _inverse(inertia)
-    even = all(isinstance(x, float) and x == 0.0 for x in excess)
+    calm = even(inertia)
+    order = _ORDER if not calm else len(torque) if steady is None else _EVEN_ORDER
     turning = [] if steady is None else [steady]
     rate, momentum = [w], []
-    for k in range(len(torque) if even and not turning else _ORDER):
+    for k in range(order):
         torques: list[Any] = list(torque[k:k + 1])
         if turning:
             torques.append(turning[k])
             turning.append(last_product(turning, rate).scale(h / (k + 1)))
-        if not even:
+        if not calm:
             momentum.append(_symmetric_times(excess, rate[k]))
             torques.append(last_product(momentum, rate))
         rate.append(_symmetric_times(inverse, reduce(add, torques)).scale(h / (k + 1)))
     return rate
+
+
+def even(inertia: Sequence[Field]) -> bool:
+    """Whether all moments of inertia, as in `spin_series`, are known to be equal."""
+    xx, xy, xz, yy, yz, zz = inertia
+    return all(isinstance(x, float) and x == 0.0 for x in (_less(xx, zz), xy, xz, _less(yy, zz), yz))
 
 
 def last_product(a: Series, b: Series) -> Vec3:
@@ -94,22 +110,58 @@ class Rotation:
     """
 
     def __init__(self, rate: Series, duration: Field) -> None:
-        self._duration = duration
-        self._derivatives = [rate]
-        """The k-th, over k factorial."""
-        for k in range(1, 5):
-            rate = [x.scale(j / k) for j, x in enumerate(rate[1:], 1)]
-            self._derivatives.append(rate)
+        self.brackets = _brackets(rate, duration)
+        """What the rotation vector has beside the integral of the rate, for the whole step."""
+        self.whole = _sum(rate, [1.0 / k for k in range(1, len(rate) + 1)]).scale(duration) + self.brackets
+        """Rotation vector of the whole step, in the frame at its start."""
+        # Its Taylor series as far as that is short, and one more term that ends it where the step ends.
+        zero = Vec3(0.0, 0.0, 0.0)
+        w0, w1, w2, w3 = (*rate, zero, zero, zero, zero)[:4]
+        second, third = (w0.cross(rate[k]).scale(duration / 12.0) if k < len(rate) else zero for k in (1, 2))
+        path = [w0, w1.scale(1.0 / 2.0), w2.scale(1.0 / 3.0) + second, w3.scale(1.0 / 4.0) + third]
+        self._path = [zero, *(x.scale(duration) for x in path)]
+        self._path.append(self.whole - reduce(add, self._path))
 
     def vector(self, share: float) -> Vec3:
-        """Rotation vector from the start until this share of the step is gone, in the frame at the start."""
-        r0, r1, r2, r3, r4 = (at(series, 0.5 * share).scale(share**k * self._duration)
-                              for k, series in enumerate(self._derivatives, 1))
-        slope = r1 + r3.scale(3.0 / 20.0)
-        first = slope.cross(r0)
-        second = (r2.scale(2.0) + first).cross(r0).scale(-1.0 / 60.0)
-        brackets = (slope + second).cross(first - r0.scale(20.0) - r2).scale(1.0 / 240.0)
-        return r0 + r2.scale(1.0 / 12.0) + r4.scale(1.0 / 80.0) + brackets
+        """Rotation vector from the start until this share of the step is gone, of order five."""
+        return at(self._path, share)
+
+
+def _brackets(rate: Series, duration: Field) -> Vec3:
+    r0, r1, r2, r3 = (_derivative(rate, k).scale(duration) for k in range(4))
+    slope = r1 + r3.scale(3.0 / 20.0)
+    first = slope.cross(r0)
+    second = (r2.scale(2.0) + first).cross(r0).scale(-1.0 / 60.0)
+    return (slope + second).cross(first - r0.scale(20.0) - r2).scale(1.0 / 240.0)
+
+
+def _derivative(series: Series, k: int) -> Vec3:
+    """The k-th of a series in the middle, over k factorial."""
+    return _sum(series[k:], _IN_THE_MIDDLE[k][k:len(series)])
+
+
+def _sum(vectors: Sequence[Vec3], factors: Sequence[float]) -> Vec3:
+    terms = [x.scale(factor) for x, factor in zip(vectors, factors, strict=True)]
+    return reduce(add, terms) if terms else Vec3(0.0, 0.0, 0.0)
+
+
+def pulled(torque: Sequence[Any], turns: Sequence[tuple[Vec3, float, float]],
+           steady: Vec3) -> tuple[Vec3, Vec3]:
+    """A torque and one that is constant in W, integrated once and twice over the share of a step gone.
+
+    Where moments of inertia are equal nothing else changes the spin, and this is closer to the truth than
+    the end of a series.
+
+    Args:
+        torque: in B, by powers of that share, N m.
+        turns: rotation vectors at the nodes of a rule, the nodes and their weights.
+        steady: the other, as B sees it at the start, N m.
+    """
+    seen = [turned(turn.scale(-1.0), steady) for turn, _, _ in turns]
+    powers = range(1, len(torque) + 1)
+    return (_sum(torque, [1.0 / k for k in powers]) + _sum(seen, [weight for *_, weight in turns]),
+            _sum(torque, [1.0 / (k * (k + 1)) for k in powers])
+            + _sum(seen, [weight * (1.0 - node) for _, node, weight in turns]))
 
 
 def turned(rotation: Vec3, v: Vec3) -> Vec3:
@@ -132,8 +184,8 @@ def _sine_and_cosine(square: Field) -> tuple[Field, Field]:
 
 
 def _alternating(square: Field, first: int) -> Field:
-    """1 - s / (n (n + 1)) (1 - s / ((n + 2) (n + 3)) (1 - ...)), four brackets deep."""
-    result = 1.0 - square * (1.0 / ((first + 6) * (first + 7)))
-    for n in (first + 4, first + 2, first):
-        result = 1.0 - square * result * (1.0 / (n * (n + 1)))
+    """1 - s / (n (n + 1)) + s^2 / (n (n + 1) (n + 2) (n + 3)) - ..., five terms."""
+    result, *factors = _ALTERNATING[first]
+    for factor in factors:
+        result = square * result + factor
     return result

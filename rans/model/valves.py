@@ -7,6 +7,8 @@ whole wrenches are ramped, not nozzles.
 
 from __future__ import annotations
 
+import math
+import operator
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -27,6 +29,10 @@ class Lag:
     """None: at once."""
     fall: Field | None
     """None: as the rise."""
+    latest: float = math.inf
+    """No latency is above it, s."""
+    slowest: float = math.inf
+    """No ramp is longer, s."""
 
 
 class Jump(NamedTuple):
@@ -52,6 +58,9 @@ def pieces(craft: Spacecraft, body: Body, commands: Sequence[Sequence[Field]], l
         period: s.
     """
     before, jumps = _told(craft, body, commands, period, lag.fall is not None)
+    if len(jumps) == 1 and lag.latest + lag.slowest <= period + 1e-9:
+        yield from _once(before, jumps[0], lag, period)
+        return
     ramps = [] if lag.rise is None else [lag.rise] if lag.fall is None else [lag.rise, lag.fall]
     edges = [jump.time + lag.latency + ramp for jump in jumps for ramp in (0.0, *ramps)]
     edges = ascending([_within(edge, period) for edge in edges])
@@ -59,12 +68,34 @@ def pieces(craft: Spacecraft, body: Body, commands: Sequence[Sequence[Field]], l
         if isinstance(end, float) and isinstance(begin, float) and begin == end:
             continue
         if not ramps:
-            yield end - begin, _at(0.5 * (begin + end), before, jumps, lag), None
+            yield end - begin, _at(0.5 * (begin + end), before, jumps, lag), None, period
             continue
         # A straight line through two points inside, where nothing jumps.
         a, b = (_at(begin + share * (end - begin), before, jumps, lag) for share in (0.25, 0.75))
         first, last = (map_leaves(lambda x, y: 1.5 * x - 0.5 * y, *ends) for ends in ((a, b), (b, a)))
-        yield end - begin, first, last
+        yield end - begin, first, last, period
+
+
+def _once(before: Wrench, jump: Jump, lag: Lag, period: float) -> Iterator[Piece]:
+    """The pieces where the period's own command is the only change, and is obeyed in the period."""
+    after = map_leaves(operator.add, before, jump.up)
+    if jump.down is not None:
+        after = map_leaves(operator.add, after, jump.down)
+    if lag.latest > 0.0:
+        yield lag.latency, before, None, lag.latest
+    gone = lag.latency
+    if lag.rise is not None and lag.fall is None:
+        yield lag.rise, before, after, lag.slowest
+        gone = gone + lag.rise
+    elif lag.rise is not None and lag.fall is not None and jump.down is not None:
+        first = where(lag.rise < lag.fall, lag.rise, lag.fall)
+        up, down = _share(lag.fall, lag.rise), _share(lag.rise, lag.fall)
+        middle = map_leaves(lambda x, y, z: x + y * up + z * down, before, jump.up, jump.down)
+        rest = lag.rise + lag.fall - first - first
+        yield first, before, middle, lag.slowest
+        yield rest, middle, after, lag.slowest
+        gone = gone + first + rest
+    yield period - gone, after, None, period
 
 
 def _told(craft: Spacecraft, body: Body, commands: Sequence[Sequence[Field]], period: float,

@@ -57,11 +57,16 @@ def pushes(craft: Spacecraft, commands: list[list[float]]) -> list[list[tuple[fl
 
 
 @pytest.mark.parametrize("kind", [OnOff(), Pulsed(1000), Pulsed(4), Throttle()], ids=str)
-@pytest.mark.parametrize("lag", [Lag(0.13, 0.05, 0.09), Lag(0.0, 0.19, None), Lag(0.02, 0.3, 0.1)], ids=str)
+@pytest.mark.parametrize("lag", [
+    Lag(0.13, 0.05, 0.09), Lag(0.0, 0.19, None), Lag(0.02, 0.3, 0.1),
+    # Known to be over within the period, whose own command is then the only change.
+    Lag(0.06, 0.05, 0.09, 0.1, 0.1), Lag(0.06, 0.09, 0.05, 0.1, 0.1), Lag(0.06, 0.05, None, 0.1, 0.1),
+], ids=str)
 def test_one_period_is_that_of_scipy(kind: Any, lag: Lag) -> None:
     craft, random = replace(nasty_planar(), actuators=kind), np.random.default_rng(6)
     most = 4 if kind.is_continuous else 1
-    commands = random.integers(0, most + 1, (4, 5)) / most
+    felt = 2 if lag.latest < PERIOD else 4
+    commands = random.integers(0, most + 1, (felt, 5)) / most
     told = pushes(craft, commands.tolist())
     arms = np.array([t.position for t in craft.thrusters])[:, :2] - craft.centre_of_mass[:2]
     forces = np.array([np.array(t.direction[:2]) * t.force for t in craft.thrusters])
@@ -93,6 +98,7 @@ ROD = Spacecraft("rod", 2, 2.0, ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.
 ALONG, NONE = (1.0, *[0.0] * 5), (0.0,) * 6
 
 
+@pytest.mark.parametrize("known", [False, True], ids=["", "bounds are known"])
 @pytest.mark.parametrize(("lag", "told", "earlier", "speed"), [
     # 1 N on 2 kg from 0.05 s on: 0.15 s.
     (Lag(0.05, None, None), ALONG, [NONE], 0.075),
@@ -107,7 +113,9 @@ ALONG, NONE = (1.0, *[0.0] * 5), (0.0,) * 6
     # At once, though shutting takes its time.
     (Lag(0.0, 0.0, 0.1), ALONG, [NONE], 0.1),
 ])
-def test_impulses_by_hand(lag: Lag, told: Any, earlier: Any, speed: float) -> None:
+def test_impulses_by_hand(lag: Lag, told: Any, earlier: Any, speed: float, known: bool) -> None:
+    if known:
+        lag = replace(lag, latest=lag.latency, slowest=max(lag.rise or 0.0, lag.fall or 0.0))
     rest = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
     found = after(rest, ROD, lag, told, earlier)
     assert (found.v.x, found.v.y) == pytest.approx((speed, 0.0), abs=1e-15)

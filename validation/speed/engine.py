@@ -8,6 +8,7 @@ from torch import Tensor
 from rans.fast.engine import Engine
 from rans.fast.learn.graph import graphed
 from rans.fast.step import Step
+from rans.model.conditions import Conditions
 from rans.model.spacecraft import Spacecraft
 from rans.tasks import Task
 from validation.speed.measurement import Clock, Measurement
@@ -32,7 +33,8 @@ def copy_bandwidth(clock: Clock) -> Measurement:
 
 
 def engine_rate(craft: Spacecraft, task: Task, num_envs: int, clock: Clock, bandwidth: float | None = None,
-                compiled: bool | None = True, generated: bool = True) -> Measurement:
+                compiled: bool | None = True, generated: bool = True,
+                conditions: Conditions | None = None) -> Measurement:
     """Environment steps per second: dynamics, reward terms, ends, both observations, reset.
 
     Args:
@@ -43,8 +45,10 @@ def engine_rate(craft: Spacecraft, task: Task, num_envs: int, clock: Clock, band
         bandwidth: of `copy_bandwidth`, GB/s: no more steps' bytes can be moved in a second.
         compiled: see `Engine`.
         generated: see `Engine`.
+        conditions: see `Engine`.
     """
-    engine = Engine(craft, task, num_envs, device=clock.device, compiled=compiled, generated=generated)
+    engine = Engine(craft, task, num_envs, device=clock.device, compiled=compiled, generated=generated,
+                    conditions=conditions)
     engine.stagger()  # as in training: in every step some episodes end
     actions = _actions(engine, _STEPS)
     seconds, warm_up = clock.time(graphed(lambda: _last(engine, actions).reward, torch.device(clock.device)))

@@ -57,13 +57,19 @@ class StepWork:
         return sum(self.operations[name] for name in _SPECIAL)
 
 
-def step_work(engine: Engine) -> StepWork:
+def step_work(engine: Engine, remember: bool = True) -> StepWork:
     """What a step of this engine moves and computes, for actions of one byte a thruster.
+
+    Args:
+        engine: whose.
+        remember: whether it remembers what episodes draw from their conditions, see `Engine`.
 
     Raises:
         TypeError: the task's functions do more than arithmetic on fields.
     """
-    program = trace(engine._world, engine._episode, engine.dtype)
+    episode = engine._episode if remember else engine._place.episodes(
+        engine._world, engine.body, engine.num_envs, engine._draws, remember=False)
+    program = trace(engine._world, episode, engine.dtype)
     symbols = list(ordered([program.ended, *(store.value for store in program.going())]))
     operations = Counter(s.operation for s in symbols if s.operation not in _NO_OPERATIONS)
     return StepWork(tuple(_traffic(engine, program, set(symbols))), operations)
@@ -71,7 +77,7 @@ def step_work(engine: Engine) -> StepWork:
 
 def _traffic(engine: Engine, program: Program, used: set[Symbol]) -> list[Traffic]:
     """By part, in the order of memory."""
-    real, names = engine.dtype.itemsize, _memory_names(engine)
+    real, names = engine.dtype.itemsize, _memory_names(engine, len(program.memory))
     sizes = [_BYTES.get(given.type, real) for given in program.memory]
     kept = {store.row for store in program.going() if store.array == "memory"}
     memory = [Traffic(name, size * (given.symbol in used), size * (row in kept))
@@ -90,11 +96,11 @@ def _sum(name: str, rows: list[Traffic]) -> Traffic:
     return Traffic(name, sum(row.read for row in rows), sum(row.written for row in rows))
 
 
-def _memory_names(engine: Engine) -> list[str]:
-    """Of each array of the engine's memory, in its order."""
+def _memory_names(engine: Engine, count: int) -> list[str]:
+    """Of each of so many arrays of the engine's memory, in its order."""
     goals = sum(not isinstance(goal, float) for goal in leaves(engine.goal))
     names = ["state"] * len(leaves(engine.state)) + ["goal"] * goals + ["clock"]
-    return names + ["last command"] * (len(engine.save_state()["buffers"]) - len(names))
+    return names + ["last command"] * (count - len(names))
 
 
 def _result_name(program: Program, store: Store) -> str:

@@ -29,6 +29,9 @@ _C_TYPES: dict[torch.dtype, Any] = {
     torch.uint8: "unsigned char", torch.float32: "float", torch.float64: "double"}
 MANY = 2**18
 """From so many spacecraft on, an even number, a thread steps two: with fewer, threads would be missed."""
+LONG = 950
+"""A step of so many operations is not bound by memory: two in a thread only crowd its registers and the
+instruction caches (docs/decisions/013-conditions.md)."""
 _OPTIONS = ("--std=c++17", "--ftz=true", "--prec-div=false", "--prec-sqrt=false")
 """float32 divisions and roots may be two units in the last place off; float64 is not affected."""
 _SHARED_BYTES = 8
@@ -125,7 +128,8 @@ class Kernel:
         self._seed, self._members = (draws.low, draws.high), members
         self._thrusters = len(world.craft.thrusters)
         self._real, self._device, self._count = dtype, self._inputs[0].device, len(self._inputs[0])
-        self._together = 2 if self._count >= MANY and self._count % 2 == 0 else 1
+        many = self._count >= MANY and self._count % 2 == 0
+        self._together = 2 if many and self._program.operations < LONG else 1
         for given in self._program.settings:  # read as they lie in memory, so that nothing converts them
             if (given.source.dtype, given.source.device) != (self._real, self._device):
                 raise TypeError(f"settings that move must be {self._real} on {self._device}, got "

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Literal
 
 from rans.episode import Episode, World
@@ -94,6 +95,11 @@ class Program:
     def going(self) -> list[Store]:
         """What is stored where no episode ends, with no more than that needs."""
         return _given(self.always, self.ended, value=False)
+
+    @cached_property
+    def operations(self) -> int:
+        """Of a step in which no episode ends."""
+        return sum(bool(s.args) for s in ordered([self.ended, *(store.value for store in self.going())]))
 
     def rare(self) -> set[Symbol]:
         """What only an episode's end needs, and no choice by it enters: draws and final observations."""

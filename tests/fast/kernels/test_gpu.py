@@ -73,6 +73,7 @@ def compare(plain: Engine, kernel: Engine) -> None:
 def count(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> int:
     """So many environments that a thread steps as many as the key of `COUNTS`, fetching ahead."""
     monkeypatch.setattr(launch, "MANY", 1)
+    monkeypatch.setattr(launch, "LONG", 2**31)
     monkeypatch.setattr(launch.Kernel, "_blocks_ahead", lambda _: 3)  # or so few blocks fetch nothing
     return COUNTS[request.param]
 

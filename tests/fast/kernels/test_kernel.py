@@ -46,6 +46,7 @@ def on_host(tmp_path: Path) -> Iterator[Callable[..., Engine]]:
 def together(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> int:
     """Of few spacecraft too, a thread steps so many."""
     monkeypatch.setattr(launch, "MANY", 1 if request.param == 2 else 2**31)
+    monkeypatch.setattr(launch, "LONG", 2**31)
     return request.param
 
 
@@ -107,6 +108,18 @@ def test_actions_may_lie_anywhere(on_host: Any) -> None:
     assert on_host(*made)._kernel._readable(shifted).data_ptr() % 16 == 0
     assert torch.equal(seen[0], seen[1])
     assert torch.equal(seen[0], seen[2])
+
+
+@pytest.mark.parametrize(("conditions", "together"), [(None, 2), ("lab", 1)])
+def test_a_long_step_is_one_spacecrafts(on_host: Any, conditions: str | None, together: int,
+                                        monkeypatch: pytest.MonkeyPatch) -> None:
+    """docs/speed.md has 198 operations in a perfect world; all of `lab` is more than `LONG`."""
+    monkeypatch.setattr(launch, "MANY", 1)
+    engine = on_host(PLATFORM, GoToPose(), 4, conditions=conditions)
+    episode = engine._place.episodes(engine._world, engine.body, 4, engine._draws, remember=False)
+    kernel = launch.Kernel(engine._world, episode, engine._draws, engine.processes, engine.dtype)
+    assert kernel._together == together
+    assert kernel._program.operations == 198 or conditions
 
 
 def test_an_odd_number_of_spacecraft_flies_one_by_one(on_host: Any, monkeypatch: pytest.MonkeyPatch) -> None:
