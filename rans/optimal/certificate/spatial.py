@@ -88,9 +88,13 @@ class SpinLattice:
         if self.pulse is None:
             return fuel
         count = round(rounded_up(fuel, self.pulse) / self.pulse)
-        if self.odd and last is not None and len({m % 2 for m in last}) == 1:
+        if last is not None and self.settled(last):
             count += (count - last[0]) % 2
         return count * self.pulse
+
+    def settled(self, last: range | None) -> bool:
+        """Whether these squared lengths at the end settle if the number of pulses is even or odd."""
+        return self.odd and last is not None and len({m % 2 for m in last}) == 1
 
     @cached_property
     def kinds(self) -> np.ndarray:

@@ -82,7 +82,7 @@ def sweep(costs: np.ndarray, moves: np.ndarray, turned: np.ndarray, states: int,
 
 
 @compiled
-def _exponential(x: float, y: float, z: float) -> tuple[float, float, float, float]:
+def exponential(x: float, y: float, z: float) -> tuple[float, float, float, float]:
     """Quaternion of a rotation vector."""
     angle = math.sqrt(x * x + y * y + z * z)
     s = 0.5 if angle < 1e-9 else math.sin(0.5 * angle) / angle
@@ -90,8 +90,9 @@ def _exponential(x: float, y: float, z: float) -> tuple[float, float, float, flo
 
 
 @compiled
-def _product(a: tuple[float, float, float, float],
+def product(a: tuple[float, float, float, float],
              b: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
+    """Of two quaternions."""
     return (a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3],
             a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2],
             a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1],
@@ -99,8 +100,9 @@ def _product(a: tuple[float, float, float, float],
 
 
 @compiled
-def _rotated(q: tuple[float, float, float, float], x: float, y: float,
+def rotated(q: tuple[float, float, float, float], x: float, y: float,
              z: float) -> tuple[float, float, float]:
+    """A vector on B in the world, q from B to W."""
     w, a, b, c = q
     u, v, s = 2.0 * (b * z - c * y), 2.0 * (c * x - a * z), 2.0 * (a * y - b * x)
     return x + w * u + b * s - c * v, y + w * v + c * u - a * s, z + w * s + a * v - b * u
@@ -122,36 +124,78 @@ def fly(commands: np.ndarray, first: int, wrenches: np.ndarray, h: float, rule: 
         rule: (2, nodes) places and weights on (0, 1).
         path: written.
     """
+    total = np.empty(6)
     for k in range(first, len(commands)):
-        fx, fy, fz, ax, ay, az = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        total[:] = 0.0
         for i in range(len(wrenches)):
             if commands[k, i] != 0:
-                fx, fy, fz = fx + wrenches[i, 0], fy + wrenches[i, 1], fz + wrenches[i, 2]
-                ax, ay, az = ax + wrenches[i, 3], ay + wrenches[i, 4], az + wrenches[i, 5]
-        now, new = path[k], path[k + 1]
-        new[:], q = now, (now[3], now[4], now[5], now[6])
-        w0, w1, w2 = now[10], now[11], now[12]
-        cx, cy, cz = w1 * az - w2 * ay, w2 * ax - w0 * az, w0 * ay - w1 * ax
-        if fx != 0.0 or fy != 0.0 or fz != 0.0:
-            for node in range(rule.shape[1]):
-                s, weight = rule[0, node] * h, rule[1, node] * h
-                a, b = 0.5 * s * s, s * s * s / 12.0
-                turn = _product(q, _exponential(s * w0 + a * ax + b * cx, s * w1 + a * ay + b * cy,
-                                                s * w2 + a * az + b * cz))
-                px, py, pz = _rotated(turn, fx, fy, fz)
-                new[7], new[8], new[9] = new[7] + weight * px, new[8] + weight * py, new[9] + weight * pz
-                weight *= h - s
-                new[0], new[1], new[2] = new[0] + weight * px, new[1] + weight * py, new[2] + weight * pz
-        if w0 != 0.0 or w1 != 0.0 or w2 != 0.0 or ax != 0.0 or ay != 0.0 or az != 0.0:
-            a, b = 0.5 * h * h, h * h * h / 12.0
-            turn = _exponential(h * w0 + a * ax + b * cx, h * w1 + a * ay + b * cy, h * w2 + a * az + b * cz)
-            new[3], new[4], new[5], new[6] = _product(q, turn)
-        new[0], new[1], new[2] = new[0] + h * now[7], new[1] + h * now[8], new[2] + h * now[9]
-        new[10], new[11], new[12] = w0 + h * ax, w1 + h * ay, w2 + h * az
+                for c in range(6):
+                    total[c] += commands[k, i] * wrenches[i, c]
+        step(path[k], path[k + 1], total, h, rule)
 
 
 @compiled
-def _miss(state: np.ndarray, goal: np.ndarray, radii: np.ndarray, quantum: float) -> float:
+def step(now: np.ndarray, new: np.ndarray, wrench: np.ndarray, h: float, rule: np.ndarray) -> None:
+    """The state (13,) after h seconds of a steady wrench (6,), written; see `fly`."""
+    fx, fy, fz, ax, ay, az = wrench[0], wrench[1], wrench[2], wrench[3], wrench[4], wrench[5]
+    new[:], q = now, (now[3], now[4], now[5], now[6])
+    w0, w1, w2 = now[10], now[11], now[12]
+    cx, cy, cz = w1 * az - w2 * ay, w2 * ax - w0 * az, w0 * ay - w1 * ax
+    if fx != 0.0 or fy != 0.0 or fz != 0.0:
+        for node in range(rule.shape[1]):
+            s, weight = rule[0, node] * h, rule[1, node] * h
+            a, b = 0.5 * s * s, s * s * s / 12.0
+            turn = product(q, exponential(s * w0 + a * ax + b * cx, s * w1 + a * ay + b * cy,
+                                          s * w2 + a * az + b * cz))
+            px, py, pz = rotated(turn, fx, fy, fz)
+            new[7], new[8], new[9] = new[7] + weight * px, new[8] + weight * py, new[9] + weight * pz
+            weight *= h - s
+            new[0], new[1], new[2] = new[0] + weight * px, new[1] + weight * py, new[2] + weight * pz
+    if w0 != 0.0 or w1 != 0.0 or w2 != 0.0 or ax != 0.0 or ay != 0.0 or az != 0.0:
+        a, b = 0.5 * h * h, h * h * h / 12.0
+        turn = exponential(h * w0 + a * ax + b * cx, h * w1 + a * ay + b * cy, h * w2 + a * az + b * cz)
+        new[3], new[4], new[5], new[6] = product(q, turn)
+    new[0], new[1], new[2] = new[0] + h * now[7], new[1] + h * now[8], new[2] + h * now[9]
+    new[10], new[11], new[12] = w0 + h * ax, w1 + h * ay, w2 + h * az
+
+
+@compiled
+def slopes(shares: np.ndarray, wrenches: np.ndarray, start: np.ndarray, goal: np.ndarray, h: float,
+           rule: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """What shares (N, thrusters) between 0 and 1 end off by, (12,), and its slopes (12, N * thrusters).
+
+    Position, velocity, turn from the goal in W, spin in B. Slopes are differences of 1e-6, good to 1e-5.
+    """
+    steps, count = shares.shape
+    path, off, found = np.zeros((steps + 1, 13)), np.empty((2, 12)), np.empty((12, steps * count))
+    path[0] = start
+    fly(shares, 0, wrenches, h, rule, path)
+    _off(path[steps], goal, off[0])
+    for k in range(steps - 1, -1, -1):  # what comes before stays as it is
+        for i in range(count):
+            new, share = path[k:].copy(), shares[k, i]
+            shares[k, i] = share + 1e-6
+            fly(shares[k:], 0, wrenches, h, rule, new)
+            shares[k, i] = share
+            _off(new[steps - k], goal, off[1])
+            for c in range(12):
+                found[c, k * count + i] = (off[1, c] - off[0, c]) / 1e-6
+    return off[0], found
+
+
+@compiled
+def _off(state: np.ndarray, goal: np.ndarray, off: np.ndarray) -> None:
+    for c in range(3):
+        off[c], off[3 + c] = state[c] - goal[c], state[7 + c] - goal[7 + c]
+        off[9 + c] = state[10 + c] - goal[10 + c]
+    s, x, y, z = product((state[3], state[4], state[5], state[6]), (goal[3], -goal[4], -goal[5], -goal[6]))
+    size = math.sqrt(x * x + y * y + z * z)
+    turn = math.copysign(2.0 * math.atan2(size, abs(s)), s) / max(size, 1e-12)
+    off[6], off[7], off[8] = turn * x, turn * y, turn * z
+
+
+@compiled
+def miss(state: np.ndarray, goal: np.ndarray, radii: np.ndarray, quantum: float) -> float:
     """By how many radii of position, velocity and attitude a state is off; a quantum of spin counts as 5."""
     far, fast, spin, same = 0.0, 0.0, 0.0, 0.0
     for i in range(3):
@@ -168,31 +212,25 @@ def _miss(state: np.ndarray, goal: np.ndarray, radii: np.ndarray, quantum: float
 
 @compiled
 def anneal(commands: np.ndarray, wrenches: np.ndarray, mates: np.ndarray, start: np.ndarray, goal: np.ndarray,
-           radii: np.ndarray, quantum: float, h: float, rule: np.ndarray, limit: int, tries: int,
-           heat: float, shifts: float, random: np.random.Generator) -> float:
-    """Change commands (N, thrusters) until they end in the goal set with at most so many pulses.
+           radii: np.ndarray, quantum: float, h: float, rule: np.ndarray, tries: int, heat: float,
+           random: np.random.Generator) -> float:
+    """Change commands (N, thrusters) until they end in the goal set.
 
     Simulated annealing, from a temperature of ``heat`` to 0.05 radii. A change opens or shuts two thrusters,
-    mostly so that their torques cancel: at once, a little later or anywhere; or one. Of this share of the
-    changes, ``shifts``, the first thruster is one that is open. Mates, (thrusters, thrusters), are 1 where
-    torques are the same, -1 where opposite, 0 else. What is left in ``commands`` is the best; returned is
-    its miss, 0 within the set, and 3 more for every pulse above the limit.
+    mostly so that their torques cancel: at once, a little later or anywhere; or one. Mates, (thrusters,
+    thrusters), are 1 where torques are the same, -1 where opposite, 0 else. What is left in ``commands`` is
+    the best; returned is its miss, 0 within the set.
     """
     steps, count = commands.shape
     path, new, best_commands = np.zeros((steps + 1, 13)), np.zeros((steps + 1, 13)), commands.copy()
     path[0] = start
     fly(commands, 0, wrenches, h, rule, path)
-    pulses = int(commands.sum())
-    value = _miss(path[steps], goal, radii, quantum) + 3.0 * max(0, pulses - limit)
-    best = value
+    best = value = miss(path[steps], goal, radii, quantum)
     for attempt in range(tries):
         if best <= 0.0:
             break
         # which thruster, and which with it
         k, i = int(steps * random.random()), int(count * random.random())
-        if pulses > 0 and random.random() < shifts:
-            while commands[k, i] == 0:
-                k, i = int(steps * random.random()), int(count * random.random())
         kind, k2, i2 = random.random(), k, i if random.random() < 0.3 else int(count * random.random())
         if kind > 0.45:
             k2 = k - 3 + int(7.0 * random.random()) if kind < 0.8 else int(steps * random.random())
@@ -204,20 +242,16 @@ def anneal(commands: np.ndarray, wrenches: np.ndarray, mates: np.ndarray, start:
             continue
         # what comes of it
         commands[k, i] += change
-        first, more = k, change
         if not single:
             commands[k2, i2] += change2
-            first, more = min(k, k2), change + change2
+        first = k if single else min(k, k2)
         new[first] = path[first]
         fly(commands, first, wrenches, h, rule, new)
-        changed = _miss(new[steps], goal, radii, quantum) + 3.0 * max(0, pulses + more - limit)
-        heat_now = heat * (0.05 / heat) ** (attempt / tries)
-        if changed <= value or random.random() < math.exp((value - changed) / heat_now):
-            value, pulses = changed, pulses + more
-            path[first:] = new[first:]
+        changed, now = miss(new[steps], goal, radii, quantum), heat * (0.05 / heat) ** (attempt / tries)
+        if changed <= value or random.random() < math.exp((value - changed) / now):
+            value, path[first:] = changed, new[first:]
             if value < best:
-                best = value
-                best_commands[:] = commands
+                best, best_commands[:] = value, commands
         else:
             commands[k, i] -= change
             if not single:

@@ -25,7 +25,8 @@ from rans.optimal.certificate.certificate import Effort, Unreachable
 from rans.optimal.certificate.lattice import GoalSet
 from rans.optimal.certificate.onoff import fuel, replay
 from rans.optimal.certificate.spatial import ReachRelaxation, SpinLattice
-from rans.optimal.certificate.spatial_certificate import arrived, least_fuel, least_time
+from rans.optimal.certificate.spatial_certificate import least_fuel, least_time
+from rans.optimal.certificate.spatial_search import arrived
 from rans.scenario import EVALUATION_SEED, scenarios
 from rans.tasks import GoToPose
 
