@@ -11,7 +11,6 @@ from __future__ import annotations
 import itertools
 import math
 import time
-from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -105,15 +104,6 @@ def arrived(state: SpatialState, goal: SpatialState, goal_set: GoalSet, spins: b
                 and (not spins or spin <= goal_set.spin + 1e-9))
 
 
-def _attempts(seconds: float) -> Iterator[int]:
-    """0, 1, 2 .. as long as there is processor time; one at least."""
-    deadline = time.process_time() + seconds
-    for attempt in itertools.count():
-        yield attempt
-        if time.process_time() >= deadline:
-            return
-
-
 def with_pulses(wanted: Wanted, steps: int, pulses: int) -> np.ndarray | None:
     """Commands (N, thrusters) of so many pulses that arrive after so many periods; None once time is up."""
     from rans.optimal.certificate.pulses_kernel import few
@@ -121,7 +111,8 @@ def with_pulses(wanted: Wanted, steps: int, pulses: int) -> np.ndarray | None:
     lattice, radii = wanted.lattice, wanted.radii
     inner = _ROUNDED * radii[:3]
     when, who = np.zeros((2, pulses), dtype=np.int64)
-    for attempt in _attempts(wanted.seconds):
+    deadline, attempt = time.process_time() + wanted.seconds, 0
+    while time.process_time() < deadline:
         tries = min(_TRIES * 2**attempt, _MOST_TRIES)
         miss = few(pulses, steps, wanted.wrenches, lattice.products, *wanted.ends, radii, inner,
                    lattice.spin, lattice.period, _rule(), tries, np.random.default_rng(attempt), when, who)
@@ -129,6 +120,7 @@ def with_pulses(wanted: Wanted, steps: int, pulses: int) -> np.ndarray | None:
         commands[when, who] = 1
         if miss <= 0.0 and wanted.reached(commands):
             return commands
+        attempt += 1
     return None
 
 
@@ -137,16 +129,18 @@ def in_time(wanted: Wanted, steps: int, first: np.ndarray | None = None) -> np.n
 
     The first attempt begins with those that are given.
     """
-    for attempt in _attempts(wanted.seconds):
+    deadline, attempt = time.process_time() + wanted.seconds, 0
+    while time.process_time() < deadline:
         random = np.random.default_rng(attempt)
         commands = np.zeros((steps, len(wanted.wrenches)), dtype=np.int64)
         if attempt == 0 and first is not None:
             commands[:] = first
         miss = _annealed(wanted, commands, _FIRST_TRIES, 0.7 if attempt % 2 == 0 else 3.0, random)
         if miss > 0.0:
-            miss = _programmed(wanted, commands, random)
+            miss = _programmed(wanted, commands, random, deadline)
         if miss <= 0.0 and wanted.reached(commands):
             return commands
+        attempt += 1
     return None
 
 
@@ -165,14 +159,17 @@ def _annealed(wanted: Wanted, commands: np.ndarray, tries: int, heat: float,
                   wanted.lattice.period, _rule(), tries, heat, random)
 
 
-def _programmed(wanted: Wanted, commands: np.ndarray, random: np.random.Generator) -> float:
-    """Improve commands, in place, by programs; returns by how many radii they miss."""
+def _programmed(wanted: Wanted, commands: np.ndarray, random: np.random.Generator, deadline: float) -> float:
+    """Improve commands, in place, by programs; returns by how many radii they miss.
+
+    No program begins after this processor time, s.
+    """
     # shares between 0 and 1, as far as linear programs can be trusted
     shares, reach = np.clip(commands, 0.01, 0.99), 0.5
     model = _Model(wanted, shares)
     for _ in range(_PROGRAMS):
         trial = model.solved(np.clip(shares - reach, 0.0, 1.0), np.clip(shares + reach, 0.0, 1.0))
-        if trial is None or reach < 0.01:
+        if trial is None or reach < 0.01 or time.process_time() > deadline:
             break
         there = _Model(wanted, trial)
         if there.value < model.value - 1e-3:
@@ -183,7 +180,7 @@ def _programmed(wanted: Wanted, commands: np.ndarray, random: np.random.Generato
     # on/off commands near them, then near one another
     for _ in range(_ROUNDS if model.miss < _PROMISING else 0):
         trial = model.solved(np.zeros_like(shares), np.ones_like(shares), 2.0, _NEIGHBOURS)
-        if trial is None:
+        if trial is None or time.process_time() > deadline:
             break
         commands[:] = np.round(trial)
         miss = _annealed(wanted, commands, _MENDING, 0.3, random)
