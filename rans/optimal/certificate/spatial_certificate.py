@@ -54,7 +54,7 @@ def _fewer(wanted: Wanted, steps: int, least: int, pair: int) -> np.ndarray | No
     pulses, found = least + pair * math.ceil(0.5 * least / pair), None
     while pulses >= least:
         better = with_pulses(wanted, steps, pulses)
-        if better is None and (found is not None or pulses > 3 * least):
+        if better is None and (found is not None or pulses >= 3 * least):
             break
         found = better
         pulses += -pair if found is not None else pair * math.ceil(0.5 * least / pair)

@@ -109,6 +109,9 @@ def with_pulses(wanted: Wanted, steps: int, pulses: int) -> np.ndarray | None:
     from rans.optimal.certificate.pulses_kernel import few
 
     lattice, radii = wanted.lattice, wanted.radii
+    nothing = np.zeros((steps, len(lattice.products)), dtype=np.int64)
+    if pulses == 0:
+        return nothing if wanted.reached(nothing) else None
     inner = _ROUNDED * radii[:3]
     when, who = np.zeros((2, pulses), dtype=np.int64)
     deadline, attempt = time.process_time() + wanted.seconds, 0
@@ -116,7 +119,7 @@ def with_pulses(wanted: Wanted, steps: int, pulses: int) -> np.ndarray | None:
         tries = min(_TRIES * 2**attempt, _MOST_TRIES)
         miss = few(pulses, steps, wanted.wrenches, lattice.products, *wanted.ends, radii, inner,
                    lattice.spin, lattice.period, _rule(), tries, np.random.default_rng(attempt), when, who)
-        commands = np.zeros((steps, len(lattice.products)), dtype=np.int64)
+        commands = nothing.copy()
         commands[when, who] = 1
         if miss <= 0.0 and wanted.reached(commands):
             return commands

@@ -72,7 +72,8 @@ CRAFTS = {"lopsided": lopsided, "crossed": crossed}
 @pytest.fixture
 def _bounds_only(monkeypatch: pytest.MonkeyPatch) -> None:
     """No commands are searched for, whatever the clock says."""
-    monkeypatch.setattr("rans.optimal.certificate.spatial_certificate._annealed", lambda *_, **__: None)
+    for search in ("with_pulses", "in_time"):
+        monkeypatch.setattr(f"rans.optimal.certificate.spatial_certificate.{search}", lambda *_, **__: None)
 
 
 def everything(craft: Spacecraft, start: SpatialState, steps: int) -> tuple[np.ndarray, SpatialState]:

@@ -12,9 +12,10 @@ import pytest
 
 from rans.model.dynamics import SpatialState
 from rans.model.fields import Quat, Vec3
+from rans.optimal.certificate.impulses_kernel import _off, _projected, _slopes, refined
 from rans.optimal.certificate.lattice import GoalSet
 from rans.optimal.certificate.onoff import replay
-from rans.optimal.certificate.pulses_kernel import _off, _projected, _slopes, ended, refined
+from rans.optimal.certificate.pulses_kernel import ended
 from rans.optimal.certificate.spatial import SpinLattice
 from rans.optimal.certificate.spatial_kernel import slopes
 from rans.optimal.certificate.spatial_search import Wanted, _Model, _rule, in_time, with_pulses
