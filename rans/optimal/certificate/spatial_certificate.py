@@ -51,13 +51,14 @@ def least_fuel(lattice: SpinLattice, aims: Collection[str], start: SpatialState,
 
 def _fewer(wanted: Wanted, steps: int, least: int, pair: int) -> np.ndarray | None:
     """Commands of few pulses that arrive: half more than the least, or more, then ever fewer."""
-    pulses, found = least + pair * math.ceil(0.5 * least / pair), None
+    more, found = pair * max(1, math.ceil(0.5 * least / pair)), None
+    pulses = least + more
     while pulses >= least:
         better = with_pulses(wanted, steps, pulses)
-        if better is None and (found is not None or pulses >= 3 * least):
+        if better is None and (found is not None or pulses >= 3 * least + 4 * pair):
             break
         found = better
-        pulses += -pair if found is not None else pair * math.ceil(0.5 * least / pair)
+        pulses += more if found is None else -pair
     return found
 
 
