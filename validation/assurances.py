@@ -17,7 +17,8 @@ from tyro.conf import Positional
 
 from rans.evaluation.assure.assurance import made
 from rans.evaluation.assure.bounds import plan
-from rans.evaluation.fly.contestants import judged_separately
+from rans.evaluation.assure.evidence import sha256
+from rans.evaluation.fly.contestants import agent_folder, judged_separately
 from rans.fast.verdicts import Failure
 from rans.files import read_json, write_json
 from rans.pretrained import pretrained_names
@@ -28,7 +29,8 @@ from validation.markdown import Table
 _COMMAND = "python -m validation.assurances"
 _HEADINGS = ("agent", "conditions", "flights", "failed", "probability of failure, 99 %", "how they fail",
              "flown again: fail again in NumPy, Drake")
-_SOURCE = "Everything about each is in [validation/assurance](validation/assurance)."
+_SOURCE = ("Everything about each is in [validation/assurance](validation/assurance). Earlier weights: the "
+           "agent was trained anew after it had been assured.")
 _CONFIDENCE = 0.99
 _WORST = 2
 """Failures of each kind that Drake flies, of the worst and of the first."""
@@ -98,7 +100,7 @@ def _campaigns(names: tuple[str, ...] | list[str]) -> Iterator[tuple[str, str]]:
 
 
 def _cells(spec: str, conditions: str, told: dict[str, Any]) -> tuple[str, ...]:
-    bound, replays, low = told["bounds"]["any"], told["replays"], ""
+    bound, replays, low, name = told["bounds"]["any"], told["replays"], "", spec.removeprefix("pretrained:")
     if bound["failures"]:
         low = f"{bound['at least']:.2g} to "
     kinds = ", ".join(f"{count:,} {_SHORT[Failure[kind]]}"
@@ -107,7 +109,9 @@ def _cells(spec: str, conditions: str, told: dict[str, Any]) -> tuple[str, ...]:
     if replays and replays["flown again"]:
         judged = [one["again"]["drake"] is not None for one in replays["judged"] if "drake" in one["again"]]
         again = (f"{replays['failed again']} of {replays['flown again']}, {sum(judged)} of {len(judged)}")
-    return (f"`{spec.removeprefix('pretrained:')}`", conditions, f"{bound['flights']:,}",
+    weights = sha256([(agent_folder(spec) / "policy.zip").read_bytes()])
+    earlier = "" if weights == told["about"]["hashes"]["weights (policy.zip)"] else " (earlier weights)"
+    return (f"`{name}`{earlier}", conditions, f"{bound['flights']:,}",
             f"{bound['failures']:,}", f"{low or 'at most '}{bound['at most']:.2g}",
             kinds or "–", again)  # noqa: RUF001
 
