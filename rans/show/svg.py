@@ -19,11 +19,15 @@ from rans.show.panels import GREY, INK, LINES, STYLE
 _SVG, _LINK = "http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink"
 _DARK = {INK: "#e4e7eb", LINES: "#3a4552", GREY: "#a3afbd"}
 """Inks, and what they are where readers like dark pages."""
+_GROUND = ":root{color-scheme:light dark}"
 _PANEL = re.compile(r"panel((?: -?[\d.]+){4})")
 
 
 def svg(figure: Figure) -> str:
-    """The figure as the text of an SVG file: without a ground, with inks that follow the reader's choice."""
+    """The figure as the text of an SVG file: without a ground, with inks that follow the reader's choice.
+
+    Opened by itself its ground follows too.
+    """
     buffer = io.StringIO()
     with matplotlib.rc_context(STYLE), warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Creating legend with loc")  # only says that this machine is busy
@@ -32,7 +36,7 @@ def svg(figure: Figure) -> str:
     rules = "".join(f'[style*="{what}: {ink.lower()}"]{{{what}:{dark}!important}}'
                     for ink, dark in _DARK.items() for what in ("fill", "stroke"))
     return buffer.getvalue().replace(
-        "</style>", f"@media screen and (prefers-color-scheme: dark){{{rules}}}</style>", 1)
+        "</style>", f"{_GROUND}@media screen and (prefers-color-scheme: dark){{{rules}}}</style>", 1)
 
 
 def data_uri(picture: str | bytes) -> str:

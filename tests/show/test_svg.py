@@ -57,6 +57,7 @@ def test_dark_pages_have_light_inks_and_no_ground() -> None:
     assert "fill: #ffffff" not in text
     assert text.count("prefers-color-scheme") == 1
     assert all("prefers-color-scheme" in panel for panel in panels(text))
+    assert ":root{color-scheme:light dark}" in text  # a browser's own ground, of a file opened by itself
 
 
 def test_other_pictures_stay_as_they_are() -> None:
