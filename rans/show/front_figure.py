@@ -51,11 +51,12 @@ def _draw_bounds(axes: Axes, front: Front) -> None:
         return
     least, starts = found[Event()], f"mean of {counted(len(front.starts()), 'start')}"
     axes.axvspan(1e-3, least, color=GREY, alpha=0.15, linewidth=0)
-    axes.axvline(least, color=INK, linewidth=1.2, label=f"certified least time, {starts}")
+    axes.axvline(least, color=INK, linewidth=1.2,
+                 label=f"certified least time to be at rest\nin the goal set, {starts}")
     bars = np.array([(event.horizon, bound) for event, bound in found.items() if event.horizon is not None])
     axes.plot(*bars[np.isfinite(bars).all(axis=1)].T, linestyle=":", linewidth=0.8, color=INK, marker="_",
               markersize=14, markeredgewidth=2.5,
-              label=f"certified least impulse to be there\nat this time from each start, {starts}")
+              label=f"certified least impulse to be at rest in it\nat this time from each start, {starts}")
     axes.set_xlim(0.8 * least, 1.15 * front.horizons[-1])
 
 
@@ -71,7 +72,7 @@ def _draw_line(axes: Axes, front: Front, agent: str, line: Sequence[Entry], k: i
     bounds = [(own.time, own.bound) for one in line if (own := front.multiple(one))]
     if bounds:
         axes.plot(*np.transpose(bounds), color=colour, marker="+", markersize=5, linestyle="", zorder=3,
-                  label="certified least impulse to be there\nwhen each flight was, by position")
+                  label="certified least impulse to be at rest in it\nwhen the flight was, from each start")
 
 
 def _places(entries: Sequence[Entry]) -> np.ndarray:
