@@ -26,8 +26,12 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def rans(place: Path, *commands: str) -> list[str]:
-    """What every command prints; it must succeed. One process gives them: torch and Drake start once."""
-    script = "import sys; from rans.cli import main\n" \
+    """What every command prints; it must succeed. One process gives them, which draws nothing: torch and
+    Drake start once, and figures take seconds."""
+    script = "import sys; from matplotlib.figure import Figure; from rans.cli import main\n" \
+             "Figure.draw_without_rendering = lambda _: None\n" \
+             "svg = '<svg xmlns=\"http://www.w3.org/2000/svg\"/>'\n" \
+             "Figure.savefig = lambda _, file, **__: file.write(svg)\n" \
              "for line in sys.argv[1:]: assert main(line.split()) == 0, line; print(end='\\f')"
     path = os.pathsep.join((str(place / "site"), str(ROOT)))
     done = subprocess.run([sys.executable, "-c", script, *commands], cwd=place, capture_output=True,

@@ -18,8 +18,11 @@ from validation.checks import Check, Study
 from validation.study import LAYERS, Scope
 
 
-def test_quick_validation_passes_and_is_written(tmp_path, capsys) -> None:
-    """And one layer alone repeats what the study found."""
+@pytest.mark.usefixtures("undrawn")
+def test_quick_validation_passes_and_is_written(tmp_path, capsys, monkeypatch) -> None:
+    """And one layer alone repeats what the study found; of four flights, not of sixteen."""
+    monkeypatch.setattr(validation.study, "Scope", lambda craft, seed, states, _, conditions: Scope(
+        craft, seed, states, 4, conditions))
     folder = tmp_path / "checked"
     code = main(["validate", "--quick", "--seed", "7", "--output", str(folder)])
     printed = capsys.readouterr().out
