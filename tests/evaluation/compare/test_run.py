@@ -180,6 +180,8 @@ def test_a_front_between_flights_and_proofs(comparison: Comparison, monkeypatch:
         assert 1.0 <= found.until <= found.episode
     assert told.failures == []
     assert told.notes == ["Nobody has a knob to turn: the front has points, but no line."]
+    trace(told, {}, seconds=0.0)
+    assert told.notes[-1] == "No start has all bounds of the front after 0 s: give it a larger --budget."
     rough = Comparison(replace(CONTEST, conditions=load_conditions("lab")), [told.entries[0]])
     trace(rough, {}, 1e3)
     assert rough.front
