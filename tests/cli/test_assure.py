@@ -18,9 +18,9 @@ from rans.cli import main
 from rans.evaluation.measure.metrics import solved
 from rans.fast.flights import BATCH, Flights
 
-AGENT = "pretrained:go-to-pose-2d-robust"
+AGENT = "pretrained:go-to-pose-2d"
 LAB = ["--conditions", "lab"]
-"""In which one in 120 of its flights fails."""
+"""In which four in five of its flights fail."""
 
 
 @pytest.fixture(autouse=True)
@@ -30,22 +30,22 @@ def _elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_numbers_a_page_and_commands_that_show_failures_again(monkeypatch: pytest.MonkeyPatch,
                                                               capsys: pytest.CaptureFixture[str]) -> None:
-    command = ["assure", AGENT, *LAB, "--episodes", "400", "--worst", "1"]
+    command = ["assure", AGENT, *LAB, "--episodes", "60", "--worst", "1"]
     monkeypatch.setattr(sys, "argv", ["rans", *command])
     assert main(command) == 0
-    printed, folder = capsys.readouterr().out, Path("runs/evaluations/pretrained-go-to-pose-2d-robust")
+    printed, folder = capsys.readouterr().out, Path("runs/evaluations/pretrained-go-to-pose-2d")
     read, page = (folder.joinpath(f"assurance-lab.{kind}").read_text("utf-8") for kind in ("json", "html"))
     found: dict[str, Any] = json.loads(read)
     failed = sum(map(len, found["campaign"]["listed"].values()))
-    low, high = binomtest(failed, 400).proportion_ci(0.98, "exact")  # 1 % beyond either end
+    low, high = binomtest(failed, 60).proportion_ci(0.98, "exact")  # 1 % beyond either end
     assert failed > 0
     assert found["bounds"]["any"]["at least"] == pytest.approx(low, rel=1e-6)
     assert found["bounds"]["any"]["at most"] == pytest.approx(high, rel=1e-6)
-    assert f"{failed} of 400 flights failed" in printed
-    assert page.index(f"{failed} of 400 flights failed") < page.index("<h2")
+    assert f"{failed} of 60 flights failed" in printed
+    assert page.index(f"{failed} of 60 flights failed") < page.index("<h2")
     assert f"rans {' '.join(command)}" in page
     assert not re.search(r'(src|href)="(?!data:|#)', page), "a page that needs another file"
-    policy = Path(campaign.__file__).parents[2] / "data/pretrained/go-to-pose-2d-robust/policy.zip"
+    policy = Path(campaign.__file__).parents[2] / "data/pretrained/go-to-pose-2d/policy.zip"
     told = subprocess.run(["sha256sum", policy], capture_output=True, text=True, check=True).stdout
     assert found["about"]["hashes"]["weights (policy.zip)"] == told.split()[0]
     shown: list[Any] = []
@@ -116,7 +116,7 @@ import importlib.util
 find = importlib.util.find_spec
 importlib.util.find_spec = lambda name, *rest: None if sys.modules.get(name, 0) is None else find(name, *rest)
 from rans.cli import main
-sys.exit(main(["assure", sys.argv[1], "--conditions", "lab", "--episodes", "150",
+sys.exit(main(["assure", sys.argv[1], "--conditions", "lab", "--episodes", "20",
                "--worst", "1", "--output", sys.argv[2]]))
 """
     done = subprocess.run([sys.executable, "-c", code, AGENT, str(tmp_path)], capture_output=True, text=True,

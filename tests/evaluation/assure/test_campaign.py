@@ -93,14 +93,14 @@ def test_what_was_interrupted_goes_on_to_the_same_end() -> None:
 
 @pytest.fixture(scope="module")
 def run() -> LoadedRun:
-    return contestant("pretrained:go-to-pose-2d-robust").under("lab")
+    return contestant("pretrained:go-to-pose-2d").under("lab")
 
 
 def test_failures_of_a_flight_are_those_that_its_evaluation_does_not_find_solved(run: LoadedRun) -> None:
     flight = flown(run.controller, run.judged, drawing(2026, range(100, 228)))
     found, right = failures(flight), solved(flight)
     assert [one is None for one in found] == right.tolist()
-    assert 0 < (~right).sum() < 64  # one in 120 fails, 121 and 200 among these
+    assert 0 < (~right).sum() < 128  # four in five fail
 
 
 def test_each_way_to_fail_is_told_from_the_others(run: LoadedRun) -> None:
