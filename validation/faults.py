@@ -32,7 +32,7 @@ from validation.batch import Rows, flown, study
 from validation.markdown import Table
 
 _HELD_OUT = 0.3, 1.0
-"""Share of its force that a weak thruster has, which no training knows (issue: partial thrust)."""
+"""Share of its force that a weak thruster has, which no training knows."""
 _BOUNDED = 1000
 """Episodes that bounds are computed for, the first ones."""
 _SETTLING = Event("settling")
@@ -41,8 +41,9 @@ _EFFORT = Effort(seconds=2.0, nozzle_seconds=0.3, levels=1)
 
 
 _COMMAND = "python -m validation.faults"
-_HEADINGS = ("recoverable fault", "from the start", "at a moment up to 15 s", "at any moment",
-             "settling over its bound")
+_HEADINGS = ("recoverable fault (how many; in space)",
+             *(f"{where}: from the start" if what == "held" else what for where in ("plane", "space")
+               for what in ("held", "by 15 s", "any moment", "over its bound")))
 
 
 class Row(NamedTuple):
@@ -154,18 +155,26 @@ class Faults:
 
 
 def in_document(docs: Path) -> Table:
-    """The table of robustness.md: of the first agent, what may be recovered from."""
-    found: Rows = next(iter(read_json(docs / "validation" / "faults.json")["agents"].values()))
-    names = [name for name in found if "over least" in found[name]]
-    return Table("robustness.md", _COMMAND, _HEADINGS, [_cells(found, name) for name in names], "")
+    """The table of robustness.md: of one agent in the plane, one in space, what may be recovered from."""
+    plane, space = (next(iter(read_json(docs / "validation" / f"{name}.json")["agents"].values()))
+                    for name in ("faults", "faults-space"))
+    names = ([name for name in found if "over least" in found[name]] for found in (plane, space))
+    rows = [(_told(here, there), *_cells(plane, here), *_cells(space, there))
+            for here, there in zip(*names, strict=True)]
+    return Table("robustness.md", _COMMAND, _HEADINGS, rows, "")
+
+
+def _told(plane: str, space: str) -> str:
+    """A class of faults, and of how many, such as (8; 16), in the plane and in space."""
+    kind, _, count = plane.replace(", recoverable", "").replace("stuck-open", "stuck open").partition(" (")
+    unknown = f", {_HELD_OUT[0]:g} to {_HELD_OUT[1]:g}, in no training" if "weak" in kind else ""
+    return f"{kind} ({count[:-1]}; {space.partition(' (')[2]}{unknown}" if count else kind
 
 
 def _cells(found: Rows, name: str) -> tuple[str, ...]:
     moments = [f"{name}, by 15 s", f"{name}, any moment"]
     held = [f"{found[one]['held']['value']:.2f}" if one in found else "" for one in (name, *moments)]
-    told = name.replace(", recoverable", "").replace("stuck-open", "stuck open")
-    unknown = f", {_HELD_OUT[0]:g} to {_HELD_OUT[1]:g}, in no training" if "weak" in name else ""
-    return (told + unknown, *held, f"{found[name]['over least']:.2f}")
+    return (*held, f"{found[name]['over least']:.2f}")
 
 
 def main() -> None:
