@@ -13,7 +13,8 @@ from rans.evaluation.compare.contest import Contestant, Entry
 from rans.evaluation.compare.run import Comparison
 from rans.evaluation.fly.controllers import user_policy
 from rans.model.timing import Timing
-from rans.show.comparison_tables import gaps
+from rans.show.comparison_figures import gap_histograms
+from rans.show.comparison_tables import gap_rows, gaps
 from tests.evaluation.compare.test_run import CONTEST, IDLE
 from tests.evaluation.flights import flight_of
 
@@ -83,3 +84,21 @@ def test_horizons_are_shares_of_an_episode() -> None:
     assert usual.horizons() == pytest.approx((6.0, 8.0, 10.0, 15.0, 20.0, 25.0))
     assert Comparison(replace(CONTEST, timing=Timing(episode_steps=1))).horizons() == (0.2,)
     assert usual.horizons((0.4,)) == pytest.approx((10.0,))
+
+
+def test_bars_of_the_gaps_stand_at_their_own_values() -> None:
+    """One contestant's 1.5 and 2 beside another's 1 and 3: nobody is moved to make room for the other."""
+    ratios = {"a": np.array([1.5, 2.0]), "b": np.array([1.0, 3.0, np.inf])}
+    axes = gap_histograms({"time": ratios}, ["time"]).axes[0]
+    drawn = [[bar.get_x() + bar.get_width() / 2 for bar in bars if bar.get_height()]
+             for bars in axes.containers]
+    assert drawn[0] == pytest.approx([1.5, 2.0], abs=0.06)  # within a bar's width
+    assert drawn[1][:2] == pytest.approx([1.0, 3.0], abs=0.06)
+    assert len(drawn[1]) == 3
+    assert drawn[1][2] > 3.0
+
+
+def test_medians_of_gaps_count_who_is_not_there() -> None:
+    both, one = np.array([1.5, np.inf, 1.2]), np.array([1.5, np.inf, np.inf])
+    assert gap_rows({"time": {"a": both, "b": one}, "thrust": {"a": np.array([])}}) == [
+        ["time", "1.5 (2 of 3)", "never (1 of 3)"], ["thrust", None, None]]

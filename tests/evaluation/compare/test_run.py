@@ -26,9 +26,8 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.optimal.certificate.certificate import Effort
 from rans.optimal.trajectory.objectives import MaximumReward
-from rans.show.comparison_figures import gap_histograms
 from rans.show.comparison_page import TEXT, page
-from rans.show.comparison_tables import RETURN, best_returns, differences, gap_rows, gaps, scoreboard, to_json
+from rans.show.comparison_tables import RETURN, best_returns, differences, gaps, scoreboard, to_json
 from rans.show.report import comparison_section
 from rans.tasks import GoToPose
 
@@ -219,24 +218,6 @@ def test_a_start_without_optimum_costs_nobody_the_return(comparison: Comparison)
     assert found == pytest.approx(100 * entry.returns[1:].sum() / best[1:].sum())
     assert found != pytest.approx(scoreboard(comparison)[entry.name][RETURN].value)
     assert "from 2 of 3 starts" in page(without).html()
-
-
-def test_bars_of_the_gaps_stand_at_their_own_values() -> None:
-    """One contestant's 1.5 and 2 beside another's 1 and 3: nobody is moved to make room for the other."""
-    ratios = {"a": np.array([1.5, 2.0]), "b": np.array([1.0, 3.0, np.inf])}
-    axes = gap_histograms({"time": ratios}, ["time"]).axes[0]
-    drawn = [[bar.get_x() + bar.get_width() / 2 for bar in bars if bar.get_height()]
-             for bars in axes.containers]
-    assert drawn[0] == pytest.approx([1.5, 2.0], abs=0.06)  # within a bar's width
-    assert drawn[1][:2] == pytest.approx([1.0, 3.0], abs=0.06)
-    assert len(drawn[1]) == 3
-    assert drawn[1][2] > 3.0
-
-
-def test_medians_of_gaps_count_who_is_not_there() -> None:
-    both, one = np.array([1.5, np.inf, 1.2]), np.array([1.5, np.inf, np.inf])
-    assert gap_rows({"time": {"a": both, "b": one}, "thrust": {"a": np.array([])}}) == [
-        ["time", "1.5 (2 of 3)", "never (1 of 3)"], ["thrust", None, None]]
 
 
 def test_files_for_others(comparison: Comparison) -> None:

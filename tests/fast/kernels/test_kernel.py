@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,28 +16,15 @@ from rans.fast.kernels.launch import CudaError, Kernel
 from rans.fast.learn.curriculum import Curriculum, Ramp
 from rans.model.actuators import Pulsed, Throttle
 from rans.model.body import Body
-from rans.model.conditions import Conditions, ThrusterConditions
 from rans.model.drift import FREE, Drift, UniformGravity, step_goal
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.tasks import TASKS, GoToPose
 from tests.fast.engines import FLYER, NEAR, PLATFORM, SHORT, actions, both_crafts
-from tests.fast.kernels.host import SEED, TOLERANCE, HostKernel, compare, needs_compiler
-from tests.worlds import EFFECTS, PAIRS
+from tests.fast.kernels.host import SEED, TOLERANCE, compare, needs_compiler
+from tests.worlds import EFFECTS
 
 pytestmark = needs_compiler
-
-
-@pytest.fixture
-def on_host(tmp_path: Path) -> Iterator[Callable[..., Engine]]:
-    """Makes engines on the CPU that step by their kernel."""
-    def make(*args: Any, **kwargs: Any) -> Engine:
-        engine = Engine(*args, compiled=True, **kwargs)
-        engine._kernel = HostKernel(engine, tmp_path)
-        return engine
-
-    with torch.compiler.set_stance("force_eager"):
-        yield make
 
 
 @pytest.fixture(params=[1, 2])
@@ -289,25 +274,3 @@ def test_members_with_seeds_of_their_own(on_host: Any) -> None:
     for action in actions(PLATFORM, 24, 25):
         alone.step(action[8:16])
     torch.testing.assert_close(engine.observe()[8:16], alone.observe(), rtol=0, atol=1e-12)  # as above
-
-
-@pytest.mark.parametrize(("effect", "remember", "craft"), [
-    *((effect, False, craft) for effect in EFFECTS if effect != "all" for craft in (PLATFORM, FLYER)),
-    *((effect, False, PLATFORM) for effect in ("all", "pairs")), ("all", True, PLATFORM)],
-    ids=lambda x: getattr(x, "name", str(x)))
-def test_every_condition_is_drawn_and_flown_as_on_numpy(on_host: Any, effect: str, remember: bool,
-                                                        craft: Spacecraft) -> None:
-    made: Any = (craft, GoToPose(), 8, Timing(episode_steps=6))
-    how: Any = {"seed": SEED, "dtype": torch.float64, "conditions": (EFFECTS | {"pairs": PAIRS})[effect]}
-    ours, theirs = Engine(*made, **how), on_host(*made, **how, remember=remember)
-    torch.testing.assert_close(theirs.observe(), ours.observe(), rtol=0, atol=1e-12)
-    assert compare(ours, theirs, 13) > 8
-
-
-@pytest.mark.parametrize("thrusters", [
-    ThrusterConditions(latency=0.2), ThrusterConditions(latency=0.33, rise=0.4, fall=0.1)], ids=str)
-def test_conditions_without_ranges_are_programs_too(on_host: Any, thrusters: ThrusterConditions) -> None:
-    """Where a period is cut is then known before; pieces of it come and go."""
-    how: Any = {"seed": SEED, "dtype": torch.float64, "conditions": Conditions(thrusters=thrusters)}
-    made: Any = (PLATFORM, GoToPose(), 8, Timing(episode_steps=12))
-    assert compare(Engine(*made, **how), on_host(*made, **how)) > 8
