@@ -52,8 +52,8 @@ def _reason(verdict: Verdict, other: Point, quantity: str, factor: float, unit: 
         return f"{text}, but with {other.impulse:.4g} N s it is no quicker"
     error, there = max(thrifty.error, quick.error), min(thrifty.there, quick.there)
     return (f"{text}; with {other.impulse:.4g} N s {quick.time:.4g} s instead of {other.time:.4g}; "
-            f"{quantity} error {factor * error:.3g} {unit}, not {factor * other.error:.3g}; there from "
-            f"{100.0 * there:.4g} % of starts, not {100.0 * other.there:.4g}")
+            f"{quantity} error {factor * error:.3g} {unit} beside {factor * other.error:.3g}; there from "
+            f"{100.0 * there:.4g} % of starts beside {100.0 * other.there:.4g}")
 
 
 def to_json(front: Front) -> dict[str, Any]:

@@ -120,4 +120,4 @@ def test_front_of_an_agent_with_a_knob(tmp_path: Path, capsys: pytest.CaptureFix
     assert lqr["over_bound"]["bound"] == pytest.approx(0.1)
     assert "turned does not dominate LQR: " in capsys.readouterr().out
     assert main(["compare", "lqr:go-to-pose-2d", str(run)]) == 2
-    assert f"{run} knows several tasks: pick one, as in {run}#0" in capsys.readouterr().err
+    assert f"{run} has a knob: hold it, as in {run}#0.5" in capsys.readouterr().err

@@ -42,7 +42,10 @@ def contest_of(spec: str, episodes: int, seed: int = EVALUATION_SEED, engine: En
 
 def _single(spec: str, run: LoadedRun) -> LoadedRun:
     """The same, if it has one task; without a knob, if that is held."""
-    if first := next(iter(run.task.parts())):
+    parts = run.task.parts()
+    if isinstance(parts, Positions):
+        raise ConfigError(f"{spec} has a knob: hold it, as in {spec}#0.5, or let it turn with --front.")
+    if first := next(iter(parts)):
         raise ConfigError(f"{spec} knows several tasks: pick one, as in {spec}#{first}.")
     plain = without_knob(run)
     if plain is not run and (name := controller_name(spec)):  # who needs no training sees no knob
