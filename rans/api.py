@@ -247,8 +247,8 @@ def train(task: str | Task = "go-to-pose", spacecraft: Craft | None = None, *, s
         NonFiniteState: a value became NaN or infinite.
     """
     from rans.evaluation.fly.agent import load_agent as trained
-    from rans.fast.learn.run_folder import RunFolder
-    from rans.fast.learn.trainer import Trainer, run_path
+    from rans.fast.learn.run_folder import RunFolder, run_path
+    from rans.fast.learn.trainer import Trainer
 
     config = _config(task, spacecraft, device, ppo, conditions, seed=seed, total_timesteps=total_timesteps)
     craft = load_spacecraft(config.spacecraft if spacecraft is None else spacecraft)

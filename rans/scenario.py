@@ -25,6 +25,8 @@ SELECTION_SEED = 2024
 """Scenarios that decide when a training may end."""
 TUNING_SEED = 2025
 """Scenarios that controllers without training are tuned on."""
+FAILURES_SEED = 2027
+"""Scenarios that trainings look for the agent's failures in, to begin episodes there."""
 ASSURANCE_SEED = 2026
 """Scenarios that `rans assure` counts failures in: nobody was trained, selected, tuned or judged on them."""
 

@@ -86,9 +86,9 @@ class Sweep:
     def _trainings(self) -> Trainings:
         """Ready to train."""
         from rans.fast.distributed import join
+        from rans.fast.learn.run_folder import unused_path
         from rans.fast.learn.sweep import Sweep as Trainings
         from rans.fast.learn.sweep import read_configs
-        from rans.fast.learn.trainer import unused_path
 
         if self.resume is not None:
             if replace(self, resume=None, trust=False) != Sweep():

@@ -75,8 +75,8 @@ class Train:
     def _trainer(self) -> Trainer:
         """Ready to train; a new run folder is begun only once its config has proved to work."""
         from rans.fast.distributed import join
-        from rans.fast.learn.run_folder import RunFolder
-        from rans.fast.learn.trainer import Trainer, run_path
+        from rans.fast.learn.run_folder import RunFolder, run_path
+        from rans.fast.learn.trainer import Trainer
 
         if self.resume is not None:
             if replace(self, resume=None, view=False, terms=False, log=(), trust=False) != Train():

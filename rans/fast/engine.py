@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from rans.episode import World
+from rans.episode import Episode, World
 from rans.errors import ConfigError, brief, checked
 from rans.fast.distributed import ALONE, Processes
 from rans.fast.kernels.launch import Kernel
@@ -123,6 +123,22 @@ class Engine:
         write(leaves(now), leaves(begun if now.case is not None else replace(begun, case=None)))
         return self.observe()
 
+    def varying(self, episode: Episode) -> list[Tensor]:
+        """What `put` takes of N others' episodes of this craft and task: all that varies here, each (N,)."""
+        zero = leaves(episode.state)[0] * 0.0
+        told = replace(episode, case=episode.case if self._episode.case is not None else None)
+        return [torch.as_tensor(x + zero if isinstance(x, int | float) else x)
+                for x, own in zip(_own(told), _own(self._episode), strict=True)
+                if not isinstance(own, int | float)]
+
+    def put(self, rows: Tensor, episodes: Sequence[Tensor]) -> None:
+        """Begin new episodes in these rows, as those of `varying` stood; there are as many."""
+        buffers = [torch.as_tensor(x) for x in _own(self._episode) if not isinstance(x, int | float)]
+        for buffer, values in zip(buffers, episodes, strict=True):
+            buffer[rows] = values.to(buffer.dtype)
+        clock = torch.as_tensor(self._episode.clock)
+        clock[rows] -= torch.as_tensor(self.timing.step(self._episode.clock))[rows]
+
     def stagger(self, *generators: torch.Generator) -> None:
         """Pretend the episodes started at random times, so that they do not all end together.
 
@@ -178,6 +194,11 @@ class Engine:
     def load_state(self, table: dict[str, Any]) -> None:
         """Continue from what `save_state` gave; ConfigError where it is of other environments or episodes."""
         restore(table, self._world, self._episode, (self._draws.low, self._draws.high), self.processes)
+
+
+def _own(episode: Episode) -> tuple[Any, ...]:
+    """All that an episode has of its own: not what flies, nor its number."""
+    return leaves(replace(episode, body=None, clock=0.0))
 
 
 def _check(num_envs: object, seeds: Sequence[int]) -> None:

@@ -11,7 +11,7 @@ from contextlib import closing
 import numpy as np
 import torch
 
-from rans.episode import World, step
+from rans.episode import Episode, Outcome, World, step
 from rans.errors import ConfigError, RansError, brief
 from rans.fast.cpu_flights import CpuFlights
 from rans.fast.kernels.flight import FlightKernel, Products
@@ -131,27 +131,38 @@ class Flights:
             except BrokenProcessPool as error:
                 raise RansError("a process that flew died; the usual cause is too little memory.") from error
 
-    @torch.no_grad()
     def _stepped(self, words: tuple[int, int], numbers: np.ndarray) -> Verdicts:
         """One batch, step by step."""
-        world, place, network = self.world, self._place, self._network
-        draws = Draws(*words, place.put(numbers, torch.int32), 0, place.fields)
-        clock = place.put(np.zeros_like(numbers), torch.int32)
+        world, tally = self.world, None
         # What is no longer finite flies on in vain: nothing of it is counted.
         with np.errstate(all="ignore"):
-            now = world.begin(*world.scenario(clock, draws), clock, draws)
-            tally, memory = Tally.of(world, now), network.blank(len(numbers))
-            for _ in range(world.timing.episode_steps):
-                seen = self._seen(world.observe(now, draws), len(numbers))
-                command, memory = likeliest(network, seen, memory)
-                columns = command.T.contiguous()
-                outcome = step(world, now, tuple(columns.numpy() if place.on_numpy else columns), draws)
-                tally, now = tally.after(world, outcome), outcome.episode
+            for episode, outcome in self.steps(words, numbers):
+                tally = (tally or Tally.of(world, episode)).after(world, outcome)
+        assert tally is not None
         found = (tally.failure(), tally.going & tally.inside, tally.settled,
                  tally.gained, tally.impulse, tally.opened)
         arrays = [torch.as_tensor(x).cpu().numpy() for x in found]
         return Verdicts.of(world, numbers, arrays[:3], arrays[3:], self.listed,
                            f"stepping, {self.device.type}")
+
+    @torch.no_grad()
+    def steps(self, words: tuple[int, int], numbers: np.ndarray) -> Iterator[tuple[Episode, Outcome]]:
+        """Every step of the scenarios with these numbers, (N,) int32, of a seed's two words.
+
+        As fields (N,) of the device: the episodes acted in, and what that gave.
+        """
+        world, place, network = self.world, self._place, self._network
+        draws = Draws(*words, place.put(numbers, torch.int32), 0, place.fields)
+        clock = place.put(np.zeros_like(numbers), torch.int32)
+        now = world.begin(*world.scenario(clock, draws), clock, draws)
+        memory = network.blank(len(numbers))
+        for _ in range(world.timing.episode_steps):
+            seen = self._seen(world.observe(now, draws), len(numbers))
+            command, memory = likeliest(network, seen, memory)
+            columns = command.T.contiguous()
+            outcome = step(world, now, tuple(columns.numpy() if place.on_numpy else columns), draws)
+            yield now, outcome
+            now = outcome.episode
 
     def _seen(self, columns: tuple[Field, ...], count: int) -> torch.Tensor:
         """Observations (N, width); columns that are the same for all are numbers or of one element."""

@@ -149,6 +149,25 @@ def _require(config: object, bound: str, holds: Callable[[Any], bool], *names: s
 
 
 @dataclass(frozen=True)
+class Failures:
+    """Training where the agent fails; ConfigError where a number is out of its range."""
+
+    share: float = 0.0
+    """Of the environments, whose episodes begin somewhere along flights that the agent failed in. 0: none,
+    and nobody looks for such flights."""
+    begin: float = 0.5
+    """Share of all steps before the first look for failures: until then there is more than enough of them."""
+    looks: int = 8
+    """How many looks there are, equally spaced over the rest."""
+    flights: int = 65_536
+    """Flights of a look, by the agent's likeliest commands."""
+
+    def __post_init__(self) -> None:
+        _require(self, "at least 0 and below 1", lambda x: 0 <= x < 1, "share", "begin")
+        _require(self, ">= 1 and < 2^24", lambda x: 1 <= x < 2**24, "looks", "flights")
+
+
+@dataclass(frozen=True)
 class TrainConfig:
     """One training, checked: the same config and seed give the same agent, bit by bit on a CPU."""
 
@@ -168,6 +187,8 @@ class TrainConfig:
     """What episodes do not promise."""
     curriculum: tuple[Ramp, ...] = ()
     """Settings of the task that move during training, from an easier value to their own."""
+    failures: Failures = field(default_factory=Failures)
+    """Where episodes begin that do not begin at the task's starts."""
     seed: int = 0
     """Of starts, goals, weights and actions."""
     device: str = "cpu"

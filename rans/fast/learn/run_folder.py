@@ -128,3 +128,14 @@ def read_config(file: Path) -> TrainConfig:
         return from_table(table)
     except ConfigError as error:
         raise ConfigError(f"{file}: {error}") from error
+
+
+def run_path(config: TrainConfig, folder: Path = Path("runs")) -> Path:
+    """The first unused folder for a training of this config."""
+    return unused_path(f"{config.task}-{Path(config.spacecraft).stem}-seed{config.seed}", folder)
+
+
+def unused_path(stem: str, folder: Path = Path("runs")) -> Path:
+    """The folder of this name, or the first with a number behind it that does not exist."""
+    candidates = (folder / (stem if n == 1 else f"{stem}-{n}") for n in range(1, 1_000_000))
+    return next(path for path in candidates if not path.exists())

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import torch
@@ -16,6 +15,7 @@ from rans.fast.distributed import ALONE, Processes
 from rans.fast.engine import Engine
 from rans.fast.learn.config import TrainConfig
 from rans.fast.learn.curriculum import Curriculum
+from rans.fast.learn.failures import FailedStarts
 from rans.fast.learn.graph import as_written, calls_until_recorded
 from rans.fast.learn.member import Member, begin, statistics
 from rans.fast.learn.policy_file import write_learner
@@ -56,8 +56,9 @@ class Trainer:
         timing = replace(first.timing, episode_steps=first.episode_steps or first.timing.episode_steps)
         self.engine = Engine(craft, self.curriculum.task, each * len(configs), timing, seed=seeds,
                              device=device, processes=processes, conditions=first.conditions.or_none,
-                             remember=first.ppo.privileged_critic)
+                             remember=first.ppo.privileged_critic or first.failures.share > 0.0)
         self.learner = begin(self.engine, [config.ppo for config in configs], seeds)
+        self.failures = FailedStarts(configs, self.engine, self.learner)
         self.selection = Selection(self.learner.network, craft, tasks, first.timing, device,
                                    first.conditions.or_none)
         self._said: list[dict[str, float]] = []
@@ -176,6 +177,7 @@ class Trainer:
     def _iterate(self) -> None:
         """One iteration of PPO."""
         self.curriculum.move_to(self.steps)
+        self.failures.begin(self.steps)
         self.learner.slow_down(max(0.0, 1 - self.steps / self.config.total_timesteps))
         self.learner.collect()
         said = self.learner.update().tolist()
@@ -199,7 +201,7 @@ class Trainer:
         for number in self.running():
             member = self.members[number]
             row = {"steps": self.steps, "seconds": round(self.seconds, 3), "steps_per_s": round(rate),
-                   **judged[number], **self._said[number]}
+                   **judged[number], **self.failures.found[number], **self._said[number]}
             member.note(row, found[number] if due else None)
             if member.solved:
                 member.weights = self.learner.network.member(number)
@@ -230,7 +232,7 @@ class Trainer:
                    for member in self.members]
         return {"network": self._network(), "learner": self.learner.state(), "cuda_generator": cuda,
                 "engine": self.engine.save_state(), "steps": self.steps, "seconds": self.seconds,
-                "members": members}
+                "members": members, "failures": self.failures.state()}
 
     def _network(self) -> str:
         """What decides what the weights mean, and nothing that may change while training goes on."""
@@ -268,6 +270,7 @@ class Trainer:
             self.learner.load(saved["learner"])
             if saved["cuda_generator"] is not None:
                 torch.cuda.set_rng_state(saved["cuda_generator"].cpu())
+            self.failures.load(saved["failures"])
             self.steps, self.seconds = saved["steps"], saved["seconds"]
             for member, kept in zip(self.members, saved["members"], strict=True):
                 member.in_a_row, member.weights = kept["in_a_row"], kept["weights"]
@@ -284,14 +287,3 @@ def check_device(device: str) -> None:
             f"device must be cpu or cuda, got {device!r}; which GPU that is, CUDA_VISIBLE_DEVICES decides.")
     if device == "cuda" and not torch.cuda.is_available():
         raise ConfigError("device is cuda, but torch sees no CUDA device here; use --device cpu.")
-
-
-def run_path(config: TrainConfig, folder: Path = Path("runs")) -> Path:
-    """The first unused folder for a training of this config."""
-    return unused_path(f"{config.task}-{Path(config.spacecraft).stem}-seed{config.seed}", folder)
-
-
-def unused_path(stem: str, folder: Path = Path("runs")) -> Path:
-    """The folder of this name, or the first with a number behind it that does not exist."""
-    candidates = (folder / (stem if n == 1 else f"{stem}-{n}") for n in range(1, 1_000_000))
-    return next(path for path in candidates if not path.exists())

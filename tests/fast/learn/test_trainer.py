@@ -15,8 +15,8 @@ from rans.evaluation.fly.agent import load_agent
 from rans.fast.distributed import Processes
 from rans.fast.learn.config import PPOSettings
 from rans.fast.learn.ppo import STATISTICS
-from rans.fast.learn.run_folder import RunFolder
-from rans.fast.learn.trainer import Trainer, check_device, run_path
+from rans.fast.learn.run_folder import RunFolder, run_path
+from rans.fast.learn.trainer import Trainer, check_device
 from rans.model.conditions_file import load_conditions
 from rans.model.timing import Timing
 from tests.fast.engines import SHORT

@@ -1,0 +1,115 @@
+"""Episodes that begin where the agent fails: along flights of its likeliest commands that did not succeed.
+
+A training tries commands at random, and judges them within its own episodes; what only the likeliest ones
+do, such as a cycle of two steps at rest, or late in a flight, it hardly ever sees. So from time to time
+very many flights are flown as they will be judged, and for those that fail the states on their way become
+starts, of a share of the environments.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from rans.fast.engine import Engine
+from rans.fast.flights import Flights
+from rans.fast.learn.config import TrainConfig
+from rans.fast.learn.network import Network
+from rans.fast.learn.ppo import Learner
+from rans.model.random import seed_words
+from rans.scenario import FAILURES_SEED
+
+_FOLLOWED = 1024
+"""Failed flights of a look that are flown again to see where they went; the first ones."""
+_KEPT = 2**18
+"""Starts of a member, the newest."""
+
+
+class FailedStarts:
+    """Of K members that learn together; of configs whose ``failures`` have no share, nothing at all.
+
+    Every process of a training finds the same starts, by itself.
+    """
+
+    def __init__(self, configs: Sequence[TrainConfig], engine: Engine, learner: Learner) -> None:
+        self._configs, self._engine, self._learner = configs, engine, learner
+        self._given = first = configs[0].failures
+        self._looks, self._starts = 0, [list[Tensor]() for _ in configs]
+        self._generator = torch.Generator().manual_seed(configs[0].seed)
+        self.found: list[dict[str, float]] = [{} for _ in configs]
+        """For the log, what the last look found about each member."""
+        # So many rollouts last at least as long as an episode.
+        self._rollouts = -(-engine.timing.episode_steps // learner.n_steps)
+        self._each = engine.num_envs // len(configs)
+        self._shared = int(first.share * self._each)
+
+    def begin(self, steps: int) -> None:
+        """Before the rollout after so many environment steps: look for failures where due, begin episodes.
+
+        They begin in turns, each in an environment whose last one of them is over.
+        """
+        if not self._shared:
+            return
+        if steps >= self._next_look() and self._looks < self._given.looks:
+            self._look()
+        turn = steps // (self._configs[0].ppo.n_envs * self._learner.n_steps) % self._rollouts
+        for number, starts in enumerate(self._starts):
+            rows = torch.arange(turn, self._shared, self._rollouts) + number * self._each
+            if starts and len(rows):
+                self._put(rows, starts)
+
+    def _put(self, rows: Tensor, starts: Sequence[Tensor]) -> None:
+        engine, memory = self._engine, self._learner.rollout.memory
+        world = engine.processes
+        chosen = world.mine(torch.randint(len(starts[0]), (len(rows) * world.size,),
+                                          generator=self._generator)).to(engine.device)
+        rows = rows.to(engine.device)
+        engine.put(rows, [column[chosen] for column in starts])
+        if memory is not None:
+            memory[rows] = 0.0
+
+    def _next_look(self) -> float:
+        """Environment steps after which it is due."""
+        begin = self._given.begin
+        share = begin + (1.0 - begin) * self._looks / self._given.looks
+        return share * self._configs[0].total_timesteps
+
+    def _look(self) -> None:
+        """Fly every member, and keep where those flights went that failed."""
+        network, first, count = self._learner.network, self._looks * self._given.flights, self._given.flights
+        for number, config in enumerate(self._configs):
+            setup = (self._engine.craft, config.settings.for_evaluation(), config.timing,
+                     config.conditions.or_none)
+            alone = Network(network.architecture, network.member(number))
+            flights = Flights(alone, setup, self._engine.device, listed=_FOLLOWED)
+            verdicts = flights.fly(first, count, FAILURES_SEED)
+            self.found[number] = {"failures/share": verdicts.failed / count}
+            if len(verdicts.numbers):
+                new, old = self._followed(flights, verdicts.numbers), self._starts[number]
+                self._starts[number] = [torch.cat(pair)[:_KEPT] for pair in zip(new, old, strict=True)
+                                        ] if old else new
+        self._looks += 1
+
+    def _followed(self, flights: Flights, numbers: np.ndarray) -> list[Tensor]:
+        """Episodes as `Engine.put` takes them, of every step of these flights that the task goes on after."""
+        engine, stands = self._engine, list[list[Tensor]]()
+        going = torch.ones(len(numbers), dtype=torch.bool, device=engine.device)
+        with np.errstate(all="ignore"):
+            for episode, outcome in flights.steps(seed_words(FAILURES_SEED), numbers.astype(np.int32)):
+                stands.append([column[going] for column in engine.varying(episode)])
+                going &= ~torch.as_tensor(outcome.terminated)
+        return [torch.cat(column) for column in zip(*stands, strict=True)]
+
+    def state(self) -> dict[str, Any]:
+        """Everything needed to go on."""
+        return {"looks": self._looks, "starts": self._starts, "generator": self._generator.get_state(),
+                "found": self.found}
+
+    def load(self, saved: dict[str, Any]) -> None:
+        """Go on from what `state` gave."""
+        self._looks, self._starts, self.found = saved["looks"], saved["starts"], saved["found"]
+        self._generator.set_state(saved["generator"].cpu())
