@@ -84,9 +84,13 @@ class Gradients(ABC):
         except DoesNotFit:
             return None
 
-    def inputs(self, seen: Tensor, memory: Tensor | None) -> Tensor:
-        """What the trunk is given (N, inputs) of columns (N, k) and a history: the same in every epoch."""
+    def inputs(self, seen: Tensor, memory: Tensor | None, privileged: Tensor | None = None) -> Tensor:
+        """What both trunks are given (N, inputs) of columns (N, k), a history and what the critic is told.
+
+        It is the same in every epoch.
+        """
         x = self._network.inputs(seen, memory)
+        x = x if privileged is None else torch.cat((x, privileged), dim=1)
         one, rest = x.new_ones(1, 1), x.new_zeros(1, self.design.inputs - self.design.columns - 1)
         return torch.cat((x, one.expand(len(x), -1), rest.expand(len(x), -1)), dim=1).bfloat16()
 
@@ -155,35 +159,44 @@ class UpdateKernel(Gradients):
 
 
 class UpdateProducts(Gradients):
-    """In products of matrices, for networks that one kernel has no place for."""
+    """In products of matrices, for networks that one kernel has no place for, or with two trunks."""
 
     way = "products of matrices"
 
     def __init__(self, network: Network, adam: Adam, coefficients: Coefficients) -> None:
         super().__init__(UpdateDesign(network.architecture), network, adam, coefficients)
         self._activation = ACTIVATIONS[network.architecture.activation]()
+        # Two trunks' lie beside each other, which takes no longer where it is compiled.
+        self._second = self._activation if self.design.trunks == 1 else fused(self._beside, self._device)
         self._through, self._output = fused(self._before, self._device), fused(self._learnt, self._device)
 
     def _sums(self, weights: Tensor, biases: Tensor, x: Tensor, part: Batch) -> Tensor:
         design = self.design
         first, second, head, rest = design.matrices(weights)
         bias, constant = biases.tensor_split([len(second)])
-        # Forward; outputs are sums of both parts of the heads' weights.
+        # Forward, a trunk beside the other; outputs are sums of both parts of the heads' weights.
         one = self._activation(x @ first.T)
-        two = self._activation(torch.addmm(bias.bfloat16(), one, second.T))
+        ones, seconds = one.chunk(design.trunks, dim=1), second.chunk(design.trunks)
+        given = zip(bias.bfloat16().chunk(design.trunks), ones, seconds, strict=True)
+        two = self._second(*(torch.addmm(shift, each, weight.T) for shift, each, weight in given))
         outputs = _float32(two, torch.cat((head, rest)).T)
         # Losses, and backward.
         d_out, of_constant, statistics = self._output(outputs, constant, part.action, part.log_prob,
                                                       part.advantage, part.target)
-        d_two, of_bias = self._through(d_out @ head, two)
-        d_one, _ = self._through(d_two @ second, one)
-        sums = (_float32(d_two.T, one), _float32(d_one.T, x), _float32(two.T, d_out), of_bias, of_constant,
-                statistics, self._zero.expand(design.size - design.end - STATISTICS))
+        d_two, of_bias = self._through(two, d_out @ head)
+        d_twos = d_two.chunk(design.trunks, dim=1)
+        d_one, _ = self._through(one, *(each @ weight for each, weight in zip(d_twos, seconds, strict=True)))
+        sums = [*(_float32(each.T, given) for each, given in zip(d_twos, ones, strict=True)),
+                _float32(d_one.T, x), _float32(two.T, d_out), of_bias, of_constant, statistics,
+                self._zero.expand(design.size - design.end - STATISTICS)]
         return torch.cat([each.flatten() for each in sums])[None]
 
-    def _before(self, gradient: Tensor, value: Tensor) -> tuple[Tensor, Tensor]:
-        """Gradients before an activation from those after it, and their sums over the samples."""
-        y, found = value.float(), gradient.float()
+    def _beside(self, *parts: Tensor) -> Tensor:
+        return self._activation(torch.cat(parts, dim=1))
+
+    def _before(self, value: Tensor, *gradients: Tensor) -> tuple[Tensor, Tensor]:
+        """Gradients before activations from those after them, and their sums over the samples."""
+        y, found = value.float(), torch.cat(gradients, dim=1).float()
         kind = self._network.architecture.activation
         slope = (1 - y * y if kind == "tanh" else (y > 0).float() if kind == "relu" else
                  torch.where(y > 0, 1.0, y + 1.0))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.resources import files
@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import torch
 from torch import Tensor
+from torch.nn import functional
 
 from rans.fast.kernels.design import DoesNotFit, padded, up
 from rans.fast.learn.architecture import EXTRACTOR, Architecture
@@ -36,6 +37,9 @@ class Places(NamedTuple):
 class UpdateDesign:
     """Of a network with this architecture, whose layers have idle units up to a multiple of ``step``.
 
+    A critic of its own lies beside the policy: one first layer that both are rows of, a second layer for
+    each, and one output of both, in which the other's weights are idle.
+
     Raises:
         DoesNotFit: the network is of another kind.
     """
@@ -45,14 +49,19 @@ class UpdateDesign:
 
     def __post_init__(self) -> None:
         given = self.given
-        if given.units or given.privileged or given.continuous or len(given.layers) != 2:
-            raise DoesNotFit("a recurrent network, a critic of its own, continuous commands, or other than "
-                             "two layers")
+        if given.units or given.continuous or len(given.layers) != 2:
+            raise DoesNotFit("a recurrent network, continuous commands, or other than two layers")
+
+    @property
+    def trunks(self) -> int:
+        """Networks beside each other."""
+        return 2 if self.given.privileged else 1
 
     @property
     def columns(self) -> int:
-        """Numbers that the first layer is given."""
-        return self.given.seen * (2 if self.given.zoom else 1) + self.given.memory
+        """Numbers that the first layer is given, at last what only the critic is told."""
+        given = self.given
+        return given.seen * (2 if given.zoom else 1) + given.memory + given.privileged
 
     @property
     def inputs(self) -> int:
@@ -61,7 +70,7 @@ class UpdateDesign:
 
     @property
     def widths(self) -> tuple[int, int]:
-        """Units of both layers, with idle ones."""
+        """Units of both layers of a trunk, with idle ones."""
         first, second = (up(units, self.step) for units in self.given.layers)
         return first, second
 
@@ -74,8 +83,9 @@ class UpdateDesign:
     def sums(self) -> dict[str, tuple[int, ...]]:
         """Shapes of the gradients, which lie one after the other, before the statistics."""
         first, second = self.widths
-        return {"second": (second, first), "first": (first, self.inputs), "head": (second, self.heads),
-                "bias": (second,), "constant": (self.heads,)}
+        firsts, seconds = first * self.trunks, second * self.trunks
+        return {"second": (seconds, first), "first": (firsts, self.inputs), "head": (seconds, self.heads),
+                "bias": (seconds,), "constant": (self.heads,)}
 
     @property
     def size(self) -> int:
@@ -89,8 +99,8 @@ class UpdateDesign:
 
     def matrices(self, weights: Tensor) -> list[Tensor]:
         """Both layers' (units, inputs), the heads' and what rounding leaves of them, from one row."""
-        first, second = self.widths
-        shapes = [(first, self.inputs), (second, first), (self.heads, second), (self.heads, second)]
+        first, second, head = self.sums["first"], self.sums["second"], self.sums["head"][::-1]
+        shapes = [first, second, head, head]
         parts = weights.split([rows * (columns + PAD) for rows, columns in shapes])
         return [part.view(rows, -1)[:, :columns] for part, (rows, columns) in zip(parts, shapes, strict=True)]
 
@@ -99,13 +109,23 @@ class UpdateDesign:
         def one(name: str) -> tuple[Tensor, Tensor]:
             return positions[f"{name}.weight"], positions[f"{name}.bias"]
 
-        (first, bias), (second, bias_2), (action, shift), (value, constant) = map(
-            one, (f"{EXTRACTOR}trunk.0", f"{EXTRACTOR}trunk.2", "action_net", "value_net"))
-        # Of two logits a thruster, their difference counts (`Network._heads`).
+        def beside(layers: Iterable[Tensor], *shape: int) -> tuple[Tensor]:
+            return torch.cat([padded(x, shape, zero) for x in layers]),
+
+        names, (width, features) = ("trunk", "critic")[:self.trunks], self.widths
+        first, bias = zip(*(one(f"{EXTRACTOR}{name}.0") for name in names), strict=True)
+        second, bias_2 = zip(*(one(f"{EXTRACTOR}{name}.2") for name in names), strict=True)
+        wide = [padded(x, (len(x), self.columns), zero) for x in first]
+        first = [torch.cat((x, shift[:, None]), dim=1) for x, shift in zip(wide, bias, strict=True)]
+        # Of two logits a thruster, their difference counts (`Network._heads`); values are of the last trunk.
+        (action, shift), (value, constant) = one("action_net"), one("value_net")
+        action = padded(action, (len(action), features * self.trunks), zero)
+        value = functional.pad(value, ((self.trunks - 1) * features, 0), value=zero)
+        value = padded(value, (1, features * self.trunks), zero)
         head = torch.cat((action[1::2], value)), torch.cat((action[0::2], torch.full_like(value, zero)))
         shifts = torch.cat((shift[1::2], constant)), torch.cat((shift[0::2], torch.full_like(constant, zero)))
-        found = {"second": (second,), "first": (torch.cat((first, bias[:, None]), dim=1),),
-                 "head": tuple(x.T for x in head), "bias": (bias_2,), "constant": shifts}
+        found = {"second": beside(second, features, width), "first": beside(first, width, self.inputs),
+                 "head": tuple(x.T for x in head), "bias": beside(bias_2, features), "constant": shifts}
         filled = {name: [padded(x, self.sums[name], zero) for x in pair] for name, pair in found.items()}
         return {name: Places(pair[0], pair[-1] if len(pair) > 1 else torch.full_like(pair[0], zero))
                 for name, pair in filled.items()}
@@ -116,6 +136,8 @@ class KernelDesign(UpdateDesign):
 
     def __init__(self, given: Architecture, shared: int) -> None:
         super().__init__(given, 64)
+        if given.privileged:
+            raise DoesNotFit("a critic of its own")
         if max(given.layers) > _WIDEST or self.inputs > _MOST_INPUTS:
             raise DoesNotFit(f"{self.columns} inputs and layers of {given.layers} units; it has for "
                              f"{_MOST_INPUTS - 1} inputs and two layers of {_WIDEST}")

@@ -139,15 +139,15 @@ class Learner:
         gamma, gae_lambda, scale = map(self._spread, (given.gamma, given.gae_lambda, given.reward_scale))
         reward = kept.reward * scale + gamma * kept.truncated * beyond
         advantage = self._gae(reward, kept.value, kept.ended, last, gamma, gae_lambda)
-        memory = None if kept.memory is None else kept.memory.flatten(0, 1)
+        memory, told = (None if x is None else x.flatten(0, 1) for x in (kept.memory, kept.privileged))
         seen, memory, action = self._show(self.network, kept.observation.flatten(0, 1), memory,
-                                          kept.action.flatten(0, 1), self.by_hand)
+                                          kept.action.flatten(0, 1), self.by_hand, told)
         shape = reward.shape
         going_on = (1.0 - torch.cat((torch.zeros_like(kept.ended[:1]), kept.ended[:-1]))
                     if self.network.architecture.units else None)
         return Batch(seen.unflatten(0, shape), action.unflatten(0, shape), kept.log_prob, advantage,
                      advantage + kept.value, None if memory is None else memory.unflatten(0, shape),
-                     kept.privileged, going_on)
+                     kept.privileged if self.by_hand is None else None, going_on)
 
     def _beside(self, first: Tensor, second: Tensor | None) -> Tensor:
         """Each member's rows of both, (2 N, ...), so that one evaluation serves both."""
@@ -211,14 +211,15 @@ def act(network: Network, observation: Tensor, memory: Tensor | None, privileged
 
 
 def shown(network: Network, observation: Tensor, memory: Tensor | None, action: Tensor,
-          by_hand: Gradients | None = None) -> tuple[Tensor, Tensor | None, Tensor]:
+          by_hand: Gradients | None = None,
+          privileged: Tensor | None = None) -> tuple[Tensor, Tensor | None, Tensor]:
     """Observations (N, width), memory and actions (N, thrusters) from the sides the network sees them from.
 
     In space that costs a fifth of an update; it is the same in every epoch. Gradients ``by_hand`` are shown
-    all that the trunk is given, in the place of the memory.
+    all that the trunks are given, in the place of the memory.
     """
     seen, recalled, place = network.look(network.in_body(observation), memory)
-    recalled = recalled if by_hand is None else by_hand.inputs(seen, recalled)
+    recalled = recalled if by_hand is None else by_hand.inputs(seen, recalled, privileged)
     return seen, recalled, action if place is None else torch.empty_like(action).scatter(1, place, action)
 
 

@@ -32,6 +32,8 @@ def collected(craft: Any, **settings: Any) -> tuple[Learner, Batch]:
         for name in network.learnt:  # outputs of order one
             network.tensors[name] *= 3.0 / max(network.tensors[name].shape[-1], 9)**0.5
     learner.collect()
+    if (told := learner.rollout.all.privileged) is not None:  # which here would be the same for all
+        told.normal_(generator=scale)
     with torch.no_grad():
         for name in network.learnt:
             network.tensors[name] += 0.02 * torch.randn(network.tensors[name].shape, generator=scale)
@@ -103,13 +105,25 @@ def test_products_find_what_autograd_finds(craft: Any, settings: Any, activation
     agree(UpdateProducts(learner.network, learner.adam, learner.coefficients), learner, batch, 0.03)
 
 
+@CASES
+def test_products_find_what_autograd_finds_of_a_critic_of_its_own(craft: Any, settings: Any) -> None:
+    history = {"memory": "history", "history": 2, "averages": (0.5,)}
+    learner, batch = collected(craft, **settings, **history, privileged_critic=True)
+    agree(UpdateProducts(learner.network, learner.adam, learner.coefficients), learner, batch, 0.03)
+
+
 @pytest.mark.parametrize(("settings", "message"), [
-    ({"memory": "recurrent"}, "a recurrent network"), ({"privileged_critic": True}, "a critic of its own"),
-    ({"continuous": True}, "continuous commands"), ({"layers": (16,)}, "other than two layers"),
+    ({"memory": "recurrent"}, "a recurrent network"), ({"continuous": True}, "continuous commands"),
+    ({"layers": (16,)}, "other than two layers"),
 ])
 def test_what_is_left_to_autograd(settings: Any, message: str) -> None:
     with pytest.raises(DoesNotFit, match=message):
         UpdateDesign(tiny_learner(**settings).network.architecture)
+
+
+def test_the_kernel_has_no_place_for_a_critic_of_its_own() -> None:
+    with pytest.raises(DoesNotFit, match="a critic of its own"):
+        KernelDesign(tiny_learner(privileged_critic=True).network.architecture, 2**20)
 
 
 @pytest.mark.parametrize(("layers", "zoom", "history", "shared", "message"), [
