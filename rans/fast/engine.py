@@ -83,7 +83,7 @@ class Engine:
         """What flies; fields (N,) of it may be written in place, which compiles nothing."""
         how = chosen(craft, self.timing, body) if conditions is None else self.timing
         self._world = World(craft, task, how, place.nodes, conditions)
-        self.known = Known(self._world, self.body)
+        self.known = Known(self._world, self.body, torch.ones(num_envs, dtype=dtype, device=place.device))
         """What `privileged` tells."""
         first = np.arange(num_envs) % each * processes.size + processes.rank
         self._draws = draws = Draws(*place.words(seeds, each), place.put(first, torch.int32),
@@ -153,9 +153,7 @@ class Engine:
 
     def privileged(self) -> Tensor:
         """What a simulator knows of every spacecraft and a robot does not, (N, p), see `Known`."""
-        everywhere = torch.ones(self.num_envs, dtype=self.dtype, device=self.device)
-        found = self.known.of(self._world.recalled(self._episode, self._draws))
-        return torch.stack([everywhere * x for x in found], dim=1)
+        return self.known.of(self._world.recalled(self._episode, self._draws))
 
     def observe(self) -> Tensor:
         """The current observation, (N, width)."""

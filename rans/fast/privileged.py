@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from rans.episode import Episode, World
 from rans.model.body import Body
@@ -18,21 +19,32 @@ from rans.model.spacecraft import Spacecraft
 
 
 class Known:
-    """The body's numbers over the craft's own; under conditions everything that episodes draw from them."""
+    """The body's numbers over the craft's own; under conditions everything that episodes draw from them.
 
-    def __init__(self, world: World, body: Body) -> None:
+    Args:
+        world: that the episodes are of.
+        body: what flies in them.
+        everywhere: ones (N,), of the dtype and on the device of what is told.
+    """
+
+    def __init__(self, world: World, body: Body, everywhere: Tensor) -> None:
         self._body, self._craft, self._drawn = body, world.craft, quantities(world)
+        self._everywhere = everywhere
+        # In memory: a CUDA graph takes nothing from the CPU.
+        self._mean, self._scale = (everywhere.new_tensor(row) for row in (
+            [one.mean for one in self._drawn], [1.0 / one.spread for one in self._drawn]))
         self.width = len(self._drawn) or len(leaves(body))
         """How many a spacecraft has."""
         self.nominal = (0.0,) * len(self._drawn) or tuple(relative(Body.of(world.craft), world.craft))
         """Those of the craft as designed, or under conditions of what is usual."""
 
-    def of(self, episode: Episode) -> Iterator[Any]:
-        """Each of them in N running episodes, which know their cases: (N,), or one number for all."""
+    def of(self, episode: Episode) -> Tensor:
+        """All of them, (N, width), in N running episodes, which know their cases."""
         if not self._drawn:
-            return relative(self._body, self._craft)
+            return torch.stack([self._everywhere * x for x in relative(self._body, self._craft)], dim=1)
         case = leaves(episode.case)
-        return ((torch.as_tensor(case[one.place]) - one.mean) * (1.0 / one.spread) for one in self._drawn)
+        drawn = torch.stack([torch.as_tensor(case[one.place]) for one in self._drawn], dim=1)
+        return (drawn - self._mean) * self._scale
 
 
 class Quantity(NamedTuple):
