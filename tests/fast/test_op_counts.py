@@ -86,6 +86,13 @@ def test_what_comes_once_an_update(craft: Any, plain: int, symmetric: int) -> No
         assert once <= SLACK * counted
 
 
+def test_what_a_critic_is_told_of_conditions() -> None:
+    """However many numbers they draw: all of them beside each other, less the mean, times the scale."""
+    engine = Engine(PLATFORM, NEAR, 16, SHORT, conditions="lab", remember=True)
+    assert engine.known.width > 10
+    assert operations(engine.privileged).total() == 3
+
+
 def test_a_further_step_of_a_rollout_adds_three_operations_of_gae() -> None:
     assert updates(n_steps=16, batch_size=128) - updates(n_steps=8, batch_size=64) == 3 * 8
 

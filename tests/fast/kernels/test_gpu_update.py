@@ -39,8 +39,10 @@ WIDE = {"layers": (256, 192), "memory": "history", "averages": (0.5, 0.9)}
 
 @pytest.mark.parametrize(("craft", "settings"), [
     (PLATFORM, {}), (PLATFORM, {"layers": (64, 64), "activation": "relu"}), (PLATFORM, WIDE),
+    (PLATFORM, WIDE | {"privileged_critic": True}),
     (FLYER, {"zoom": 16.0, "layers": (100, 128), "activation": "elu"}),
-], ids=["plane", "relu", "wide, in products", "space, elu, idle units and a second look"])
+], ids=["plane", "relu", "wide, in products", "a critic of its own",
+        "space, elu, idle units and a second look"])
 def test_gradients_are_as_good_as_torchs(craft: Any, settings: Any) -> None:
     given = replace(SETTINGS, **settings)
     learner = begin(Engine(craft, GoToPose(), given.n_envs, device="cuda"), [given], [0])
