@@ -42,7 +42,7 @@ def recurrent(inputs: Tensor, state: Tensor, going_on: Sequence[Tensor] | None,
         going_on: of each step, (..., n, 1), zero where an episode began with it; None: nowhere.
         recalled: a linear layer from states to 3 units.
     """
-    states = list[Tensor]()
+    states: list[Tensor] = []  # not `list[Tensor]()`, which the compiler of torch 2.11 cannot read
     for t in range(inputs.shape[-3]):
         if going_on is not None and t > 0:
             state = state * going_on[t]
