@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from rans.episode import Episode, World
+from rans.episode import World
 from rans.errors import ConfigError, brief, checked
 from rans.fast.distributed import ALONE, Processes
 from rans.fast.kernels.launch import Kernel
@@ -89,14 +89,14 @@ class Engine:
         self._draws = draws = Draws(*place.words(seeds, each), place.put(first, torch.int32),
                                     each * processes.size, place.fields)
         buffers = self._world, self.body, num_envs, draws
-        self._episode, self._kernel = place.episodes(*buffers, remember), None
+        self.episode, self._kernel = place.episodes(*buffers, remember), None
         if generated and self.compiled and self.device.type == "cuda":
-            self._kernel = Kernel.made(self._world, self._episode, draws, processes, dtype, self.members)
+            self._kernel = Kernel.made(self._world, self.episode, draws, processes, dtype, self.members)
         if self._kernel is None:
-            self._episode = place.episodes(*buffers, remember=True)
+            self.episode = place.episodes(*buffers, remember=True)
         self._step = stepping(place, self.compiled and self._kernel is None)
-        self.state, self.goal = self._episode.state, self._episode.goal
-        """Current ones; fields are views that the next step overwrites, those that never vary floats."""
+        self.state, self.goal = self.episode.state, self.episode.goal
+        """Of the running episodes; fields are what the next step overwrites, those that never vary floats."""
         self.reset(seeds)
 
     @cached_property
@@ -110,7 +110,7 @@ class Engine:
 
         Episodes count from zero under a given seed, or one a member; by default they go on counting.
         """
-        world, now = self._world, self._episode
+        world, now = self._world, self.episode
         if seed is None:
             write([now.clock], [world.timing.next_episode(now.clock)])
         else:
@@ -123,22 +123,6 @@ class Engine:
         write(leaves(now), leaves(begun if now.case is not None else replace(begun, case=None)))
         return self.observe()
 
-    def varying(self, episode: Episode) -> list[Tensor]:
-        """What `put` takes of N others' episodes of this craft and task: all that varies here, each (N,)."""
-        zero = leaves(episode.state)[0] * 0.0
-        told = replace(episode, case=episode.case if self._episode.case is not None else None)
-        return [torch.as_tensor(x + zero if isinstance(x, int | float) else x)
-                for x, own in zip(_own(told), _own(self._episode), strict=True)
-                if not isinstance(own, int | float)]
-
-    def put(self, rows: Tensor, episodes: Sequence[Tensor]) -> None:
-        """Begin new episodes in these rows, as those of `varying` stood; there are as many."""
-        buffers = [torch.as_tensor(x) for x in _own(self._episode) if not isinstance(x, int | float)]
-        for buffer, values in zip(buffers, episodes, strict=True):
-            buffer[rows] = values.to(buffer.dtype)
-        clock = torch.as_tensor(self._episode.clock)
-        clock[rows] -= torch.as_tensor(self.timing.step(self._episode.clock))[rows]
-
     def stagger(self, *generators: torch.Generator) -> None:
         """Pretend the episodes started at random times, so that they do not all end together.
 
@@ -146,20 +130,20 @@ class Engine:
         """
         limit, everywhere = self.timing.episode_steps, self.num_envs * self.processes.size
         parts = generators or (None,)
-        shape, clock = (everywhere // len(parts),), self._episode.clock
+        shape, clock = (everywhere // len(parts),), self.episode.clock
         steps = torch.cat([torch.randint(0, limit, shape, generator=own, dtype=torch.int32) for own in parts])
         clock -= self.timing.step(clock)
         clock += self._place.put(self.processes.mine(steps), torch.int32)
 
     def privileged(self) -> Tensor:
         """What a simulator knows of every spacecraft and a robot does not, (N, p), see `Known`."""
-        return self.known.of(self._world.recalled(self._episode, self._draws))
+        return self.known.of(self._world.recalled(self.episode, self._draws))
 
     def observe(self) -> Tensor:
         """The current observation, (N, width)."""
         if self._kernel is not None:
             return self._kernel.observe()
-        now = self._world.recalled(self._episode, self._draws)
+        now = self._world.recalled(self.episode, self._draws)
         return self._place.stack(self._world.observe(now, self._draws)).T
 
     def errors(self) -> dict[str, Tensor]:
@@ -179,24 +163,19 @@ class Engine:
                               f"{tuple(action.shape)}.")
         if self._kernel is not None:
             return self._kernel(action)
-        return self._step(self._world, self._episode, action, self._draws)
+        return self._step(self._world, self.episode, action, self._draws)
 
     def holding(self, held: Tensor) -> AbstractContextManager[None]:
         """Within it the spacecraft where ``held``, (N,) bool, stay as they are, whatever the others do."""
-        return holding(self._episode.memory(), held)
+        return holding(self.episode.memory(), held)
 
     def save_state(self) -> dict[str, Any]:
         """Everything a later `load_state` needs to go on bit-identically; all processes must ask."""
-        return snapshot(self._world, self._episode, (self._draws.low, self._draws.high), self.processes)
+        return snapshot(self._world, self.episode, (self._draws.low, self._draws.high), self.processes)
 
     def load_state(self, table: dict[str, Any]) -> None:
         """Continue from what `save_state` gave; ConfigError where it is of other environments or episodes."""
-        restore(table, self._world, self._episode, (self._draws.low, self._draws.high), self.processes)
-
-
-def _own(episode: Episode) -> tuple[Any, ...]:
-    """All that an episode has of its own: not what flies, nor its number."""
-    return leaves(replace(episode, body=None, clock=0.0))
+        restore(table, self._world, self.episode, (self._draws.low, self._draws.high), self.processes)
 
 
 def _check(num_envs: object, seeds: Sequence[int]) -> None:

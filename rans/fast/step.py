@@ -16,8 +16,9 @@ from rans.errors import ConfigError, brief
 from rans.fast.distributed import Processes
 from rans.model.body import Body
 from rans.model.dynamics import NODES
-from rans.model.fields import Field, map_leaves
+from rans.model.fields import Field, leaves, map_leaves
 from rans.model.random import Draws, seed_words
+from rans.model.timing import Timing
 from rans.tasks.derived import paid
 
 FLOAT32_NODES = 4
@@ -201,6 +202,28 @@ def holding(memory: Sequence[Any], held: Tensor) -> Iterator[None]:
             buffer.copy_(torch.where(held, old, buffer))
         elif isinstance(buffer, np.ndarray):
             np.copyto(buffer, old, where=held.numpy())
+
+
+def varying(episode: Episode, like: Episode) -> list[Tensor]:
+    """What `begin_as` takes of N others' episodes: all that varies in those like these, each (N,)."""
+    zero = leaves(episode.state)[0] * 0.0
+    told = replace(episode, case=episode.case if like.case is not None else None)
+    return [torch.as_tensor(x + zero if isinstance(x, int | float) else x)
+            for x, own in zip(_own(told), _own(like), strict=True) if not isinstance(own, int | float)]
+
+
+def begin_as(running: Episode, timing: Timing, rows: Tensor, others: Sequence[Tensor]) -> None:
+    """Begin episodes in these rows of running ones, as those of `varying` stood; there are as many."""
+    buffers = [torch.as_tensor(x) for x in _own(running) if not isinstance(x, int | float)]
+    for buffer, values in zip(buffers, others, strict=True):
+        buffer[rows] = values.to(buffer.dtype)
+    clock = torch.as_tensor(running.clock)
+    clock[rows] -= torch.as_tensor(timing.step(running.clock))[rows]
+
+
+def _own(episode: Episode) -> tuple[Any, ...]:
+    """All that an episode has of its own: not what flies, nor its number."""
+    return leaves(replace(episode, body=None, clock=0.0))
 
 
 def snapshot(world: World, episode: Episode, seed: Sequence[Any], processes: Processes) -> dict[str, Any]:

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import partial, reduce
-from operator import add
+from functools import partial
 
 from rans.model.dynamics import State
 from rans.model.fields import Field
 from rans.model.random import Random
+from rans.tasks.arrived import Arrived
 from rans.tasks.base import SingleTask
 from rans.tasks.rewards import Transition, is_used, nearness, speed
 from rans.tasks.sight import Entry, Turn, VectorInW
 
 
 @dataclass(frozen=True)
-class GoToPose(SingleTask):
+class GoToPose(Arrived, SingleTask):
     """Go to a pose and stay there (paper: Table 1, rows "Go to pose"; sections 3.2 and 4.1).
 
     Goal: the origin of W with any attitude. Start: at rest, any bearing, any attitude.
@@ -47,19 +47,6 @@ class GoToPose(SingleTask):
     """Error at which the narrow attitude reward has fallen to 1/e, rad."""
     misaligned_weight: float = 0.0
     """Weight lost at the goal's place in a wrong attitude (narrow copies), which would save thrust there."""
-    arrived_weight: float = 0.0
-    """Weight of what only those get who are at rest within the tolerances: for agents that should be soon."""
-    arrived_fine_weight: float = 0.0
-    """Weight of the narrow rewards of position and attitude, for those only; with `arrived_weight`."""
-    arrived_thrust_weight: float = 0.0
-    """Weight lost per open thruster, by those only: thrift for the stay, none for the way; with
-    `arrived_weight`."""
-    arrived_speed: float = 0.05
-    """Speed that counts as rest for it, m/s."""
-    arrived_spin: float = math.radians(5.0)
-    """Rate that counts as rest for it, rad/s."""
-    arrived_squarings: int = 2
-    """How sharp the edge is: errors over their bounds are squared so often."""
     rest_position: float = 0.0
     """Distance below which no reward is left to gain by firing, m."""
     rest_attitude: float = 0.0
@@ -111,24 +98,9 @@ class GoToPose(SingleTask):
                     "fine attitude": closest[1] * self.fine_weight} if is_used(self.fine_weight) else {}),
                 **({"misaligned": closest[0] * (closest[1] - 1.0) * self.misaligned_weight}
                    if is_used(self.misaligned_weight) else {}),
-                **({"arrived": self._arrived(transition.state, distance, angle)
-                    * (sum(closest) * self.arrived_fine_weight + self.arrived_weight
-                       - self._held(transition.command))}
-                   if is_used(self.arrived_weight) else {}),
+                **self.arrived(transition, closest, distance / self.position_tolerance,
+                               angle / self.attitude_tolerance),
                 **self.prices(transition)}
-
-    def _arrived(self, state: State, distance: Field, angle: Field) -> Field:
-        """1 within the set, 0.5 in the middle of each of its sides, 0 outside; smooth."""
-        shares = (distance / self.position_tolerance, angle / self.attitude_tolerance,
-                  state.v.norm() / self.arrived_speed, speed(state.spin()) / self.arrived_spin)
-        for _ in range(self.arrived_squarings):
-            shares = tuple(share * share for share in shares)
-        return 1.0 / (1.0 + sum(shares))
-
-    def _held(self, command: tuple[Field, ...]) -> Field:
-        """The price of thrust that is due only at rest in the goal."""
-        price = self.arrived_thrust_weight
-        return reduce(add, command) * price if is_used(price) else 0.0
 
     def failed(self, state: State, goal: State) -> Field:
         """Too far away, or in space spinning too fast."""

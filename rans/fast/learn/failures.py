@@ -20,6 +20,7 @@ from rans.fast.flights import Flights
 from rans.fast.learn.config import TrainConfig
 from rans.fast.learn.network import Network
 from rans.fast.learn.ppo import Learner
+from rans.fast.step import begin_as, varying
 from rans.model.random import seed_words
 from rans.scenario import FAILURES_SEED
 
@@ -68,7 +69,7 @@ class FailedStarts:
         chosen = world.mine(torch.randint(len(starts[0]), (len(rows) * world.size,),
                                           generator=self._generator)).to(engine.device)
         rows = rows.to(engine.device)
-        engine.put(rows, [column[chosen] for column in starts])
+        begin_as(engine.episode, engine.timing, rows, [column[chosen] for column in starts])
         if memory is not None:
             memory[rows] = 0.0
 
@@ -95,12 +96,12 @@ class FailedStarts:
         self._looks += 1
 
     def _followed(self, flights: Flights, numbers: np.ndarray) -> list[Tensor]:
-        """Episodes as `Engine.put` takes them, of every step of these flights that the task goes on after."""
+        """Episodes as `begin_as` takes them, of every step of these flights that the task goes on after."""
         engine, stands = self._engine, list[list[Tensor]]()
         going = torch.ones(len(numbers), dtype=torch.bool, device=engine.device)
         with np.errstate(all="ignore"):
             for episode, outcome in flights.steps(seed_words(FAILURES_SEED), numbers.astype(np.int32)):
-                stands.append([column[going] for column in engine.varying(episode)])
+                stands.append([column[going] for column in varying(episode, engine.episode)])
                 going &= ~torch.as_tensor(outcome.terminated)
         return [torch.cat(column) for column in zip(*stands, strict=True)]
 

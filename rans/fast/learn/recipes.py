@@ -9,7 +9,7 @@ from typing import Any
 import torch
 
 from rans.errors import ConfigError, brief, meant
-from rans.fast.learn.config import PPOSettings, TrainConfig
+from rans.fast.learn.config import Failures, PPOSettings, TrainConfig
 from rans.fast.learn.curriculum import Ramp
 from rans.fast.learn.troubles import failing, robust
 from rans.model.conditions import Conditions
@@ -48,6 +48,8 @@ class Recipe:
     """Of the training."""
     episode_steps: int | None = None
     """Of the training, if not the timing's."""
+    failures: Failures = field(default_factory=Failures)
+    """On a GPU, where very many flights take no time."""
 
 
 _PLANE = PPOSettings(n_envs=256, n_steps=64, batch_size=4096, gamma=0.99, max_learning_rate=3e-3, anneal=0.7)
@@ -85,10 +87,14 @@ RECIPES: dict[str, Recipe] = {
         25_000_000, (Ramp("thrust_weight", 0.05, 15_000_000, shape="geometric"),)),
     "go-to-pose-2d-fast": Recipe(
         "go-to-pose", _PLATFORM,
-        {"spawn_distance": (1.5, 4.5), "arrived_weight": 15.0, "arrived_fine_weight": 3.0,
-         "arrived_squarings": 3, "rest_position": 0.004, "rest_attitude": 0.02, "thrust_weight": 0.5},
-        replace(_SOON, reward_scale=0.03), 43_750_000,
-        (Ramp("thrust_weight", 0.15, 15_000_000, shape="geometric"),), large=_SOON_LARGE, episode_steps=60),
+        {"spawn_distance": (1.5, 4.5), "arrived_weight": 60.0, "arrived_fine_weight": 12.0,
+         "arrived_still_weight": 10.0, "arrived_thrust_weight": 4.0, "arrived_squarings": 5,
+         "verge_weight": 200.0, "rest_position": 0.004, "rest_attitude": 0.02, "thrust_weight": 1.0},
+        replace(_SOON, n_steps=32, batch_size=2048, reward_scale=0.008), 80_000_000,
+        (Ramp("thrust_weight", 0.15, 15_000_000, shape="geometric"),
+         Ramp("arrived_still_weight", 0.1, 37_500_000, 15_625_000, "geometric"),
+         Ramp("verge_weight", 1.0, 37_500_000, 15_625_000, "geometric")),
+        large={**_SOON_LARGE, "layers": (512, 512)}, large_timesteps=2_300_000_000, episode_steps=60),
     "go-to-pose-2d-thrifty": Recipe(
         "go-to-pose", _PLATFORM,
         {"spawn_distance": (2.0, 4.3), "fine_weight": 2.5, "fine_position_scale": 0.015,
@@ -132,7 +138,9 @@ RECIPES: dict[str, Recipe] = {
         large={**_ADAPTIVE_LARGE, "batch_size": 65536}, large_timesteps=1_000_000_000),
     "go-to-pose-3d": Recipe(
         "go-to-pose", _FLYER, {"fine_weight": 1.5, "rest_position": 0.01, "rest_attitude": 0.02,
-                               "thrust_weight": 0.04}, replace(_SHARP, layers=_WIDE), 20_000_000),
+                               "thrust_weight": 0.04}, replace(_SHARP, layers=_WIDE), 20_000_000,
+        large=_ADAPTIVE_LARGE, large_timesteps=900_000_000,
+        failures=Failures(0.25, looks=10, flights=300_000)),
     "go-to-pose-3d-quiet": Recipe(
         "go-to-pose", _FLYER,
         {"fine_weight": 1.5, "arrived_weight": 10.0, "arrived_fine_weight": 4.0, "arrived_squarings": 3,
@@ -182,7 +190,8 @@ def recipe(name: str, device: str) -> TrainConfig:
     return TrainConfig(given.task, TASKS[given.task](**given.settings), given.spacecraft,
                        replace(given.ppo, **(_LARGE | given.large)) if large else given.ppo,
                        timing=given.timing, episode_steps=given.episode_steps, conditions=given.conditions(),
-                       curriculum=ramps, device=device, solved_share=None,
+                       curriculum=ramps, failures=given.failures if large else Failures(), device=device,
+                       solved_share=None,
                        total_timesteps=(large and given.large_timesteps) or steps, report_interval=64)
 
 

@@ -36,7 +36,7 @@ class HostKernel(Kernel):
     """
 
     def __init__(self, engine: Engine, folder: Path) -> None:
-        super().__init__(engine._world, engine._episode, engine._draws, engine.processes, engine.dtype,
+        super().__init__(engine._world, engine.episode, engine._draws, engine.processes, engine.dtype,
                          engine.members)
         self._folder = folder
         self._libraries: dict[torch.dtype | None, CDLL] = {}

@@ -166,7 +166,7 @@ def test_settings_that_would_be_read_wrongly_are_refused(on_host: Any) -> None:
     elsewhere = replace(NEAR, thrust_weight=torch.empty((), device="meta"))
     engine._world = replace(engine._world, task=elsewhere)
     with pytest.raises(TypeError, match=r"must be torch\.float32 on cpu, got torch\.float32 on meta"):
-        Kernel(engine._world, engine._episode, engine._draws, ALONE, engine.dtype)
+        Kernel(engine._world, engine.episode, engine._draws, ALONE, engine.dtype)
 
 
 @pytest.mark.parametrize("error", [
@@ -180,7 +180,7 @@ def test_without_a_kernel_torch_makes_the_step(error: Exception, monkeypatch: py
     monkeypatch.setattr(Kernel, "function", fail)
     engine = Engine(PLATFORM, NEAR, 2, compiled=True)
     with pytest.warns(UserWarning, match=f"torch.compile makes this engine's step, .*: {error}"):
-        assert Kernel.made(engine._world, engine._episode, engine._draws, ALONE, engine.dtype) is None
+        assert Kernel.made(engine._world, engine.episode, engine._draws, ALONE, engine.dtype) is None
 
 
 def with_actuators(kind: Any) -> Spacecraft:
@@ -195,7 +195,7 @@ def test_shares_of_thrust(on_host: Any, kind: Any, dtype: torch.dtype) -> None:
     """Commands anywhere from 0 to 1; the last is remembered in 32 bits, whatever the engine computes in."""
     made: Any = (with_actuators(kind), replace(NEAR, switching_weight=0.1), 16, SHORT)
     ours, theirs = Engine(*made, seed=SEED, dtype=dtype), on_host(*made, seed=SEED, dtype=dtype)
-    assert {array.dtype for array in theirs._episode.commands[0]} == {torch.float32}
+    assert {array.dtype for array in theirs.episode.commands[0]} == {torch.float32}
     generator = torch.Generator().manual_seed(7)
 
     def shares(steps: int) -> torch.Tensor:

@@ -22,7 +22,7 @@ def test_draws_are_for_an_episodes_end_only(craft: Spacecraft, task: Any) -> Non
     A kernel that drew for everybody would give the same numbers, in twice the time.
     """
     engine = Engine(craft, TASKS[task](), 2)
-    program = trace(engine._world, engine._episode, engine.dtype)
+    program = trace(engine._world, engine.episode, engine.dtype)
     rare, random, chosen = program.rare(), set[Symbol](), set[Symbol]()
     for symbol in ordered(store.value for store in (*program.always, *program.at_end)):
         if symbol.value in ("low", "high") or not random.isdisjoint(symbol.args):

@@ -1,0 +1,69 @@
+"""Rewards of having arrived: at rest within the tolerances, and there for good (decision 018)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import reduce
+from operator import add
+
+from rans.model.fields import Field, where
+from rans.tasks.rewards import Transition, is_used, nearness, speed
+
+_SQUARINGS = 4
+"""So often numbers up to 256 may be squared in single precision."""
+
+
+@dataclass(frozen=True)
+class Arrived:
+    """Settings of a task whose goal stands still; by default nothing of this is computed or logged."""
+
+    arrived_weight: float = 0.0
+    """Weight of what only those get who are at rest within the tolerances: for agents that should be soon."""
+    arrived_fine_weight: float = 0.0
+    """Weight of the narrow rewards of position and attitude, for those only; with `arrived_weight`."""
+    arrived_still_weight: float = 0.0
+    """Weight of a narrow reward of low speed, for those only: who arrives stiller need not correct; with
+    `arrived_weight`."""
+    arrived_still_scale: float = 0.003
+    """Speed at which it has fallen to 1/e, m/s."""
+    arrived_thrust_weight: float = 0.0
+    """Weight lost per open thruster, by those only: thrift for the stay, none for the way; with
+    `arrived_weight`."""
+    verge_weight: float = 0.0
+    """Weight lost outside of the tolerances, but within twice as much: the way there passes in a step or two,
+    and who is there should not leave."""
+    arrived_speed: float = 0.05
+    """Speed that counts as rest for it, m/s."""
+    arrived_spin: float = math.radians(5.0)
+    """Rate that counts as rest for it, rad/s."""
+    arrived_squarings: int = 2
+    """How sharp the edges are: errors over their bounds are squared so often."""
+
+    def arrived(self, transition: Transition, closest: tuple[Field, ...], *shares: Field) -> dict[str, Field]:
+        """The terms whose weight is not zero.
+
+        Shares are the errors over the task's tolerances; what is closest, the narrow rewards of each.
+        """
+        state, terms = transition.state, dict[str, Field]()
+        if is_used(self.arrived_weight):
+            rest = state.v.norm() / self.arrived_speed, speed(state.spin()) / self.arrived_spin
+            worth = sum(closest) * self.arrived_fine_weight + self.arrived_weight
+            if is_used(self.arrived_still_weight):
+                worth = worth + nearness(state.v.norm(), self.arrived_still_scale) * self.arrived_still_weight
+            if is_used(self.arrived_thrust_weight):
+                worth = worth - reduce(add, transition.command) * self.arrived_thrust_weight
+            terms["arrived"] = self._within(*shares, *rest) * worth
+        if is_used(self.verge_weight):
+            near = self._within(*(0.5 * share for share in shares))
+            terms["verge"] = near * (1.0 - self._within(*shares)) * -self.verge_weight
+        return terms
+
+    def _within(self, *shares: Field) -> Field:
+        """1 where every number is below 1, 0.5 where one is 1, 0 where one is above; smooth."""
+        if self.arrived_squarings > _SQUARINGS:  # far away they would overflow single precision
+            most = 2.0 ** (120.0 / 2**self.arrived_squarings)
+            shares = tuple(where(share < most, share, most) for share in shares)
+        for _ in range(self.arrived_squarings):
+            shares = tuple(share * share for share in shares)
+        return 1.0 / (1.0 + sum(shares))
