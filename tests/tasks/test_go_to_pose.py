@@ -101,6 +101,42 @@ def test_thrust_costs_those_who_have_arrived() -> None:
         assert terms["arrived"] == pytest.approx(expected)
 
 
+def test_stillness_is_worth_something_to_those_who_have_arrived() -> None:
+    """ln 2 scales of speed: half of 8 beside the 6; the speed is a tenth of what counts as rest."""
+    task = GoToPose(arrived_weight=6.0, arrived_still_weight=8.0, arrived_still_scale=0.01 / math.log(2.0),
+                    arrived_speed=0.1, arrived_squarings=3)
+    goal = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
+    for v, expected in ((0.0, 14.0), (0.01, 10.0), (0.2, 6.0 / 257.0)):
+        state = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, -v), 0.0)
+        terms = task.reward(Transition(state, goal, (0.0,), (0.0,)))
+        assert terms["arrived"] == pytest.approx(expected, abs=1e-6)
+
+
+@pytest.mark.parametrize(("x", "angle", "expected"), [
+    (0.0, 0.0, 0.0), (0.04, 0.0, -4.0), (0.0, -0.1, -4.0), (0.08, 0.0, -4.0), (0.057, 0.0, -8.0),
+    (8.0, 3.0, 0.0),
+])
+def test_who_is_nearly_there_pays_for_not_being_there(x: float, angle: float, expected: float) -> None:
+    """Half of 8 at 1 and at 2 tolerances, all of it between; x^(2^6) is 1e-10 of it at the root of two."""
+    task = GoToPose(verge_weight=8.0, position_tolerance=0.04, attitude_tolerance=0.1, arrived_squarings=6)
+    goal = PlanarState(Vec2(0.0, 0.0), Heading(0.0), Vec2(0.0, 0.0), 0.0)
+    state = PlanarState(Vec2(x, 0.0), Heading(angle), Vec2(0.0, 0.0), 0.0)
+    cost = task.reward(Transition(state, goal, (0.0,), (0.0,)))["verge"]
+    assert cost == pytest.approx(expected, abs=1e-6)
+    assert "verge" not in GoToPose().reward(Transition(state, goal, (0.0,), (0.0,)))
+
+
+def test_edges_however_sharp_are_finite_in_single_precision() -> None:
+    """160 tolerances away, to the power of 64, which single precision has no number for."""
+    task = GoToPose(verge_weight=1.0, arrived_weight=1.0, arrived_squarings=6)
+    still = Vec2(np.zeros(1, np.float32), np.zeros(1, np.float32))
+    far = PlanarState(Vec2(np.full(1, 8.0, np.float32), still.x), Heading(still.x), still, still.x)
+    near = PlanarState(still, Heading(still.x), still, still.x)
+    with np.errstate(over="raise", invalid="raise"):
+        terms = task.reward(Transition(far, near, (still.x,), (still.x,)))
+    assert float(terms["arrived"][0]) < 1e-30
+
+
 def test_a_wrong_attitude_costs_at_the_goals_place_only() -> None:
     """Weight 8; ln 2 scales off in attitude, 8 (1 - 1/2) = 4; ln 2 scales off the place too, half of it."""
     task = GoToPose(misaligned_weight=8.0, fine_position_scale=0.1, fine_attitude_scale=0.2)
