@@ -1,0 +1,67 @@
+"""A network's commands as machine code, against torch's."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from rans.fast.cpu_network import WIDTH, CpuNetwork
+from rans.fast.learn.selection import likeliest
+from rans.fast.vectors import FEATURES
+from rans.model.spacecraft import Spacecraft
+from tests.fast.engines import FLYER, PLATFORM
+from tests.fast.flying import policy
+
+KINDS: dict[str, tuple[Spacecraft, dict[str, Any]]] = {
+    "plane": (PLATFORM, {"layers": (64, 64), "zoom": 8.0}),
+    "space, units that fill no group": (FLYER, {"layers": (33, 20, 7)}),
+    "no sides": (FLYER, {"layers": (20,), "sided": False, "activation": "elu"}),
+}
+
+
+def seen(count: int, width: int) -> torch.Tensor:
+    return 2.0 * torch.randn(count, width, generator=torch.Generator().manual_seed(1))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("count", [1, WIDTH, 5 * WIDTH + 3])
+def test_commands_are_torchs(kind: str, count: int) -> None:
+    craft, settings = KINDS[kind]
+    network = policy(craft, **settings)
+    rows = seen(count, network.architecture.layout.width)
+    expected, _ = likeliest(network, rows, None)
+    columns, view = shown(network, rows)
+    found = CpuNetwork(network)(columns, view)
+    # Both sum float32 numbers, in another order: one command in ten thousand may be as near to zero.
+    assert (found != expected.T.numpy()).mean() <= 1e-3
+    assert 0.1 < found.mean() < 0.9
+
+
+def shown(network: Any, rows: torch.Tensor) -> tuple[list[np.ndarray], np.ndarray]:
+    """Columns as the network sees them, and from which side."""
+    columns = network.in_body(rows)
+    views = network.architecture.symmetries
+    if views is None:
+        return list(columns.T.numpy()), np.zeros(len(rows), np.int32)
+    body = network.architecture.layout.body
+    way = body.ahead(tuple(columns.T))
+    which = views.tensors_like(columns).which(way)
+    return list(network.look(columns)[0].T.contiguous().numpy()), which.numpy()
+
+
+@pytest.mark.skipif("+avx512vnni" not in FEATURES, reason="this processor does not multiply bytes")
+def test_products_of_bytes_decide_as_float32() -> None:
+    network = policy(PLATFORM, layers=(64, 96, 64), zoom=8.0)
+    columns, view = shown(network, seen(40_000, network.architecture.layout.width))
+    quick, exact = CpuNetwork(network), CpuNetwork(network, quick=False)
+    quick([column[:2000] for column in columns], view[:2000])
+    quick.settle()
+    asked = list[int]()
+    through = quick._through
+    quick._through = lambda name, rows: (asked.append(rows.shape[1]), through(name, rows))[1]  # type: ignore[method-assign]
+    np.testing.assert_array_equal(quick(columns, view), exact(columns, view))
+    assert len(asked) == 2
+    assert asked[1] < 0.9 * asked[0]
