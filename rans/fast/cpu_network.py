@@ -7,32 +7,27 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
-from llvmlite import ir
 
+from rans.fast.cpu_look import placed
 from rans.fast.learn.architecture import EXTRACTOR, Architecture
 from rans.fast.learn.network import Network
+from rans.fast.products import WIDTH, product
 from rans.fast.vectors import (
     FEATURES,
     FLOAT,
     FLOATS,
-    INT,
     INTS,
     LANES,
     LONG,
     POINTER,
-    ROWS,
-    TILE,
     Code,
     Program,
     Value,
+    constant,
 )
 
-WIDTH = LANES * TILE
-"""Spacecraft that go through the network together."""
 _MARGIN = 2.0
 """Of the greatest error of the first 10^5 logits or so: of 10^8 later ones none was beyond it."""
-_DOT = "llvm.x86.avx512.vpdpbusd.512"
-"""Adds products of four unsigned and four signed bytes to each of sixteen sums."""
 
 
 class CpuNetwork:
@@ -52,7 +47,7 @@ class CpuNetwork:
         self._given, self._mean = given, mean
         self._scale = (1.0 / np.sqrt(variance + np.float32(1e-6))).astype(np.float32)
         layers = _layers(network)
-        self._program, self._views = Program(), given.symmetries
+        self._program = Program()
         # A duty is nowhere in doubt: all its digits count.
         self._quick = (quick and "+avx512vnni" in FEATURES and given.activation == "tanh"
                        and len(layers) > 2 and not given.continuous)
@@ -76,16 +71,16 @@ class CpuNetwork:
         views[:count] = view
         self._command(out.ctypes.data, out.shape[1], views.ctypes.data, out.shape[1] // LANES,
                       commands.ctypes.data)
-        return commands[:self._given.thrusters, :count]
+        return commands[:, :count]
 
     def _logits(self, rows: np.ndarray, count: int) -> np.ndarray:
-        """Log-odds or duties, a row for each thruster and maybe more."""
+        """Log-odds or duties, a row for each thruster."""
         if not self._quick:
             return self._through("exact", rows)
         out = self._through("quick", rows)
-        logits = out[:self._given.thrusters, :count]
+        logits = out[:, :count]
         doubtful = np.flatnonzero(np.abs(logits).min(axis=0) < self._doubtful)
-        exact = self._through("exact", _padded(rows.take(doubtful, axis=1)))[:len(logits), :len(doubtful)]
+        exact = self._through("exact", _padded(rows.take(doubtful, axis=1)))[:, :len(doubtful)]
         if self._doubtful == math.inf:
             self._worst = max(self._worst, float(np.abs(logits - exact).max()))
         logits[:, doubtful] = exact
@@ -130,16 +125,15 @@ def _padded(rows: np.ndarray) -> np.ndarray:
 
 
 class _Products:
-    """A network's layers, of which some multiply bytes, as a function of a program.
-
-    Weights lie in the order in which they are used, units in groups of `ROWS`, the last filled with zeros.
-    """
+    """A network's layers, of which some multiply bytes, as a function of a program."""
 
     def __init__(self, program: Program, name: str, layers: Sequence[tuple[np.ndarray, np.ndarray]],
                  activation: str, quick: bool) -> None:
         self._activation, self._parts = activation, list[np.ndarray]()
-        self._sizes = [layers[0][0].shape[1], *(-(-len(bias) // ROWS) * ROWS for _, bias in layers)]
         self._bytes = [quick and 0 < at < len(layers) - 1 for at in range(len(layers))]
+        # Bytes come by four.
+        self._sizes = [layers[0][0].shape[1], *(-(-len(bias) // 4) * 4 if quick else len(bias)
+                                                for _, bias in layers[:-1]), len(layers[-1][1])]
         self._starts = [self._pack(*pair, *sizes, whole) for pair, sizes, whole in
                         zip(layers, pairwise(self._sizes), self._bytes, strict=True)]
         self.weights = np.concatenate(self._parts)
@@ -149,8 +143,7 @@ class _Products:
     def _pack(self, weight: np.ndarray, bias: np.ndarray, inputs: int, units: int, whole: bool) -> int:
         """Where among the weights this layer's begin; bytes are followed by scales, both by biases."""
         start = sum(map(len, self._parts))
-        full = np.zeros((units, inputs), np.float32)
-        full[:len(weight), :weight.shape[1]] = weight
+        full = np.pad(weight, ((0, units - len(weight)), (0, inputs - weight.shape[1])))
         ends = [np.pad(bias, (0, units - len(bias)))]
         if whole:
             scale = np.maximum(np.abs(full).max(axis=1), np.float32(1e-30)) / np.float32(127)
@@ -158,12 +151,11 @@ class _Products:
             # Tangents of -1 to 1 are bytes of 0 to 255.
             ends = [scale / np.float32(127.5), ends[0] - scale * rounded.sum(axis=1)]
             full = rounded.astype(np.int8).view(np.float32)
-        groups = full.reshape(units // ROWS, ROWS, -1).transpose(0, 2, 1).ravel()
-        self._parts += [groups, *(end.astype(np.float32) for end in ends)]
+        self._parts += [full.ravel(), *(end.astype(np.float32) for end in ends)]
         return start
 
-    def _write(self, code: Code, rows: Value, stride: Value, tiles: Value, weights: Value,
-               scratch: Value, out: Value) -> None:
+    def _write(self, code: Code, rows: Value, stride: Value, tiles: Value, weights: Value, scratch: Value,
+               out: Value) -> None:
         """Tile by tile, one layer after the other."""
         def tile(number: Value, _: list[Value]) -> list[Value]:
             first = code.mul(number, LONG(WIDTH))
@@ -179,45 +171,33 @@ class _Products:
 
         code.repeat(tiles, [], tile)
 
-    def _layer(self, code: Code, at: int, weights: Value, source: Value, stride: Value,
-               to: Value, step: Value) -> None:
+    def _layer(self, code: Code, at: int, weights: Value, source: Value, stride: Value, to: Value,
+               step: Value) -> None:
         inputs, units, whole = self._sizes[at], self._sizes[at + 1], self._bytes[at]
         length, last = inputs // 4 if whole else inputs, at == len(self._bytes) - 1
-        rounds, kind = not last and self._bytes[at + 1], INTS if whole else FLOATS
-        ends = code.at(weights, units * length, FLOAT)
+        rounds, ends = not last and self._bytes[at + 1], code.at(weights, units * length, FLOAT)
 
-        def group(number: Value, _: list[Value]) -> list[Value]:
-            first = code.mul(number, LONG(ROWS * length))
-
-            def summand(k: Value, sums: list[Value]) -> list[Value]:
-                place, begin = code.mul(k, stride), code.add(first, code.mul(k, LONG(ROWS)))
-                x = [code.read(source, code.add(place, LONG(v * LANES)), kind) for v in range(TILE)]
-                w = [code.everywhere(code.read(weights, code.add(begin, LONG(u)), kind.element))
-                     for u in range(ROWS)]
-                return [code.intrinsic(_DOT, old, x[i % TILE], w[i // TILE]) if whole else
-                        code.times_plus(w[i // TILE], x[i % TILE], old) for i, old in enumerate(sums)]
-
-            sums = code.repeat(length, [ir.Constant(kind, [0] * LANES)] * (ROWS * TILE), summand)
-            unit, values = code.mul(number, LONG(ROWS)), list[Value]()
-            for i, value in enumerate(sums):
-                u = code.add(unit, LONG(i // TILE))
-                if whole:
-                    scale = code.everywhere(code.read(ends, u, FLOAT))
-                    bias = code.everywhere(code.read(ends, code.add(u, LONG(units)), FLOAT))
-                    value = code.times_plus(code.sitofp(value, FLOATS), scale, bias)
-                else:
-                    value = code.fadd(value, code.everywhere(code.read(ends, u, FLOAT)))
-                values.append(value if last else code.activation(self._activation, value))
+        def finish(first: Value, sums: list[Sequence[Value]]) -> None:
+            rows = [[self._ended(code, value, ends, code.add(first, LONG(u)), units if whole else 0, last)
+                     for value in row] for u, row in enumerate(sums)]
             if rounds:
-                values = [_four(code, values[v::TILE][first:first + 4])
-                          for first in range(0, ROWS, 4) for v in range(TILE)]
-                unit = code.mul(number, LONG(ROWS // 4))
-            for i, value in enumerate(values):
-                row = code.mul(code.add(unit, LONG(i // TILE)), step)
-                code.write(value, to, code.add(row, LONG(i % TILE * LANES)))
-            return []
+                first = code.udiv(first, LONG(4))
+                rows = [[_four(code, column) for column in zip(*rows[begin:begin + 4], strict=True)]
+                        for begin in range(0, len(rows), 4)]
+            for u, row in enumerate(rows):
+                for v, value in enumerate(row):
+                    place = code.mul(code.add(first, LONG(u)), step)
+                    code.write(value, to, code.add(place, LONG(v * LANES)))
 
-        code.repeat(units // ROWS, [], group)
+        product(code, (units, length), weights, (length, 1), source, stride, finish, whole)
+
+    def _ended(self, code: Code, value: Value, ends: Value, unit: Value, scaled: int, last: bool) -> Value:
+        """A unit's sum with its bias, where scaled so many numbers behind its scale, and activation."""
+        if scaled:
+            scale, unit = code.everywhere(code.read(ends, unit, FLOAT)), code.add(unit, LONG(scaled))
+            value = code.fmul(code.sitofp(value, FLOATS), scale)
+        value = code.fadd(value, code.everywhere(code.read(ends, unit, FLOAT)))
+        return value if last else code.activation(self._activation, value)
 
 
 def _four(code: Code, values: Sequence[Value]) -> Value:
@@ -226,15 +206,13 @@ def _four(code: Code, values: Sequence[Value]) -> Value:
     found = [code.fptosi(code.times_plus(x, half, code.everywhere(128.0)), INTS) for x in values]
     result = found[0]
     for i, value in enumerate(found[1:], 1):
-        result = code.or_(result, code.shl(value, ir.Constant(INTS, [8 * i] * LANES)))
+        result = code.or_(result, code.shl(value, constant(8 * i)))
     return result
 
 
 def _commands(code: Code, given: Architecture, logits: Value, stride: Value, views: Value,
               vectors: Value, out: Value) -> None:
     """What each thruster is told, from where it is in the view that it was seen in."""
-    place = np.arange(given.thrusters)[None] if given.symmetries is None else given.symmetries.place
-
     def vector(number: Value, _: list[Value]) -> list[Value]:
         first, zero, one = code.mul(number, LONG(LANES)), code.everywhere(0.0), code.everywhere(1.0)
         view = code.read(views, first, INTS)
@@ -242,11 +220,7 @@ def _commands(code: Code, given: Architecture, logits: Value, stride: Value, vie
         told = [code.read(logits, row) for row in rows]
         told = [code.within(x, 0.0, 1.0) if given.continuous else
                 code.select(code.fcmp_ordered(">", x, zero), one, zero) for x in told]
-        chosen = [told[i] for i in place[0]]
-        for side, places in enumerate(place[1:], 1):
-            here = code.icmp_signed("==", view, code.everywhere(INT(side)))
-            chosen = [code.select(here, told[i], old) for i, old in zip(places, chosen, strict=True)]
-        for row, value in zip(rows, chosen, strict=True):
+        for row, value in zip(rows, placed(code, given, told, view), strict=True):
             code.write(value, out, row)
         return []
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Iterator
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
@@ -17,9 +17,11 @@ from torch import Tensor
 from rans.episode import Episode, World
 from rans.fast.kernels.program import Program, Shape, Store, trace
 from rans.fast.step import Place, Step, step_arrays, step_tensors
-from rans.fast.straight import Memory, Straight
 from rans.model.random import Draws
 from rans.model.trace import UNTRACEABLE, Symbol
+
+if TYPE_CHECKING:
+    from rans.fast.straight import Memory
 
 _BLOCK = 4096
 """Spacecraft whose numbers stay in a processor's caches."""
@@ -33,6 +35,8 @@ class StraightStep:
     """
 
     def __init__(self, world: World, episode: Episode, draws: Draws) -> None:
+        from rans.fast.straight import Straight  # LLVM, which a GPU does not need
+
         program = trace(world, episode, np.float32)
         self._shape = program.shape
         self._given = [*((given.symbol, given.source) for given in (*program.memory, *program.settings)),

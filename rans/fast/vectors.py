@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import math
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 from typing import Any
 
 from llvmlite import binding, ir
@@ -25,8 +27,18 @@ INTS, FLOATS = ir.VectorType(INT, LANES), ir.VectorType(FLOAT, LANES)
 _NUMERATOR = (-2.76076847742355e-16, 2.00018790482477e-13, -8.60467152213735e-11, 5.12229709037114e-08,
               1.48572235717979e-05, 6.37261928875436e-04, 4.89352455891786e-03)
 _DENOMINATOR = (1.19825839466702e-06, 1.18534705686654e-04, 2.26843463243900e-03, 4.89352518554385e-03)
+_EXPONENTIAL = (1.9875691500e-4, 1.3981999507e-3, 8.3334519073e-3, 4.1665795894e-2, 1.6666665459e-1,
+                5.0000001201e-1)
+_MAGIC = 1.5 * 2**23
+"""Added to a float32 it leaves the nearest whole number in the last bits."""
 _SATURATED = 7.90531110763549805
 """Of the hyperbolic tangent in float32: Eigen's (Eigen/src/Core/MathFunctionsImpl.h, ptanh_float)."""
+
+
+@lru_cache(None, typed=True)
+def constant(value: float) -> Value:
+    """A vector of one number, real or whole; the same object for each, which is written faster."""
+    return ir.Constant(FLOATS if isinstance(value, float) else INTS, [value] * LANES)
 
 
 class Code(ir.IRBuilder):
@@ -50,10 +62,10 @@ class Code(ir.IRBuilder):
     def everywhere(self, value: Value) -> Value:
         """One number in every lane."""
         if isinstance(value, int | float):
-            return ir.Constant(FLOATS, [value] * LANES)
+            return constant(float(value))
         kind = ir.VectorType(value.type, LANES)
         one = self.insert_element(ir.Constant(kind, ir.Undefined), value, INT(0))
-        return self.shuffle_vector(one, one, ir.Constant(INTS, [0] * LANES))
+        return self.shuffle_vector(one, one, constant(0))
 
     def times_plus(self, a: Value, b: Value, c: Value) -> Value:
         """The sum a b + c, rounded once."""
@@ -77,6 +89,36 @@ class Code(ir.IRBuilder):
         square = self.fmul(x, x)
         above, below = (self._polynomial(square, each) for each in (_NUMERATOR, _DENOMINATOR))
         return self.fdiv(self.fmul(x, above), below)
+
+    def exp(self, x: Value) -> Value:
+        """The exponential of numbers below 88; below -87 its value there. Cephes' expf."""
+        x = self.within(x, -87.0, 88.0)
+        magic = self.everywhere(_MAGIC)
+        moved = self.times_plus(x, self.everywhere(math.log2(math.e)), magic)
+        whole = self.fsub(moved, magic)
+        rest = self.times_plus(whole, self.everywhere(-0.693359375), x)
+        rest = self.times_plus(whole, self.everywhere(2.12194440e-4), rest)
+        value = self.times_plus(self._polynomial(rest, _EXPONENTIAL), self.fmul(rest, rest),
+                                self.fadd(rest, self.everywhere(1.0)))
+        # The whole number stands in the last bits of what moved it there.
+        power = self.shl(self.bitcast(moved, INTS), constant(23))
+        return self.bitcast(self.add(self.bitcast(value, INTS), power), FLOATS)
+
+    def log_one_plus(self, x: Value) -> Value:
+        """Of numbers from 0 to 1: log(1 + x) = 2 artanh(x / (2 + x)), by its series."""
+        z = self.fdiv(x, self.fadd(x, self.everywhere(2.0)))
+        return self.fmul(z, self._polynomial(self.fmul(z, z), [2 / k for k in range(15, 0, -2)]))
+
+    def total(self, x: Value) -> Value:
+        """The sum of a vector's numbers, always in the same order."""
+        count = LANES
+        while count > 1:
+            count //= 2
+            kind = ir.VectorType(INT, count)
+            low, high = (self.shuffle_vector(x, x, ir.Constant(kind, [*range(first, first + count)]))
+                         for first in (0, count))
+            x = self.fadd(low, high)
+        return self.extract_element(x, INT(0))
 
     def _polynomial(self, x: Value, coefficients: Sequence[float]) -> Value:
         """Highest power first."""
@@ -115,6 +157,17 @@ class Code(ir.IRBuilder):
         self.cbranch(self.icmp_unsigned("<", following, last), inside, after)
         self.position_at_end(after)
         return found
+
+    def groups(self, count: int, size: int, body: Callable[[Value, int], object]) -> None:
+        """Run the body for 0, size, ... with how many of the count are left of there, at most a group."""
+        def group(number: Value, _: list[Value]) -> list[Value]:
+            body(self.mul(number, LONG(size)), size)
+            return []
+
+        if count >= size:
+            self.repeat(count // size, [], group)
+        if count % size:
+            body(LONG(count - count % size), count % size)
 
 
 class Program:

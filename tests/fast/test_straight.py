@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rans.fast.straight import Straight
+from rans.fast.straight import Memory, Straight
 from rans.model.fields import absolute, atan2, cos, exp, floor, log, sin, sqrt, where
 from rans.model.random import Random
 from rans.model.trace import Symbol
@@ -79,3 +79,28 @@ def test_constants_and_inputs_may_be_asked_for(asked: int) -> None:
     memory = Straight([a], [(Symbol.constant(2.5), a)[asked]]).memory(3)
     memory.give([np.arange(3)])
     np.testing.assert_array_equal(np.broadcast_to(memory.run(0)[0], 3), ([2.5] * 3, [0, 1, 2])[asked])
+
+
+def test_machine_code_finds_numpys_numbers_bit_by_bit(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In two parts, also of what is no number."""
+    given = inputs()
+    late: Any = Symbol.input("late")
+    a, b, n = symbols = tuple[Any, ...](given)
+    first, second = everything(*symbols), everything(b, a, n + 1)
+    program = Straight((*given, late), first, (*second, first[0] * late, first[-1] + late))
+    numpy, machine = (program.memory(COUNT) for _ in range(2))
+    for memory in (numpy, machine):
+        memory.give(given.values())
+        memory.put(a, np.where(np.arange(COUNT) < 3, np.nan, given[a]))
+        memory.put(late, 3.0)
+
+    def found(memory: Memory, often: int) -> list[np.ndarray]:
+        monkeypatch.setattr("rans.fast.straight._OFTEN", often)
+        with np.errstate(all="ignore"):
+            return [value.copy() for part in (0, 1) for value in memory.run(part)]
+
+    expected = found(numpy, 10**9)
+    for _ in range(3):  # machine code from the second on
+        for value, other in zip(found(machine, 2), expected, strict=True):
+            np.testing.assert_array_equal(value.view(np.uint8), other.view(np.uint8))
+    assert len(machine._calls[0]) < len(numpy._calls[0]) / 2

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from rans.episode import Episode, World, step
+from rans.episode import World, step
 from rans.fast.learn.architecture import Architecture
 from rans.fast.symmetry import AIM, Symmetries
 from rans.fast.verdicts import Tally
@@ -84,7 +84,7 @@ def trace_flight(world: World, given: Architecture) -> FlightProgram:
     carried = tuple(Carried(symbol, Symbol.constant(old), Symbol.constant(new))
                     for symbol, old, new in zip(inputs, leaves(begun), after, strict=True)
                     if isinstance(symbol, Symbol))
-    columns, seen, then, view = _shown(world, now, draws, given)
+    columns, seen, then, view = shown(given, world.observe(now, draws))
     return FlightProgram(
         carried, columns, seen, then, view, tally.going, Symbol.constant(tally.failure()),
         tally.going & tally.inside, Symbol.constant(tally.settled),
@@ -99,10 +99,9 @@ def _carried(place: int, value: Any, kind: Kind | None) -> Any:
     return Symbol.input(f"carried_{place}", kind or symbol.kind)  # type: ignore[union-attr]
 
 
-def _shown(world: World, now: Episode, draws: Draws, given: Architecture
-           ) -> tuple[_Row, _Row, _Row, Symbol]:
+def shown(given: Architecture, observation: Sequence[Field]) -> tuple[_Row, _Row, _Row, Symbol]:
     """Columns in the body frame, those and earlier ones as they are seen, and from which side."""
-    columns = tuple(map(Symbol.constant, given.layout.in_body(world.observe(now, draws))))
+    columns = tuple(map(Symbol.constant, given.layout.in_body(tuple(observation))))
     body, then = given.layout.body, tuple(Symbol.input(f"then_{i}") for i in range(len(columns)))
     way = body.ahead(columns)
     if given.symmetries is None or way is None:

@@ -11,6 +11,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from functools import cached_property
 from importlib.resources import files
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
@@ -20,9 +21,11 @@ from rans.fast.kernels.flight_program import side, viewed
 from rans.fast.kernels.launch import CudaError, Function
 from rans.fast.kernels.source import Lines, indented
 from rans.fast.learn.architecture import Architecture
-from rans.fast.straight import Memory, Straight
 from rans.fast.symmetry import Symmetries
 from rans.model.trace import UNTRACEABLE, Symbol
+
+if TYPE_CHECKING:
+    from rans.fast.straight import Memory, Straight
 
 _THREADS = 128
 """Of a block."""
@@ -117,6 +120,8 @@ class ArrayLook(Look):
 
     @cached_property
     def _programs(self) -> list[Straight] | None:
+        from rans.fast.straight import Straight  # LLVM, which a GPU does not need
+
         made = []
         with contextlib.suppress(*UNTRACEABLE):
             for program, width in row_programs(self._given):

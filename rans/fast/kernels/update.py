@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from functools import cached_property
-from typing import ClassVar
+from typing import ClassVar, Protocol
 
 import torch
 from torch import Tensor
@@ -22,6 +22,21 @@ from rans.fast.learn.config import Coefficients
 from rans.fast.learn.graph import fused
 from rans.fast.learn.network import Network
 from rans.fast.learn.rollout import Batch
+
+
+class ByHand(Protocol):
+    """Makes gradients of one member's minibatches, into the row of its `Adam`."""
+
+    way: ClassVar[str]
+    """In which they are made."""
+
+    def inputs(self, seen: Tensor, memory: Tensor | None, privileged: Tensor | None = None) -> Tensor:
+        """What the trunks are given (N, inputs) of columns (N, k), a history and what the critic is told."""
+        ...
+
+    def __call__(self, part: Batch) -> tuple[Tensor, ...]:
+        """The loss of a minibatch, whose memory are `inputs`, and its `STATISTICS`, each (1,)."""
+        ...
 
 
 class Gradients(ABC):

@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from rans.fast.engine import Engine
-from rans.fast.kernels.update import Gradients
+from rans.fast.kernels.update import ByHand, Gradients
 from rans.fast.learn.adam import Adam
 from rans.fast.learn.config import Coefficients, PPOSettings
 from rans.fast.learn.graph import fused, graphed
@@ -58,7 +58,7 @@ class Learner:
         self.rollout = Rollout(engine, network, first.n_steps)
         self.coefficients = Coefficients.of(settings, self.rollout.reached)
         self.adam = Adam(network, self.coefficients.learning_rate)
-        self.by_hand = Gradients.made(network, self.adam, self.coefficients)
+        self.by_hand = self._by_hand(first.batch_size // self.processes.size)
         # In memory that never moves: a CUDA graph reads it.
         self._ceiling = self.coefficients.max_learning_rate.clone()
         self._with_entropy = any(one.ent_coef for one in settings)
@@ -66,6 +66,15 @@ class Learner:
         self._show, self._losses = fused(shown, device), fused(losses, device)
         self._value = fused(lambda seen, memory, told: network.evaluate(seen, memory, told).value, device)
         self.collect, self.update = graphed(self._collect, device), graphed(self._update, device)
+
+    def _by_hand(self, samples: int) -> ByHand | None:
+        """What makes gradients of minibatches of so many samples; None: autograd."""
+        given = self.network, self.adam, self.coefficients
+        if self.engine.device.type == "cuda":
+            return Gradients.made(*given)
+        from rans.fast.cpu_update import MachineGradients  # LLVM, which a GPU does not need
+
+        return MachineGradients(*given) if MachineGradients.fits(self.network, samples) else None
 
     def slow_down(self, remaining: float) -> None:
         """Lower the bound of the step sizes towards zero, where less than ``anneal`` of all steps remains."""
@@ -211,7 +220,7 @@ def act(network: Network, observation: Tensor, memory: Tensor | None, privileged
 
 
 def shown(network: Network, observation: Tensor, memory: Tensor | None, action: Tensor,
-          by_hand: Gradients | None = None,
+          by_hand: ByHand | None = None,
           privileged: Tensor | None = None) -> tuple[Tensor, Tensor | None, Tensor]:
     """Observations (N, width), memory and actions (N, thrusters) from the sides the network sees them from.
 

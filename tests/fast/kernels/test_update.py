@@ -26,6 +26,7 @@ def collected(craft: Any, **settings: Any) -> tuple[Learner, Batch]:
     """A learner and what it has to learn from, by a policy that has changed since."""
     learner = tiny_learner(craft, **({"n_envs": 20, "batch_size": 160, "clip_range": 0.15, "ent_coef": 0.02}
                                      | settings))
+    learner.by_hand = None
     scale = torch.Generator().manual_seed(1)
     network = scatter(learner.network)
     with torch.no_grad():

@@ -1,0 +1,60 @@
+"""Gradients and answers as machine code, against torch's."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+import torch
+
+from rans.fast.cpu_update import MachineGradients
+from rans.fast.learn.network import Network
+from rans.fast.learn.ppo import losses
+from rans.fast.learn.rollout import minibatches
+from tests.fast.engines import FLYER, PLATFORM
+from tests.fast.kernels.test_update import collected
+from tests.fast.training import tiny_learner
+
+CASES = pytest.mark.parametrize(("craft", "settings"), [
+    (PLATFORM, {"layers": (64, 64), "symmetric": True}),
+    (FLYER, {"layers": (40, 33, 7), "activation": "elu", "zoom": 4.0, "symmetric": True}),
+    (PLATFORM, {"layers": (20,), "activation": "relu", "memory": "history", "history": 2}),
+], ids=["plane", "space, elu, three layers", "relu, one layer, a history"])
+
+
+@CASES
+def test_gradients_are_autograds(craft: Any, settings: Any) -> None:
+    learner, batch = collected(craft, **settings)
+    learner.by_hand = machine = MachineGradients(learner.network, learner.adam, learner.coefficients)
+    part, = minibatches(batch, 1, 1)
+    exact = losses(learner.network, part, learner.coefficients, with_entropy=True)
+    network = learner.network
+    gradients = torch.autograd.grad(exact.loss.sum(), [network.tensors[name] for name in network.learnt])
+    part, = minibatches(learner.batch(), 1, 1)
+    learner.adam.gradient.fill_(float("nan"))
+    found = machine(part)
+    # 160 float32 summands in another order.
+    torch.testing.assert_close(found, tuple(x.detach() for x in exact), rtol=1e-5, atol=1e-6)
+    for name, gradient in zip(network.learnt, gradients, strict=True):
+        start = network.tensors[name].storage_offset()
+        own = learner.adam.gradient[0, start:start + gradient.numel()].view(gradient.shape)
+        assert (own - gradient).norm() <= 1e-5 * gradient.norm(), name
+
+
+@pytest.mark.parametrize("settings", [{"memory": "recurrent"}, {"privileged_critic": True},
+                                      {"continuous": True}, {"n_envs": 4, "batch_size": 16}])
+def test_what_is_left_to_autograd(settings: Any) -> None:
+    assert tiny_learner(**settings).by_hand is None
+
+
+@CASES
+@pytest.mark.parametrize("count", [1, 75])
+def test_answers_are_torchs(craft: Any, settings: Any, count: int) -> None:
+    network = collected(craft, **settings)[0].network
+    plain = Network(network.architecture, network.tensors)
+    generator, memory = torch.Generator().manual_seed(1), network.blank(count)
+    observation = torch.randn(count, network.architecture.layout.width, generator=generator)
+    with torch.no_grad():
+        found, expected = (x.evaluate(observation, memory) for x in (network, plain))
+    torch.testing.assert_close(found.value, expected.value, rtol=1e-5, atol=1e-5)
+    torch.testing.assert_close(found.policy, expected.policy, rtol=1e-5, atol=1e-5)
