@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 import torch
@@ -37,7 +36,7 @@ class CpuLook:
     """
 
     def __init__(self, given: Architecture, tensors: Mapping[str, Tensor]) -> None:
-        self._given, self._tensors = given, tensors
+        self._given = given
         tables = {name: x.detach().numpy() for name, x in tensors.items()}
         self._mean, self._variance = (tables[EXTRACTOR + name] for name in ("mean", "variance"))
         self._heads = [(tables[f"action_net.{kind}"], tables[f"value_net.{kind}"])
@@ -52,10 +51,6 @@ class CpuLook:
         if unknown := used - _OPERATIONS.keys():
             raise Untraceable(f"a look takes {', '.join(unknown)}.")
         self._program = Program()
-
-    def __reduce__(self) -> tuple[type[CpuLook], tuple[Any, ...]]:
-        """A copy looks with its own weights."""
-        return CpuLook, (self._given, self._tensors)
 
     @cached_property
     def _run(self) -> Callable[..., None]:

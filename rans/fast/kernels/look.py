@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import contextlib
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from importlib.resources import files
 from typing import TYPE_CHECKING
@@ -25,6 +25,7 @@ from rans.fast.symmetry import Symmetries
 from rans.model.trace import UNTRACEABLE, Symbol
 
 if TYPE_CHECKING:
+    from rans.fast.cpu_look import CpuLook
     from rans.fast.straight import Memory, Straight
 
 _THREADS = 128
@@ -44,6 +45,10 @@ class Look(ABC):
     @abstractmethod
     def seen(self, columns: Tensor) -> tuple[Tensor, Tensor]:
         """Columns (N, k) from the side that has the goal ahead, and which side that is, (N,) int64."""
+
+    def whole(self, observation: Tensor, tensors: Mapping[str, Tensor]) -> tuple[Tensor, Tensor] | None:
+        """Log-odds (N, thrusters) and values (N,) of a network with these weights; None: not in one go."""
+        return None
 
 
 def look(given: Architecture, views: Symmetries | None, like: Tensor, programs: bool) -> Look:
@@ -102,6 +107,7 @@ class ArrayLook(Look):
 
     def __init__(self, given: Architecture, plain: TorchLook) -> None:
         self._given, self._plain = given, plain
+        self._answers: tuple[Tensor, CpuLook | None] | None = None
 
     def __reduce__(self) -> tuple[type[ArrayLook], tuple[Architecture, TorchLook]]:
         """A copy has memory of its own."""
@@ -114,6 +120,23 @@ class ArrayLook(Look):
     def seen(self, columns: Tensor) -> tuple[Tensor, Tensor]:
         """See `Look`."""
         return self._rows(1, columns) if self._works(columns) else self._plain.seen(columns)
+
+    def whole(self, observation: Tensor, tensors: Mapping[str, Tensor]) -> tuple[Tensor, Tensor] | None:
+        """See `Look`."""
+        weight = tensors["value_net.weight"]
+        if weight.dim() > 2 or torch.is_grad_enabled() or not _may(observation):
+            return None
+        if self._answers is None or self._answers[0] is not weight:
+            self._answers = weight, self._answering(tensors)
+        return self._answers[1] and self._answers[1](observation)
+
+    def _answering(self, tensors: Mapping[str, Tensor]) -> CpuLook | None:
+        from rans.fast.cpu_look import CpuLook  # LLVM, which a GPU does not need
+
+        given = self._given
+        with contextlib.suppress(*UNTRACEABLE):
+            return None if given.memory or given.privileged or given.continuous else CpuLook(given, tensors)
+        return None
 
     def _works(self, rows: Tensor) -> bool:
         return _may(rows) and len(rows) <= self._MOST and self._programs is not None
@@ -159,6 +182,23 @@ class CudaLook(Look):
     def seen(self, columns: Tensor) -> tuple[Tensor, Tensor]:
         """See `Look`."""
         return self._rows(1, columns) if self._works(columns) else self._plain.seen(columns)
+
+    def whole(self, observation: Tensor, tensors: Mapping[str, Tensor]) -> tuple[Tensor, Tensor] | None:
+        """See `Look`."""
+        weight = tensors["value_net.weight"]
+        if weight.dim() > 2 or torch.is_grad_enabled() or not _may(observation):
+            return None
+        if self._answers is None or self._answers[0] is not weight:
+            self._answers = weight, self._answering(tensors)
+        return self._answers[1] and self._answers[1](observation)
+
+    def _answering(self, tensors: Mapping[str, Tensor]) -> CpuLook | None:
+        from rans.fast.cpu_look import CpuLook  # LLVM, which a GPU does not need
+
+        given = self._given
+        with contextlib.suppress(*UNTRACEABLE):
+            return None if given.memory or given.privileged or given.continuous else CpuLook(given, tensors)
+        return None
 
     def _works(self, rows: Tensor) -> bool:
         return _may(rows) and self._functions is not None

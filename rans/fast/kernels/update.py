@@ -27,8 +27,10 @@ from rans.fast.learn.rollout import Batch
 class ByHand(Protocol):
     """Makes gradients of one member's minibatches, into the row of its `Adam`."""
 
-    way: ClassVar[str]
-    """In which they are made."""
+    @property
+    def way(self) -> str:
+        """In which they are made."""
+        ...
 
     def inputs(self, seen: Tensor, memory: Tensor | None, privileged: Tensor | None = None) -> Tensor:
         """What the trunks are given (N, inputs) of columns (N, k), a history and what the critic is told."""
@@ -81,9 +83,13 @@ class Gradients(ABC):
         self._pack, self._gather = fused(self._packed, self._device), fused(self._gathered, self._device)
 
     @staticmethod
-    def made(network: Network, adam: Adam, coefficients: Coefficients) -> Gradients | None:
-        """Of the fastest kind there is for a network; None: autograd."""
+    def made(network: Network, adam: Adam, coefficients: Coefficients, samples: int) -> ByHand | None:
+        """Of the fastest kind there is for a network and minibatches of so many samples; None: autograd."""
         row, given = adam.row, (network, adam, coefficients)
+        if row.device.type == "cpu":
+            from rans.fast.cpu_update import MachineGradients  # LLVM, which a GPU does not need
+
+            return MachineGradients(*given) if MachineGradients.fits(network, samples) else None
         if not (network.architecture.bf16 and row.is_cuda and row.dtype == torch.float32 and len(row) == 1):
             return None
         try:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import nullcontext
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -14,10 +14,6 @@ from rans.fast.distributed import ALONE, Processes
 from rans.fast.kernels.look import look
 from rans.fast.learn.architecture import ACTIVATIONS, EXTRACTOR, Architecture, Duty, OnOff
 from rans.fast.learn.memory import continued, recurrent, viewed
-from rans.model.trace import UNTRACEABLE
-
-if TYPE_CHECKING:
-    from rans.fast.cpu_look import CpuLook
 
 
 class Output(NamedTuple):
@@ -41,7 +37,6 @@ class Network:
                  programs: bool = False) -> None:
         self.architecture, self.members, self.tensors = architecture, members, dict[str, Tensor]()
         self._activation = ACTIVATIONS[architecture.activation]()
-        self._programs = programs and members == 1
         self.adopt(tensors)
         self._nominal = self._mean.new_tensor(architecture.nominal or (1.0,) * architecture.privileged)
         kept, views = self._mean.new_tensor(architecture.averages), architecture.symmetries
@@ -55,20 +50,6 @@ class Network:
         self._mean, self._variance, self._count = (
             self.tensors[EXTRACTOR + name] for name in self.architecture.statistics())
         self._trunk, self._critic = list(self._chain("trunk")), list(self._chain("critic"))
-        self._cpu = self._cpu_look()
-
-    def _cpu_look(self) -> CpuLook | None:
-        """What says all at once what a network in training says; None where there is no such thing."""
-        given, like = self.architecture, self._mean
-        if (not self._programs or like.is_cuda or like.dtype != torch.float32
-                or given.memory or given.privileged or given.continuous):
-            return None
-        from rans.fast.cpu_look import CpuLook  # LLVM, which a GPU does not need
-
-        try:
-            return CpuLook(given, self.tensors)
-        except UNTRACEABLE:
-            return None
 
     @classmethod
     def stacked(cls, architecture: Architecture, tables: Sequence[Mapping[str, Tensor]],
@@ -105,12 +86,10 @@ class Network:
               privileged: Tensor | None = None) -> tuple[Output, Tensor]:
         """What every member says about its rows (N, width) of observations, and what to `remember` of them.
 
-        Memories (N, m) are as from `blank`. What the critic is told, (N, p), is by default of the nominal
-        spacecraft.
+        Memories are as from `blank`; what the critic is told, (N, p), is by default of a nominal craft.
         """
-        if self._cpu is not None and not torch.is_grad_enabled():
-            logit, value = self._cpu(observation)
-            return Output(OnOff(logit), value, logit), observation  # nothing of which is remembered
+        if (whole := self._look.whole(observation, self.tensors)) is not None:
+            return Output(OnOff(whole[0]), *whole[::-1]), observation  # nothing of which is remembered
         columns = self.in_body(observation)
         seen, recalled, place = self.look(columns, memory)
         output = self.evaluate_seen(seen, recalled, privileged)

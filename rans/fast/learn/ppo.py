@@ -58,7 +58,8 @@ class Learner:
         self.rollout = Rollout(engine, network, first.n_steps)
         self.coefficients = Coefficients.of(settings, self.rollout.reached)
         self.adam = Adam(network, self.coefficients.learning_rate)
-        self.by_hand = self._by_hand(first.batch_size // self.processes.size)
+        self.by_hand = Gradients.made(network, self.adam, self.coefficients,
+                                      first.batch_size // self.processes.size)
         # In memory that never moves: a CUDA graph reads it.
         self._ceiling = self.coefficients.max_learning_rate.clone()
         self._with_entropy = any(one.ent_coef for one in settings)
@@ -66,15 +67,6 @@ class Learner:
         self._show, self._losses = fused(shown, device), fused(losses, device)
         self._value = fused(lambda seen, memory, told: network.evaluate(seen, memory, told).value, device)
         self.collect, self.update = graphed(self._collect, device), graphed(self._update, device)
-
-    def _by_hand(self, samples: int) -> ByHand | None:
-        """What makes gradients of minibatches of so many samples; None: autograd."""
-        given = self.network, self.adam, self.coefficients
-        if self.engine.device.type == "cuda":
-            return Gradients.made(*given)
-        from rans.fast.cpu_update import MachineGradients  # LLVM, which a GPU does not need
-
-        return MachineGradients(*given) if MachineGradients.fits(self.network, samples) else None
 
     def slow_down(self, remaining: float) -> None:
         """Lower the bound of the step sizes towards zero, where less than ``anneal`` of all steps remains."""
@@ -224,8 +216,7 @@ def shown(network: Network, observation: Tensor, memory: Tensor | None, action: 
           privileged: Tensor | None = None) -> tuple[Tensor, Tensor | None, Tensor]:
     """Observations (N, width), memory and actions (N, thrusters) from the sides the network sees them from.
 
-    In space that costs a fifth of an update; it is the same in every epoch. Gradients ``by_hand`` are shown
-    all that the trunks are given, in the place of the memory.
+    In space that costs a fifth of an update. Gradients ``by_hand`` have all inputs in the memory's place.
     """
     seen, recalled, place = network.look(network.in_body(observation), memory)
     recalled = recalled if by_hand is None else by_hand.inputs(seen, recalled, privileged)
