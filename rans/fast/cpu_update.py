@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -47,7 +47,7 @@ class MachineGradients:
         coefficients: of the losses.
     """
 
-    way: ClassVar[str] = "machine code"
+    way = "machine code"
 
     def __init__(self, network: Network, adam: Adam, coefficients: Coefficients) -> None:
         self._network, self._adam = network, adam
