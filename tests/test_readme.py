@@ -20,7 +20,7 @@ from torch.distributed.run import get_args_parser
 import rans
 from rans.cli import COMMANDS, _parse
 from rans.evaluation.measure.metrics import samples
-from rans.fast.learn.config import PPOSettings
+from rans.fast.learn.config import Failures, PPOSettings
 from rans.flight import fly
 from rans.model.conditions import Conditions, SensorsConditions
 from rans.model.conditions_file import CONDITIONS
@@ -45,10 +45,10 @@ def blocks(page: Path, language: str) -> list[str]:
     return [text for own, text in found if own == language]
 
 
-def rows(page: Path, heading: str) -> list[list[str]]:
-    """Cells of the table whose first heading this is."""
+def rows(page: Path, heading: str, place: int = 0) -> list[list[str]]:
+    """Cells of the first table, or a later one, whose first heading this is."""
     lines = page.read_text("utf-8").splitlines()
-    first = next(k for k, line in enumerate(lines) if line.startswith(f"| {heading} |")) + 2
+    first = [k for k, line in enumerate(lines) if line.startswith(f"| {heading} |")][place] + 2
     end = next(k for k in range(first, len(lines)) if not lines[k].startswith("|"))
     return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines[first:end]]
 
@@ -211,10 +211,12 @@ def described(given: Any, place: str = "") -> Iterator[tuple[str, tuple[Any, str
             yield place + one.name, (plain, told[one.name])
 
 
-def test_the_training_page_has_the_memory_settings_with_their_defaults() -> None:
-    settings, found = PPOSettings(), rows(ROOT / "docs" / "training.md", "setting")
-    for key, default, _ in found:
-        value = getattr(settings, key.strip("`").removeprefix("ppo."))
+def test_the_training_page_has_the_settings_with_their_defaults() -> None:
+    of = {"ppo": PPOSettings(), "failures": Failures()}
+    page = ROOT / "docs" / "training.md"
+    for key, default, _ in [row for place in range(2) for row in rows(page, "setting", place)]:
+        room, name = key.strip("`").split(".")
+        value = getattr(of[room], name)
         assert json.loads(default.strip("`")) == (list(value) if isinstance(value, tuple) else value), key
 
 

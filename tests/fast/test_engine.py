@@ -192,13 +192,13 @@ def test_stagger_forgets_the_steps_and_keeps_the_episodes(backend: Any) -> None:
     """Of an engine that has flown before, as a second training on it begins."""
     fresh, used = (backend(PLATFORM, NEAR, 16, SHORT) for _ in range(2))
     run(used, 27)
-    before = torch.as_tensor(used._episode.clock).clone() // 32
+    before = torch.as_tensor(used.episode.clock).clone() // 32
     for engine in (fresh, used):
         engine.stagger(torch.Generator().manual_seed(1))
-    clock = torch.as_tensor(used._episode.clock)
+    clock = torch.as_tensor(used.episode.clock)
     assert before.min() > 0
     assert torch.equal(clock // 32, before)
-    assert torch.equal(clock % 32, torch.as_tensor(fresh._episode.clock))
+    assert torch.equal(clock % 32, torch.as_tensor(fresh.episode.clock))
 
 
 @both_crafts

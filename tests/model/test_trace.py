@@ -93,7 +93,7 @@ def test_a_branch_names_the_way_out() -> None:
 
 def traced(craft: Spacecraft, task: Any) -> Program:
     engine = Engine(craft, task, 2)
-    return trace(engine._world, engine._episode, engine.dtype)
+    return trace(engine._world, engine.episode, engine.dtype)
 
 
 def operations(symbols: Any) -> set[Symbol]:
@@ -151,4 +151,4 @@ def test_a_task_that_branches_is_not_traced() -> None:
     engine = Engine(PLATFORM, GoToPose(), 2)
     object.__setattr__(engine._world, "task", Branching())
     with pytest.raises(Untraceable):
-        trace(engine._world, engine._episode, engine.dtype)
+        trace(engine._world, engine.episode, engine.dtype)
