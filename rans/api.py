@@ -8,9 +8,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
-from rans.errors import ConfigError, brief, checked
+from rans.errors import ConfigError, checked, named, one_of, whole
 from rans.model.conditions import Conditions
 from rans.model.conditions_file import load_conditions
 from rans.model.spacecraft import Spacecraft
@@ -78,21 +78,36 @@ def evaluate(agent: str | Path | LoadedRun, *, episodes: int = 1024, seed: int =
         ConfigError: one of these does not exist, or the agent knows several tasks and none is picked, as in
             NAME#TASK.
     """
-    from rans.evaluation.fly.agent import LoadedRun
-    from rans.evaluation.fly.contestants import contestant
-    from rans.evaluation.fly.judge import flown
+    from rans.evaluation.fly.judge import EngineName, flown
     from rans.evaluation.measure.aggregate import measure
 
-    run = agent if isinstance(agent, LoadedRun) else contestant(str(agent), protocol)
+    one_of("engine", engine, get_args(EngineName))
+    run = _under_protocol(agent, protocol)
     if first := next(iter(run.task.parts())):
         raise ConfigError(f"{run.controller.name} knows several tasks: pick one, as in "
                           f"{run.controller.name}#{first}.")
-    setup, count = run.under(conditions).judged, _count("episodes", episodes)
+    setup, count = run.under(conditions).judged, whole("episodes", episodes)
     flight, _ = flown(run.controller, setup, seed, count, engine)
     return measure(flight)
 
 
-def compare(*contestants: str | Path, beside: Sequence[str] = ("lqr", "switching", "mpc", "optimal"),
+def _under_protocol(agent: str | Path | LoadedRun, protocol: ProtocolName) -> LoadedRun:
+    """Who flies, in the setup of a protocol; controllers are made for it, which takes their name."""
+    from rans.evaluation.fly.agent import Agent, LoadedRun
+    from rans.evaluation.fly.contestants import contestant
+    from rans.evaluation.fly.protocols import Setup, under_protocol
+
+    if not isinstance(agent, LoadedRun):
+        return contestant(str(agent), protocol)
+    own = Setup(*agent[1:])
+    changed = under_protocol(protocol, own)
+    if changed is not own and not isinstance(agent.controller, Agent):
+        raise ConfigError(f"{agent.controller.name} was made for its own setup; give its name instead, as in "
+                          f"rans.evaluate('lqr:go-to-pose-2d', protocol={protocol!r}).")
+    return LoadedRun(agent.controller, *changed)
+
+
+def compare(*contestants: str | Path, beside: str | Sequence[str] = ("lqr", "switching", "mpc", "optimal"),
             episodes: int = 128, certified: int = 4, seed: int = EVALUATION_SEED, engine: EngineName = "fast",
             conditions: World | None = None, trust: bool = False,
             workers: int | None = None) -> Comparison:
@@ -104,7 +119,7 @@ def compare(*contestants: str | Path, beside: Sequence[str] = ("lqr", "switching
 
     Args:
         *contestants: as of `rans compare`; the first gives task, spacecraft and rate.
-        beside: controllers that join them, and "optimal", the best that is possible.
+        beside: controllers that join them, and "optimal", the best that is possible; a name, or several.
         episodes: number of starts.
         certified: starts whose bounds are certified, about 25 processor seconds each.
         seed: of the starts.
@@ -118,13 +133,21 @@ def compare(*contestants: str | Path, beside: Sequence[str] = ("lqr", "switching
     """
     from rans.evaluation.compare.roster import contest_of, enlisted
     from rans.evaluation.compare.run import Comparison, fill
+    from rans.evaluation.fly.agent import LoadedRun
+    from rans.evaluation.fly.controllers import CONTROLLERS
+    from rans.evaluation.fly.judge import EngineName
 
     if not contestants:
         raise ConfigError("name at least one contestant, for example the folder of a run.")
-    specs = [str(one) for one in contestants]
-    contest = contest_of(specs[0], _count("episodes", episodes), seed, engine, conditions)
+    one_of("engine", engine, get_args(EngineName))
+    specs = [named("a contestant", one, LoadedRun) for one in contestants]
+    beside = (beside,) if isinstance(beside, str) else tuple(beside)
+    for name in set(beside) - {"optimal"}:
+        CONTROLLERS[name]  # a wrong name is told before anybody flies
+    whole("certified", certified, least=0)
+    contest = contest_of(specs[0], whole("episodes", episodes), seed, engine, conditions)
     found = Comparison(contest)
-    fill(found, enlisted(specs, contest, trust), tuple(beside), certified, workers=workers)
+    fill(found, enlisted(specs, contest, trust), beside, certified, workers=workers)
     return found
 
 
@@ -158,7 +181,7 @@ def optimal_trajectory(task: str | Task = "go-to-pose", spacecraft: Craft = _CRA
 
     judged, craft = load_task(task).for_evaluation(), load_spacecraft(spacecraft)
     wanted = objective_of(objective, horizon, control_period, ending, intervals)
-    one = scenarios(judged, craft, seed, 1, first=start)
+    one = scenarios(judged, craft, seed, 1, first=whole("start", start, least=0))
     return replace(optima(craft, judged, wanted, one, guesses, workers=1)[0], start=start)
 
 
@@ -184,12 +207,13 @@ def certify(task: str | Task = "go-to-pose", spacecraft: Craft = _CRAFT, *,
     Raises:
         ConfigError: one of these does not exist, or no bound is known of such an event.
     """
-    from rans.evaluation.compare.bounds import Event, bound, question
+    from rans.evaluation.compare.bounds import Event, Kind, bound, question
     from rans.optimal.certificate.certificate import Effort
     from rans.scenario import each
 
+    one_of("kind", kind, get_args(Kind))
     judged, craft = load_task(task).for_evaluation(), load_spacecraft(spacecraft)
-    one, = each(scenarios(judged, craft, seed, 1, first=start))
+    one, = each(scenarios(judged, craft, seed, 1, first=whole("start", start, least=0)))
     return bound(start, question(craft, judged, control_period, Event(kind, horizon), Effort(seconds), one))
 
 
@@ -287,9 +311,3 @@ def _name(task: str | Task) -> str:
             return name
     kind = type(task)
     return f"{kind.__module__}:{kind.__qualname__}"
-
-
-def _count(what: str, value: int) -> int:
-    if not (isinstance(value, int) and 1 <= value < 2**31):
-        raise ConfigError(f"{what} must be a whole number >= 1 and < 2^31, got {brief(value)}.")
-    return value

@@ -1,7 +1,9 @@
 """What can go wrong, as sentences a user can act on."""
 
 import difflib
+import sys
 from collections.abc import Iterable
+from numbers import Integral
 from os import PathLike
 from typing import TypeVar
 
@@ -35,11 +37,27 @@ def checked(what: str, value: object, kind: type[T]) -> T:
     """The value, if it is of this class; else a `ConfigError`, which tells who gave a dict what to write."""
     if isinstance(value, kind):
         return value
-    name = f"{'rans' if kind.__module__.startswith('rans.') else kind.__module__}.{kind.__name__}"
+    top = kind.__name__ in getattr(sys.modules.get("rans"), "__all__", ())
+    name = f"{'rans' if top else kind.__module__}.{kind.__name__}"
     if isinstance(value, dict):
         given = ", ".join(f"{key}={brief(inner)}" for key, inner in value.items())
         raise ConfigError(f"{what} takes an object, no dict: {name}({given}).")
     raise ConfigError(f"{what} must be a {name}, got {brief(value)}.")
+
+
+def one_of(what: str, value: object, known: Iterable[str]) -> None:
+    """Refuse (`ConfigError`) what is none of these names."""
+    names = list(known)
+    if value not in names:
+        near = meant(value, names) if isinstance(value, str) else ""
+        raise ConfigError(f"{what} must be one of {', '.join(names)}, got {brief(value)}{near}.")
+
+
+def whole(what: str, value: object, least: int = 1) -> int:
+    """The value, if it is a whole number from the least one to 2^31; else a `ConfigError`."""
+    if isinstance(value, bool) or not isinstance(value, Integral) or not least <= int(value) < 2**31:
+        raise ConfigError(f"{what} must be a whole number >= {least} and < 2^31, got {brief(value)}.")
+    return int(value)
 
 
 def named(what: str, value: object, kind: type) -> str:

@@ -4,25 +4,37 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 
 from rans.episode import Mover, World, step
+from rans.errors import counted
 from rans.model.accuracy import chosen
 from rans.model.body import Body
 from rans.model.conditions import Conditions
 from rans.model.fields import finite, leaves, map_leaves, unflatten
 from rans.model.random import Draws
 from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.scenario import Scenario
-from rans.tasks.base import Task
+from rans.tasks import Task, load_task
 from rans.tasks.rewards import Transition
 
 
 class Controller(Protocol):
-    """Anything that decides which thrusters to open: an agent, an LQR, an MPC."""
+    """Anything that decides which thrusters to open: an agent, an LQR, an MPC.
+
+    >>> class Coasting:
+    ...     name = "coasting"
+    ...     def reset(self, count): pass
+    ...     def act(self, state, goal, observation): return np.zeros((len(observation), 8))
+    >>> starts = rans.scenario.scenarios(rans.GoToPose(), rans.load_spacecraft("floating-platform"), 7, 3)
+    >>> rans.fly("floating-platform", "go-to-pose", Coasting(), starts, rans.Timing())
+    <Flight of coasting: 3 episodes of 25 s with floating-platform (fast engine)>
+    """
 
     @property
     def name(self) -> str:
@@ -43,7 +55,13 @@ class Controller(Protocol):
 
 @dataclass(frozen=True)
 class Flight:
-    """N episodes of T control periods."""
+    """N episodes of T control periods: `fly` makes them.
+
+    >>> starts = rans.scenario.scenarios(rans.GoToPose(), rans.load_spacecraft("atmos"), 7, 3)
+    >>> flight = rans.fly("atmos", "go-to-pose", rans.LQR("atmos", "go-to-pose"), starts, rans.Timing())
+    >>> flight.errors()["position"].shape, flight.commands.shape
+    ((126, 3), (125, 3, 8))
+    """
 
     craft: Spacecraft
     task: Task
@@ -58,6 +76,12 @@ class Flight:
     """Name of the controller."""
     engine: str = "fast"
     """"fast" (our equations) or "drake" (the reference)."""
+
+    def __repr__(self) -> str:
+        duration = len(self.commands) * self.timing.control_period
+        count = counted(self.commands.shape[1], "episode")
+        return (f"<Flight of {self.controller}: {count} of {duration:g} s with {self.craft.name} "
+                f"({self.engine} engine)>")
 
     @property
     def times(self) -> np.ndarray:
@@ -82,10 +106,14 @@ class Flight:
         return (self.task.failed(self.states, self.goals) | lost).any(axis=0)
 
 
-def fly(craft: Spacecraft, task: Task, controller: Controller, starts: Scenario, timing: Timing,
-        engine: str = "fast", move: Mover | None = None, body: Body | None = None,
+def fly(craft: str | Path | Spacecraft, task: str | Task, controller: Controller, starts: Scenario,
+        timing: Timing, engine: str = "fast", move: Mover | None = None, body: Body | None = None,
         conditions: Conditions | None = None, draws: Draws | None = None) -> Flight:
     """Fly a batch of scenarios, in float64.
+
+    >>> starts = rans.scenario.scenarios(rans.GoToPose(), rans.load_spacecraft("atmos"), 7, 3)
+    >>> rans.fly("atmos", "go-to-pose", rans.Switching("atmos", "go-to-pose"), starts, rans.Timing())
+    <Flight of switching: 3 episodes of 25 s with atmos (fast engine)>
 
     Episodes run for the full time, failed or not, so that nothing is dropped from a statistic. One whose
     state is no longer finite stops there: its states are NaN from then on, and the controller sees its start.
@@ -97,8 +125,9 @@ def fly(craft: Spacecraft, task: Task, controller: Controller, starts: Scenario,
     the controller sees what sensors tell, and the draws (`rans.scenario.draws`) are those of the scenarios.
 
     Raises:
-        ConfigError: there are conditions, but nothing to draw with.
+        ConfigError: there is no such spacecraft or task, or there are conditions, but nothing to draw with.
     """
+    craft, task = load_spacecraft(craft), load_task(task)
     how = chosen(craft, timing, body) if conditions is None else timing
     world = World(craft, task, how, conditions=conditions)
     now = world.begin(starts.start, starts.goal, 0, draws, body or Body.of(craft))

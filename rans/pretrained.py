@@ -13,7 +13,11 @@ FOLDER = Path(__file__).parent / "data" / "pretrained"
 
 
 def pretrained_names() -> list[str]:
-    """Names of the agents that come with the package, sorted."""
+    """Names of the agents that come with the package, sorted.
+
+    >>> "go-to-pose-2d" in rans.pretrained_names()
+    True
+    """
     return sorted(file.parent.name for file in FOLDER.glob("*/policy.zip"))
 
 

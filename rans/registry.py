@@ -48,6 +48,9 @@ class Registry(Mapping[str, T]):
         self._loaded: dict[str, T] = {}
         self._own: dict[str, T] = {}
 
+    def __repr__(self) -> str:
+        return f"<{self._what} by name: {', '.join(self)}>"
+
     def __iter__(self) -> Iterator[str]:
         return iter(dict.fromkeys((*self.built_in, *self._offered, *self._own)))
 

@@ -33,7 +33,12 @@ ASSURANCE_SEED = 2026
 
 @dataclass(frozen=True)
 class Scenario:
-    """Where an episode starts and where it should end."""
+    """Where an episode starts and where it should end.
+
+    >>> one = scenario(rans.GoToPose(), 2, seed=3, episode=7)
+    >>> one.goal.p
+    Vec2(x=0.0, y=0.0)
+    """
 
     start: State
     goal: State

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import dataclasses
 import doctest
 import importlib
 import tempfile
@@ -10,18 +11,24 @@ from pathlib import Path
 from typing import Any
 
 import gymnasium
+import numpy as np
 import pytest
+import torch
 
 import rans
 from rans.errors import ConfigError
+from rans.evaluation.compare.bounds import Bound
 from tests.test_imports import loaded
+from validation.checks import Check, Study
 
-MODULES = ("rans", "rans.api", "rans.model.spacecraft", "rans.model.spacecraft_file", "rans.tasks",
-           "rans.tasks.formula", "rans.evaluation.fly.pilot")
+MODULES = sorted({"rans", "rans.api", "rans.tasks.formula", *(
+    module for module in (getattr(getattr(rans, name), "__module__", "") for name in rans.__all__)
+    if module.startswith("rans."))})
+"""Where the names at the top are from."""
 
 
 def examples() -> list[doctest.DocTest]:
-    known = {"rans": rans, "tempfile": tempfile, "gymnasium": gymnasium}
+    known = {"rans": rans, "tempfile": tempfile, "gymnasium": gymnasium, "dataclasses": dataclasses}
     found = []
     for name in MODULES:
         module = importlib.import_module(name)
@@ -38,12 +45,14 @@ def test_examples_in_docstrings(example: doctest.DocTest) -> None:
     assert outcome.attempted > 0
 
 
-def test_every_function_at_the_top_has_an_example() -> None:
-    functions = [name for name in rans.__all__ if name in vars(importlib.import_module("rans.api"))
-                 and callable(getattr(rans, name)) and getattr(rans, name).__module__ == "rans.api"]
-    assert len(functions) == 7
-    names = {one.name.rpartition(".")[2] for one in examples()}
-    assert set(functions) <= names
+def test_every_name_at_the_top_has_an_example() -> None:
+    """But errors, the tables of names, and the parts of conditions and trainings, which others' show."""
+    parts = {"BodyConditions", "ThrusterConditions", "FaultConditions", "DisturbanceConditions",
+             "SensorConditions", "SensorsConditions", "PPOSettings", "TASKS", "CONTROLLERS", "__version__"}
+    wanted = {name for name in {*rans.__all__} - parts
+              if not (isinstance(found := getattr(rans, name), type) and issubclass(found, Exception))}
+    assert len(wanted) > 35
+    assert wanted <= {part for one in examples() for part in one.name.split(".")}
 
 
 def test_the_top_lists_what_it_has_and_loads_it_when_asked() -> None:
@@ -100,7 +109,7 @@ def test_names_do_where_objects_do() -> None:
 
 @pytest.mark.parametrize(("ask", "said"), [
     (lambda: rans.Engine("floating-platform", {"thrust_weight": 1.0}, 2),  # type: ignore[arg-type]
-     "task, unless it is a name or a file, takes an object, no dict: rans.Task"),
+     r"task, unless it is a name or a file, takes an object, no dict: rans\.tasks\.base\.Task"),
     (lambda: rans.Engine("floating-platform", rans.GoToPose(), 2, {"episode_steps": 9}),  # type: ignore[arg-type]
      r"timing takes an object, no dict: rans.Timing\(episode_steps=9\)"),
     (lambda: rans.Engine("floating-platform", rans.GoToPose(), 2, conditions={"body": 1}),  # type: ignore[arg-type]
@@ -114,6 +123,25 @@ def test_names_do_where_objects_do() -> None:
     (lambda: rans.evaluate("nobody"), "nobody is not a run folder"),
     (lambda: rans.evaluate("go-to-pose-2d", episodes=0), "episodes must be a whole number >= 1"),
     (lambda: rans.evaluate("multi-task-2d"), "knows several tasks: pick one, as in multi-task-2d#go-to"),
+    (lambda: rans.evaluate("go-to-pose-2d", engine="fats"),  # type: ignore[arg-type]
+     r"engine must be one of fast, drake, got 'fats' \(did you mean fast\?\)"),
+    (lambda: rans.evaluate("go-to-pose-2d", protocol="papers"),  # type: ignore[arg-type]
+     "protocol must be one of own, paper, original"),
+    (lambda: rans.evaluate(rans.load_agent("lqr:go-to-pose-2d"), protocol="original"),
+     "was made for its own setup"),
+    (lambda: rans.compare("go-to-pose-2d", beside=["lqrr"]), r"named 'lqrr' \(did you mean lqr\?\)"),
+    (lambda: rans.compare(rans.load_agent("go-to-pose-2d")), "a contestant must be a name or a file here"),  # type: ignore[arg-type]
+    (lambda: rans.certify(kind="arival"), r"kind must be one of arrival, settling.*mean arrival"),  # type: ignore[arg-type]
+    (lambda: rans.certify(start=-1), "start must be a whole number >= 0"),
+    (lambda: rans.optimal_trajectory(ending="x"), "ending must be one of exact, set"),  # type: ignore[arg-type]
+    (lambda: rans.Conditions(sensors={"delay": 1.0}), r"no dict: rans.SensorsConditions\(delay=1.0\)"),  # type: ignore[arg-type]
+    (lambda: rans.MultiTask(go_to_pose={"thrust_weight": 1.0}), r"no dict: rans.GoToPose\("),  # type: ignore[arg-type]
+    (lambda: rans.LQR("atmos", "go-to-pose", weights={"position": 1.0}),  # type: ignore[arg-type]
+     r"no dict: rans.optimal.control.regulator.Weights\(position=1.0\)"),
+    (lambda: rans.Engine("atmos", "go-to-pose", 2, seed="x"), "the seed must be a whole number"),  # type: ignore[arg-type]
+    (lambda: rans.Engine("atmos", "go-to-pose", 2, body=3), "body must be a rans.model.body.Body"),  # type: ignore[arg-type]
+    (lambda: rans.SB3VecEnv("atmos"), "engine must be a rans.Engine"),  # type: ignore[arg-type]
+    (lambda: rans.Pilot("lqr", None), "a pilot flies one of RANS's environments"),  # type: ignore[arg-type]
     (lambda: rans.train("go-to-poze"), r"named 'go-to-poze' \(did you mean go-to-pose\?\)"),
     (lambda: rans.compare(), "name at least one contestant"),
     (lambda: rans.optimal_trajectory(objective="tim"), "objective must be one of fuel, time"),  # type: ignore[arg-type]
@@ -152,3 +180,42 @@ def test_texts_and_notebooks_show_what_is_there(monkeypatch: pytest.MonkeyPatch)
     found = rans.evaluate("go-to-pose-2d", episodes=4)
     assert repr(found).startswith("<go-to-pose-2d: 4 episodes of 25 s with floating-platform (fast engine): ")
     assert f"{found['duty'].value:.3g} %" in found._repr_html_()
+
+
+def test_a_protocol_changes_what_a_loaded_agent_flies_in() -> None:
+    """It was left out without a word."""
+    agent = rans.load_agent("go-to-pose-2d")
+    assert rans.evaluate(agent, episodes=2, protocol="paper").steps == 250  # 50 s at 5 Hz
+    assert rans.evaluate(agent, episodes=2).steps == 125
+
+
+def test_one_name_beside_is_one_controller() -> None:
+    """Of a text, no letter is one."""
+    found = rans.compare("go-to-pose-2d", beside="switching", episodes=2)
+    assert [entry.name for entry in found.entries] == ["go-to-pose-2d", "switching"]
+
+
+def test_numbers_of_numpy_are_numbers() -> None:
+    engine = rans.Engine("atmos", "go-to-pose", np.int64(3), seed=np.int64(5))  # type: ignore[arg-type]
+    assert torch.equal(engine.reset(np.int64(5)), rans.Engine("atmos", "go-to-pose", 3, seed=5).reset(5))  # type: ignore[arg-type]
+
+
+SHOWN = {
+    "<Engine: 4 x atmos, GoToPose, on cpu>": lambda: rans.Engine("atmos", "go-to-pose", 4),
+    "<SB3VecEnv around <Engine: 4 x atmos, GoToPose, on cpu>>":
+        lambda: rans.SB3VecEnv(rans.Engine("atmos", "go-to-pose", 4)),
+    "<Agent go-to-pose-2d>": lambda: rans.load_agent("go-to-pose-2d").controller,
+    "<Pilot: LQR in <SpacecraftEnv<rans/GoToPose2D-v0>>>":
+        lambda: rans.Pilot("lqr", gymnasium.make("rans/GoToPose2D-v0")),
+    "<task by name: go-to-position, go-to-pose, ": lambda: rans.TASKS,
+    "<Bound of the time of arrival from start 3: 5.5, 6 found>":
+        lambda: Bound(3, None, 5.0, lower=5.5, upper=6.0),
+    "<Bound of the thrust-time by 8 s from start 3: 4>": lambda: Bound(3, 8.0, 4.0),
+    "<x: 1 of 2 checks passed>": lambda: Study("x", tuple(
+        Check("y", value, 1.0, "m", "") for value in (0.5, 1.5))),
+}
+
+
+@pytest.mark.parametrize("text", SHOWN)
+def test_values_are_short_in_a_line(text: str) -> None:
+    assert repr(SHOWN[text]()).startswith(text)

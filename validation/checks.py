@@ -9,6 +9,7 @@ from typing import Any
 from rich.table import Table
 from rich.text import Text
 
+from rans.errors import counted
 from rans.files import environment, write_json
 from rans.terminal import verdict
 
@@ -74,6 +75,10 @@ class Study:
     """What could not be checked."""
     curves: tuple[Curve, ...] = ()
     """Behind the figures."""
+
+    def __repr__(self) -> str:
+        passed = sum(check.passed for check in self.checks)
+        return f"<{self.title}: {passed} of {counted(len(self.checks), 'check')} passed>"
 
     @property
     def passed(self) -> bool:

@@ -14,11 +14,11 @@ import torch
 from torch import Tensor
 
 from rans.episode import World
-from rans.errors import ConfigError, brief, checked
+from rans.errors import ConfigError, checked
 from rans.fast.distributed import ALONE, Processes
 from rans.fast.kernels.launch import Kernel
 from rans.fast.privileged import Known
-from rans.fast.step import Place, Step, holding, restore, snapshot, write
+from rans.fast.step import Place, Step, divisible, holding, restore, snapshot, write
 from rans.fast.straight_step import stepping
 from rans.model.accuracy import chosen
 from rans.model.body import Body, in_memory
@@ -36,6 +36,10 @@ from rans.tasks.rewards import Transition
 
 class Engine:
     """N copies of one spacecraft flying one task.
+
+    >>> engine = rans.Engine("floating-platform", "go-to-pose", num_envs=4, seed=0)
+    >>> engine.step(torch.ones(4, 8)).reward.shape
+    torch.Size([4])
 
     Args:
         craft: what flies: a spacecraft, or its name or TOML file.
@@ -67,8 +71,8 @@ class Engine:
                  dtype: torch.dtype = torch.float32, compiled: bool | None = None,
                  generated: bool = True, processes: Processes = ALONE, body: Body | None = None,
                  conditions: str | Path | Conditions | None = None, remember: bool = False) -> None:
-        seeds = [seed] if isinstance(seed, int) else seed
-        _check(num_envs, seeds)
+        seeds = seed if isinstance(seed, Sequence) else [seed]
+        num_envs = divisible(num_envs, len(seeds))
         self._place = place = Place.of(device, dtype, compiled)
         self.craft, self.task = craft, task = load_spacecraft(craft), load_task(task)
         self.timing = Timing() if timing is None else checked("timing", timing, Timing)
@@ -99,6 +103,10 @@ class Engine:
         """Of the running episodes; fields are what the next step overwrites, those that never vary floats."""
         self.reset(seeds)
 
+    def __repr__(self) -> str:
+        task = type(self.task).__name__
+        return f"<Engine: {self.num_envs:,} x {self.craft.name}, {task}, on {self.device}>"
+
     @cached_property
     def term_names(self) -> tuple[str, ...]:
         """Names of the reward terms, in the order of `Step.terms`."""
@@ -116,7 +124,7 @@ class Engine:
         else:
             each = self.num_envs // self.members
             # Numbers go into memory without a copy from the CPU, which no CUDA graph could record.
-            words = seed_words(seed) if isinstance(seed, int) else self._place.words(seed, each)
+            words = self._place.words(seed, each) if isinstance(seed, Sequence) else seed_words(seed)
             write((self._draws.low, self._draws.high), words)
             write([now.clock], [0])
         begun = world.begin(*world.scenario(now.clock, self._draws), now.clock, self._draws, now.body)
@@ -176,11 +184,3 @@ class Engine:
     def load_state(self, table: dict[str, Any]) -> None:
         """Continue from what `save_state` gave; ConfigError where it is of other environments or episodes."""
         restore(table, self._world, self.episode, (self._draws.low, self._draws.high), self.processes)
-
-
-def _check(num_envs: object, seeds: Sequence[int]) -> None:
-    if isinstance(num_envs, bool) or not isinstance(num_envs, int) or not 1 <= num_envs < 2**31:
-        raise ConfigError("the number of environments must be a whole number >= 1 and < 2^31, got "
-                          f"{brief(num_envs)}.")
-    if not seeds or num_envs % len(seeds):
-        raise ConfigError(f"{num_envs} environments cannot be divided among {len(seeds)} members.")

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from rans.episode import Command, Episode, Outcome, World, restart, step
-from rans.errors import ConfigError, brief
+from rans.errors import ConfigError, brief, whole
 from rans.fast.distributed import Processes
 from rans.model.body import Body
 from rans.model.dynamics import NODES
@@ -170,6 +170,14 @@ class Place:
             seed_words(seeds[0]))
         low, high = (self.put(word, torch.int32) for word in table)
         return low, high
+
+
+def divisible(num_envs: object, members: int) -> int:
+    """The number of environments, if it is one, and as many for every member; else a `ConfigError`."""
+    count = whole("the number of environments", num_envs)
+    if not members or count % members:
+        raise ConfigError(f"{count} environments cannot be divided among {members} members.")
+    return count
 
 
 def check_device(device: str | torch.device) -> None:

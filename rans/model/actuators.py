@@ -60,7 +60,11 @@ class Actuators:
 
 @dataclass(frozen=True)
 class OnOff(Actuators):
-    """Valves that stay open or shut for a whole control period."""
+    """Valves that stay open or shut for a whole control period.
+
+    >>> rans.load_spacecraft("floating-platform").actuators
+    OnOff()
+    """
 
     kind: ClassVar[str] = "on-off"
     is_continuous: ClassVar[bool] = False
@@ -79,7 +83,11 @@ class OnOff(Actuators):
 
 @dataclass(frozen=True)
 class Throttle(Actuators):
-    """Thrusters that give any share of their force, steadily."""
+    """Thrusters that give any share of their force, steadily.
+
+    >>> dataclasses.replace(rans.load_spacecraft("floating-platform"), actuators=rans.Throttle()).actuators
+    Throttle()
+    """
 
     kind: ClassVar[str] = "throttle"
     allowed: ClassVar[str] = "0 (no thrust) to 1 (full thrust)"
@@ -88,6 +96,9 @@ class Throttle(Actuators):
 @dataclass(frozen=True)
 class Pulsed(Actuators):
     """Valves that open once a control period, at its beginning, for whole counts of it.
+
+    >>> rans.Pulsed(counts=10, least=2)  # of a period of 0.1 s: in steps of 10 ms, for 20 ms at least
+    Pulsed(counts=10, least=2)
 
     A duty of d opens a thruster at full force for the first round(d * counts) counts, halves rounded up, and
     not at all for fewer than ``least``.

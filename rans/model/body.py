@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from rans.errors import ConfigError
+from rans.errors import ConfigError, checked
 from rans.model.fields import Field
 from rans.model.spacecraft import Spacecraft
 
@@ -60,7 +60,7 @@ def in_memory(body: Body, nominal: Body, count: int, field: Callable[[Any], Any]
             negative, a number is not finite, there are not N of them, or the craft has another dimension or
             number of thrusters.
     """
-    if len(body.inertia) != len(nominal.inertia):
+    if len(checked("body", body, Body).inertia) != len(nominal.inertia):
         raise ConfigError(f"the body has {len(body.inertia)} moments of inertia; in "
                           f"{'the plane it has 1' if len(nominal.inertia) == 1 else 'space it has 6'}.")
 

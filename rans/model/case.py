@@ -193,14 +193,15 @@ def _body(conditions: Conditions, base: Body, random: Random, thrusters: Random)
     mass, inertia = random.within(body.mass), random.within(body.inertia)
     pressure, droop = random.within(given.pressure), random.within(given.droop or 0.0)
     # Equal moments stay one and the same field, so that spins are known to have no gyroscopic part.
-    scaled = {x: x * inertia if x != 0.0 else x for x in base.inertia}
+    same = [x if isinstance(x, float) else id(x) for x in base.inertia]
+    scaled = {key: x if key == 0.0 else x * inertia for key, x in zip(same, base.inertia, strict=True)}
     centre, gain = base.centre, base.gain
     if largest(body.centre) > 0.0:
         offset = random.vector(body.centre).columns()
         centre = tuple(c + o for c, o in zip(centre, offset, strict=True))
     if (given.thrust, given.pressure) != (1.0, 1.0):
         gain = tuple(g * (thrusters.within(given.thrust) * pressure) for g in gain)
-    return Body(base.mass * mass, tuple(scaled[x] for x in base.inertia), centre, gain, base.leak,
+    return Body(base.mass * mass, tuple(scaled[key] for key in same), centre, gain, base.leak,
                 base.droop if given.droop is None else droop)
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, fields, is_dataclass, replace
 from itertools import accumulate
 from typing import Any, Literal, NamedTuple, get_args
 
-from rans.errors import ConfigError
+from rans.errors import ConfigError, one_of
 from rans.model.fields import Field, where
 from rans.model.spacecraft import Spacecraft
 from rans.shown import Settings
@@ -153,6 +153,9 @@ class SensorsConditions(Settings):
 class Conditions(Settings):
     """Distributions of everything that an episode does not promise.
 
+    >>> rans.Conditions(rans.BodyConditions(mass=(0.7, 2.0)), rans.ThrusterConditions(latency=0.1)).delay
+    0.1
+
     Raises:
         ConfigError: a range is not of finite numbers in order, or outside of what is possible.
     """
@@ -170,31 +173,29 @@ class Conditions(Settings):
     """That an episode may meet instead. They may differ in ranges only."""
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         _check(self, "")
         _require(0 < self.weight < math.inf, "weight", self.weight, "a finite number > 0")
         for other in self.others:
             _require(not other.others, "others", "others of others", "without others of their own")
             _check_alike(self, other, "")
-        thrusters = self.thrusters
+        thrusters, pushes = self.thrusters, self.disturbances
         for name, low in (("mass", self.body.mass), ("inertia", self.body.inertia)):
             _require(bounds(low)[0] > 0, f"body.{name}", low, "> 0")
         _require(largest(self.faults.count) <= 2, "faults.count", self.faults.count, "at most 2")
         _require(all(kind in get_args(FaultKind) for kind in self.faults.kinds) and self.faults.kinds,
                  "faults.kinds", self.faults.kinds, f"among {', '.join(get_args(FaultKind))}")
         _require(largest(self.faults.share) <= 1, "faults.share", self.faults.share, "at most 1")
-        _require(self.faults.among in get_args(FaultChoice), "faults.among", self.faults.among,
-                 f"one of {', '.join(get_args(FaultChoice))}")
-        _require(bounds(self.disturbances.slow_period)[0] > 0, "disturbances.slow_period",
-                 self.disturbances.slow_period, "> 0 s")
-        _require(0 <= self.disturbances.kicks <= 8, "disturbances.kicks", self.disturbances.kicks,
-                 "a whole number from 0 to 8")
+        one_of("faults.among", self.faults.among, get_args(FaultChoice))
+        _require(bounds(pushes.slow_period)[0] > 0, "disturbances.slow_period", pushes.slow_period, "> 0 s")
+        _require(0 <= pushes.kicks <= 8, "disturbances.kicks", pushes.kicks, "a whole number from 0 to 8")
         _require(self.delay <= 30.0, "thrusters.latency and command_delay", self.delay,
                  "together at most 30 s")
         _require(largest(thrusters.least_on) <= 30 and largest(thrusters.least_off) <= 30,
                  "thrusters.least_on and least_off", (thrusters.least_on, thrusters.least_off),
                  "at most 30 s")
-        for name, sensor in zip(("position", "attitude", "velocity", "spin"), self.sensors.each(),
-                                strict=True):
+        sensors = zip(("position", "attitude", "velocity", "spin"), self.sensors.each(), strict=True)
+        for name, sensor in sensors:
             _require(largest(sensor.dropout) < 1, f"sensors.{name}.dropout", sensor.dropout, "below 1")
 
     def met(self, chance: Field) -> Conditions:

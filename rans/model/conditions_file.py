@@ -40,12 +40,19 @@ CONDITIONS = Registry("set of conditions", "rans.conditions", {
 
 
 def conditions_names() -> list[str]:
-    """Names of the conditions that come with the package, and of those that others installed."""
+    """Names of the conditions that come with the package, and of those that others installed.
+
+    >>> "lab" in rans.conditions_names()
+    True
+    """
     return list(CONDITIONS)
 
 
 def load_conditions(name_or_file: str | Path | Conditions) -> Conditions:
     """The conditions of this name, MODULE:NAME, or of a path that ends in ``.toml``.
+
+    >>> rans.load_conditions("lab").body.mass
+    (0.75, 1.25)
 
     Given as such they are themselves.
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from numbers import Integral
 from typing import Any, Literal
 
 import numpy as np
 
-from rans.errors import ConfigError
+from rans.errors import ConfigError, brief
 from rans.model.dynamics import PlanarState, SpatialState, State
 from rans.model.fields import (
     Attitude,
@@ -31,10 +32,10 @@ def seed_words(seed: int) -> tuple[int, int]:
     """A 64-bit seed, signed or not, as two signed 32-bit words (low, high).
 
     Raises:
-        ConfigError: the seed has more than 64 bits.
+        ConfigError: the seed is no whole number, or has more than 64 bits.
     """
-    if not -(2**63) <= seed < 2**64:
-        raise ConfigError(f"the seed must be a whole number of at most 64 bits, got {seed}.")
+    if not isinstance(seed, Integral) or not -(2**63) <= seed < 2**64:
+        raise ConfigError(f"the seed must be a whole number of at most 64 bits, got {brief(seed)}.")
     low, high = np.array([seed & 0xFFFFFFFF, (seed >> 32) & 0xFFFFFFFF], np.uint32).view(np.int32).tolist()
     return low, high
 

@@ -15,7 +15,7 @@ from typing import Literal
 
 import numpy as np
 
-from rans.errors import ConfigError, brief
+from rans.errors import ConfigError, brief, checked
 from rans.model.actuators import ON_OFF, Actuators
 from rans.model.solids import MOST_SOLIDS, Solid
 from rans.shown import Shown
@@ -38,7 +38,11 @@ _PLANE_TOLERANCE = 1e-9
 
 @dataclass(frozen=True)
 class Thruster:
-    """One nozzle, rigidly attached."""
+    """One nozzle, rigidly attached.
+
+    >>> rans.Thruster(position=(0.3, 0.0, 0.0), direction=(0.0, 1.0, 0.0), force=1.0).force
+    1.0
+    """
 
     position: tuple[float, float, float]
     """Where the force acts, in G, m."""
@@ -51,6 +55,9 @@ class Thruster:
 @dataclass(frozen=True)
 class Spacecraft(Shown):
     """A rigid body with thrusters, moving in a plane (dimension 2) or in space (dimension 3).
+
+    >>> rans.load_spacecraft("free-flyer")
+    <Spacecraft free-flyer: 5.32 kg in space, thrusters 16 x 1 N>
 
     One for the plane is shorter to write with `planar`.
 
@@ -179,7 +186,8 @@ def check(craft: Spacecraft) -> None:
              f"at most {MOST_SOLIDS} solids")
     _check_inertia(craft)
     for index, thruster in enumerate(craft.thrusters):
-        _check_thruster(craft, index, thruster)
+        _check_thruster(craft, index, checked(
+            f"spacecraft {craft.name!r}: thruster {index}", thruster, Thruster))
     if not controls_every_direction(craft):
         warnings.warn(
             f"spacecraft {craft.name!r}: its {len(craft.thrusters)} thrusters cannot push and turn it in "

@@ -52,7 +52,11 @@ SPACECRAFT = Registry("spacecraft", "rans.spacecraft", {
 
 
 def spacecraft_names() -> list[str]:
-    """Names of the spacecraft that come with the package, and of those that others installed."""
+    """Names of the spacecraft that come with the package, and of those that others installed.
+
+    >>> "atmos" in rans.spacecraft_names()
+    True
+    """
     return list(SPACECRAFT)
 
 

@@ -18,6 +18,9 @@ MOST_STEPS = 2**20 - 1
 class Timing:
     """Control rate, accuracy of the motion between two commands, and length of an episode.
 
+    >>> rans.Timing(control_period=0.1, episode_steps=250)
+    Timing(control_period=0.1, substeps=None, episode_steps=250)
+
     Raises:
         ConfigError: a value is not a positive number, a count is not whole, or above `MOST_STEPS`.
     """

@@ -19,6 +19,9 @@ from rans.tasks.sight import Entry, Turn, VectorInW
 class GoToPose(Arrived, SingleTask):
     """Go to a pose and stay there (paper: Table 1, rows "Go to pose"; sections 3.2 and 4.1).
 
+    >>> rans.Engine("floating-platform", rans.GoToPose(thrust_weight=0.05), num_envs=4)
+    <Engine: 4 x floating-platform, GoToPose, on cpu>
+
     Goal: the origin of W with any attitude. Start: at rest, any bearing, any attitude.
 
     Observed task data, plane: p_goal - p in W (2 columns, m), cos and sin of goal heading - heading.

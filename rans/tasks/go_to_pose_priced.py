@@ -21,6 +21,9 @@ _PRICED = {name: f"{name}_weight" for name in ("misaligned", "thrust", "switchin
 class GoToPosePriced(GoToPose):
     """Go to a pose with a knob: every episode draws and shows at what price it is flown.
 
+    >>> rans.GoToPosePriced(knob=(0.3, 0.3))
+    GoToPosePriced(knob=(0.3, 0.3))
+
     The price is low (high / low)^knob, the knob uniform. The policy observes the knob, 0 (fast) to 1
     (thrifty), after what `GoToPose` shows; start and goal of an episode are that task's. So one agent learns
     every trade of time for thrust, and is judged at five positions, each by itself.

@@ -17,6 +17,9 @@ from rans.tasks.sight import Entry, VectorInW
 class GoToPosition(SingleTask):
     """Go to a position and stay there (paper: Table 1, rows "Go to position"; sections 3.2 and 4.3).
 
+    >>> rans.GoToPosition(position_tolerance=0.02).tolerances()
+    {'position': 0.02}
+
     Goal: the origin of W. Start: at rest, any bearing, any attitude.
 
     Observed task data: p_goal - p in W (2 or 3 columns, m).

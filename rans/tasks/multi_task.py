@@ -11,6 +11,7 @@ from rans.errors import ConfigError
 from rans.model.dynamics import State
 from rans.model.fields import Field, leaves, unflatten, where
 from rans.model.random import Random
+from rans.shown import Settings
 from rans.tasks.base import SingleTask, Task
 from rans.tasks.go_to_pose import GoToPose
 from rans.tasks.go_to_position import GoToPosition
@@ -22,6 +23,10 @@ from rans.tasks.tracking import TrackTwist, TrackVelocity, TrackVelocityHeading
 @dataclass(frozen=True)
 class MultiTask(Task):
     """Fly whichever task the episode draws, with equal chances (paper: section 3.2, task flag).
+
+    >>> own = rans.GoToPose(thrust_weight=0.1)
+    >>> list(rans.MultiTask(("go-to-pose", "track-velocity"), go_to_pose=own).parts())
+    ['go-to-pose', 'track-velocity']
 
     Start, goal, reward, failure and observation are those of the drawn task, whose flag tells the policy
     which one it is; each has its own settings. Agents are judged on each of the `parts` by itself: there an
@@ -43,6 +48,7 @@ class MultiTask(Task):
     symmetric: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
+        Settings.__post_init__(self)  # not that of `Task`, whose settings are numbers
         known = [f.name.replace("_", "-") for f in fields(self)[1:]]
         if not self.tasks or len(set(self.tasks)) < len(self.tasks) or not set(self.tasks) <= set(known):
             raise ConfigError(f"tasks must be different ones of {', '.join(known)}, got {self.tasks!r}.")

@@ -17,6 +17,9 @@ from rans.tasks.sight import Entry, Spin, Turn, VectorInW
 class TrackVelocity(SingleTask):
     """Reach a velocity and hold it (TrackXYVelocity, TrackXYZVelocity; paper: Table 1, section 4.2).
 
+    >>> rans.TrackVelocity(target_speed=(0.0, 0.3)).tolerances()
+    {'velocity': 0.05}
+
     Goal: any direction, up to the highest speed. Start: at rest at the origin, any attitude.
 
     Observed task data: v_goal - v in W (2 or 3 columns, m/s).
@@ -77,6 +80,9 @@ class TrackVelocity(SingleTask):
 @dataclass(frozen=True)
 class TrackTwist(SingleTask):
     """Hold a linear and an angular velocity (TrackXYOVelocity, TrackXYZOVelocity; paper: Table 1).
+
+    >>> rans.TrackTwist(target_spin=0.2).tolerances()
+    {'velocity': 0.1, 'spin': 0.35}
 
     Goal: a velocity in any direction; in the plane a rate of either sign, in space a rate about any
     axis of the body. Start: at rest at the origin, any attitude.
@@ -153,6 +159,9 @@ class TrackTwist(SingleTask):
 @dataclass(frozen=True)
 class TrackVelocityHeading(SingleTask):
     """Hold a velocity and an attitude (TrackXYVelocityHeading, TrackXYZVelocityAttitude; paper: future work).
+
+    >>> rans.TrackVelocityHeading(velocity_tolerance=0.05).tolerances()["velocity"]
+    0.05
 
     Goal: a velocity in any direction, and any attitude. Start: at rest at the origin, any attitude.
 

@@ -46,6 +46,17 @@ def test_each_flies_as_in_an_engine_of_its_like(craft: Spacecraft) -> None:
         torch.testing.assert_close(together[:, i], alone[:, i], rtol=0, atol=1e-11)
 
 
+@both_crafts
+def test_the_same_under_conditions(craft: Spacecraft) -> None:
+    """What an episode draws is of the spacecraft's own mass, not of the design's."""
+    lab: Any = {"dtype": torch.float64, "conditions": "lab"}
+    together = flown(Engine(craft, NEAR, 4, SHORT, body=scaled(craft, SCALES), **lab))
+    for i, scale in enumerate(SCALES.tolist()):
+        alone = flown(Engine(craft, NEAR, 4, SHORT, body=scaled(craft, scale), **lab))
+        # Rounding of 25 steps.
+        torch.testing.assert_close(together[:, i], alone[:, i], rtol=0, atol=1e-11)
+
+
 def test_the_same_impulse_moves_a_heavier_one_less() -> None:
     engine = Engine(PLATFORM, GoToPose(), 4, body=Body(SCALES * 10.0, (0.5,)), dtype=torch.float64)
     one_thruster = torch.zeros(4, 8)

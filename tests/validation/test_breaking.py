@@ -18,12 +18,14 @@ import torch
 
 from rans.cli import COMMANDS
 from rans.fast.engine import Engine
+from rans.fast.learn.run_folder import read_config
 from rans.fast.step import Step
+from rans.model.conditions_file import load_conditions
 from rans.model.spacecraft_file import load_spacecraft, spacecraft_text
 from validation.breaking import __main__ as campaign
 from validation.breaking import steps, training, trial
 from validation.breaking.__main__ import Breaking, Tally
-from validation.breaking.cases import file_case, folder_case, line_case
+from validation.breaking.cases import file_case, folder_case, line_case, tiny, trained, under
 from validation.breaking.damage import damaged_bytes, damaged_text
 from validation.breaking.steps import extreme
 from validation.breaking.trial import Outcome, ran
@@ -142,6 +144,39 @@ def test_cases_follow_from_their_number(tmp_path: Path) -> None:
 def _new(folder: Path) -> Path:
     folder.mkdir()
     return folder
+
+
+def test_commands_that_take_conditions_get_them() -> None:
+    asked = [("evaluate", "run"), ("evaluate", "run", "--conditions", "lab"), ("train", "--resume", "run"),
+             ("report", "run"), (), ("no such",)]
+    assert under("harsh", asked) == [("evaluate", "run", "--conditions", "harsh"), *asked[1:]]
+    assert under("", asked) == asked
+
+
+def test_trainings_take_place_under_them(tmp_path: Path) -> None:
+    one = trained(tmp_path / "one", tiny("harsh"))
+    assert read_config(one / "config.json").conditions == load_conditions("harsh")
+    assert read_config(one / "config.json").ppo.privileged_critic
+
+
+def test_every_craft_meets_all_conditions(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Eight worlds of equal size, each of another pair."""
+    met: list[tuple[str, str]] = []
+
+    class Noted:
+        def __init__(self, craft: Any, _: Any, num_envs: int, *__: Any, conditions: Any, **___: Any) -> None:
+            self.craft, self.num_envs = craft, num_envs
+            met.append((craft.name, conditions.description))
+
+        def step(self, action: torch.Tensor) -> Any:
+            assert action.shape == (4, len(self.craft.thrusters))
+            zeros, never = torch.zeros(4), torch.zeros(4, dtype=torch.bool)
+            return Step(torch.zeros(4, 10), zeros, never, never, torch.zeros(4, 10), never, torch.zeros(3, 4))
+
+    monkeypatch.setattr(steps, "Engine", Noted)
+    monkeypatch.setattr(steps, "_BATCH", 4)
+    assert steps.compiled_steps(8 * 64, under=["lab", "harsh"]).steps == 8 * 64
+    assert len(set(met)) == len(met) == 8
 
 
 def test_damage_damages() -> None:

@@ -8,11 +8,12 @@ it says: ``--only files:137``.
 from __future__ import annotations
 
 import importlib
+import random
 import shutil
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from functools import partial
@@ -24,9 +25,9 @@ import tyro
 
 from rans.files import environment, write_json
 from rans.terminal import Terminal, table
-from validation.breaking.cases import Prepare, file_case, folder_case, line_case, runs_to_damage
+from validation.breaking.cases import Prepare, file_case, folder_case, line_case, runs_to_damage, under
 from validation.breaking.steps import compiled_steps, steps
-from validation.breaking.training import full_disk, killed, whole
+from validation.breaking.training import Left, full_disk, killed, whole
 from validation.breaking.trial import Outcome, ran
 from validation.command import ended
 
@@ -35,6 +36,8 @@ _MANY = 10
 _HEAVY = ("pydrake.multibody.plant", "rans.evaluation.compare.run", "rans.evaluation.fly.judge",
           "rans.show.report", "rans.show.view", "rans.deploy.export", "rans.optimal.control.lqr",
           "rans.reference.plant")
+Trial = Callable[[int, Path], tuple[list[Outcome], list[str]]]
+"""A case of a number, in an empty folder, to outcomes and what else is wrong."""
 _KINDS = "files", "lines", "folders", "kills", "disks"
 
 
@@ -76,6 +79,8 @@ class Breaking:
     """Environment steps of extreme craft, one after the other, also under conditions."""
     compiled: float = 0.0
     """The same of 16,384 of them at once, by compiled programs (a minute each, for 268 million steps)."""
+    conditions: tuple[str, ...] = ()
+    """Names of conditions: every case that can flies and trains under one of them."""
     first: int = 0
     """Number of the first case of each kind."""
     only: str = ""
@@ -97,8 +102,8 @@ class Breaking:
             if kind:
                 return self._one(kind, int(number), folder)
             tallies = {name: self._tally(name, folder) for name in _KINDS if getattr(self, name)}
-        found = {"steps": steps(self.steps, self.first),
-                 "compiled": compiled_steps(self.compiled, self.first)}
+        found = {"steps": steps(self.steps, self.first, self.conditions),
+                 "compiled": compiled_steps(self.compiled, self.first, self.conditions)}
         faults = sum(len(tally.faults) for tally in tallies.values()) + sum(x.silent for x in found.values())
         terminal = Terminal(room=110)
         rows = [(name, str(x.tried), ", ".join(f"{n} {how}" for how, n in sorted(x.endings.items())),
@@ -109,6 +114,7 @@ class Breaking:
         terminal.print(table("Breaking", headings, rows))
         if self.output is not None:
             write_json(self.output, {"environment": environment(), "faults": faults, "first": self.first,
+                                     "conditions": self.conditions,
                                      **{name: asdict(x) for name, x in (found | tallies).items()}})
         return 1 if faults else 0
 
@@ -125,25 +131,19 @@ class Breaking:
         _say(f"{name}: {tally.tried} in {tally.seconds:.0f} s, {len(tally.faults)} faults")
         return tally
 
-    def _trial(self, name: str, folder: Path) -> Callable[[int, Path], tuple[list[Outcome], list[str]]]:
-        """A case of this kind, of its number and an empty folder, to outcomes and what else is wrong."""
+    def _trial(self, name: str, folder: Path) -> Trial:
+        """Of a kind of case."""
+        worlds = self.conditions or ("",)
         if name in ("kills", "disks"):
-            (folder / name).mkdir()
-            started = time.monotonic()
-            expected = whole(folder / name)
-            seconds = time.monotonic() - started
-            disturbed = partial(killed, seconds=seconds) if name == "kills" else full_disk
+            return _trainings(name, folder / name, worlds)
+        prepares = {world: _prepare(name, folder / name / str(k), world) for k, world in enumerate(worlds)}
 
-            def undisturbed(number: int, case: Path) -> tuple[list[Outcome], list[str]]:
-                end = disturbed(number, case, expected)
-                return end.outcomes, [] if end.equal else ["another agent"]
+        def commands(number: int, case: Path) -> tuple[list[Outcome], list[str]]:
+            world = _world(number, worlds)
+            asked = under(world, prepares[world](number, case))
+            return [ran(one, case, self.patience) for one in asked], []
 
-            return undisturbed
-        prepare: Prepare = file_case
-        if name != "files":
-            runs = runs_to_damage(folder / name)
-            prepare = partial(line_case, run=runs[0]) if name == "lines" else partial(folder_case, runs=runs)
-        return lambda number, case: ([ran(one, case, self.patience) for one in prepare(number, case)], [])
+        return commands
 
     def _one(self, name: str, number: int, folder: Path) -> int:
         with _emptied(folder / "case") as case:
@@ -151,6 +151,37 @@ class Breaking:
             for one in outcomes:
                 _say(f"$ rans {' '.join(one.command)}\n{one.out}{one.err}-> {one.ended}, {one.seconds:.1f} s")
         return 1 if more or any(one.faults for one in outcomes) else 0
+
+
+def _prepare(name: str, folder: Path, world: str) -> Prepare:
+    """What puts the files of a case in its place, with runs trained in this world."""
+    if name == "files":
+        return file_case
+    runs = runs_to_damage(folder, world)
+    return partial(line_case, run=runs[0]) if name == "lines" else partial(folder_case, runs=runs)
+
+
+def _trainings(name: str, folder: Path, worlds: Sequence[str]) -> Trial:
+    """Trainings that are killed or run out of disk."""
+    expected: dict[str, tuple[Left, float]] = {}
+    for k, world in enumerate(worlds):
+        (folder / str(k)).mkdir(parents=True)
+        started = time.monotonic()
+        expected[world] = whole(folder / str(k), world), time.monotonic() - started
+
+    def disturbed(number: int, case: Path) -> tuple[list[Outcome], list[str]]:
+        world = _world(number, worlds)
+        left, seconds = expected[world]
+        end = (killed(number, case, left, world, seconds=seconds) if name == "kills" else
+               full_disk(number, case, left, world))
+        return end.outcomes, [] if end.equal else ["another agent"]
+
+    return disturbed
+
+
+def _world(number: int, worlds: Sequence[str]) -> str:
+    """In which of them a case takes place."""
+    return random.Random(f"world {number}").choice(worlds)
 
 
 def _say(text: str) -> None:

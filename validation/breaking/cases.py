@@ -16,6 +16,7 @@ from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 from rans.fast.learn.config import PPOSettings, TrainConfig, to_table
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.trainer import Trainer
+from rans.model.conditions_file import load_conditions
 from rans.model.timing import Timing
 from rans.pretrained import pretrained_names
 from rans.tasks import TASKS, GoToPose
@@ -26,8 +27,29 @@ TINY = TrainConfig("go-to-pose", GoToPose(), "floating-platform",
                    PPOSettings(n_envs=16, n_steps=8, batch_size=64, n_epochs=2, layers=(16, 16)),
                    Timing(episode_steps=20), total_timesteps=1024, report_interval=2, solved_share=None)
 """A training of a second."""
+_HISTORY = dataclasses.replace(TINY.ppo, memory="history", history=2, averages=(0.5,))
 Prepare = Callable[[int, Path], Sequence[Command]]
 """Puts the files of a case of this number into a folder and says which commands to run there."""
+
+
+def tiny(conditions: str = "") -> TrainConfig:
+    """`TINY`; under conditions of this name, with a memory and a critic that is told of them."""
+    if not conditions:
+        return TINY
+    return dataclasses.replace(TINY, conditions=load_conditions(conditions),
+                               ppo=dataclasses.replace(_HISTORY, privileged_critic=True))
+
+
+def under(conditions: str, commands: Sequence[Command]) -> Sequence[Command]:
+    """The same commands under conditions of this name, where they take any and have none."""
+    def changed(words: Command) -> Command:
+        name = words[0] if words and words[0] in importlib.import_module("rans.cli").COMMANDS else "list"
+        takes = "conditions" in (option for option, _ in _options(_described(name)))
+        if not takes or {"--resume", "--conditions"} & set(words):
+            return words
+        return (*words, "--conditions", conditions)
+
+    return [changed(words) for words in commands] if conditions else commands
 
 
 def trained(folder: Path, config: TrainConfig = TINY) -> Path:
@@ -90,9 +112,8 @@ def line_case(number: int, folder: Path, run: Path) -> Sequence[Command]:
     shutil.copytree(run, folder / "run")
     names = importlib.import_module("rans.cli").COMMANDS  # from above, as everybody who types them
     name = names[number % len(names)]
-    described = getattr(importlib.import_module(f"rans.cli.{name}"), name.capitalize())
     words = [name]
-    for field, kind in _options(described):
+    for field, kind in _options(_described(name)):
         positional = "POSITIONAL" in str(get_args(kind)[1:]).upper()
         if field in _NEVER or (not positional and chance.random() > 0.25):
             continue
@@ -102,6 +123,11 @@ def line_case(number: int, folder: Path, run: Path) -> Sequence[Command]:
     if chance.random() < 0.1:
         words.insert(chance.randrange(len(words) + 1), chance.choice(_WORDS))
     return [_within_reason(words)]
+
+
+def _described(name: str) -> Any:
+    """The class whose fields are the command's options."""
+    return getattr(importlib.import_module(f"rans.cli.{name}"), name.capitalize())
 
 
 def _options(described: Any) -> Iterator[tuple[str, Any]]:
@@ -195,8 +221,8 @@ def _hurt(file: Path, other: Path, chance: random.Random) -> None:
         shutil.copy(other / file.name, file)
 
 
-def runs_to_damage(folder: Path) -> list[Path]:
+def runs_to_damage(folder: Path, conditions: str = "") -> list[Path]:
     """A run in the plane, and one in space with a memory."""
-    history = dataclasses.replace(TINY.ppo, memory="history", history=2, averages=(0.5,))
-    space = dataclasses.replace(TINY, spacecraft="free-flyer", ppo=history)
-    return [trained(folder / "plane"), trained(folder / "space", space)]
+    plane = tiny(conditions)
+    space = dataclasses.replace(plane, spacecraft="free-flyer", ppo=plane.ppo if conditions else _HISTORY)
+    return [trained(folder / "plane", plane), trained(folder / "space", space)]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import random
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,6 +15,7 @@ from rans.errors import ConfigError
 from rans.fast.engine import Engine
 from rans.fast.step import Step
 from rans.model.body import Body
+from rans.model.conditions import Conditions
 from rans.model.conditions_file import load_conditions
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
@@ -86,23 +87,30 @@ def seen(step: Step) -> tuple[int, int]:
     return int((~torch.isfinite(step.final_observation[step.terminated]).all(dim=1)).sum()), silent
 
 
-def flown(number: int, count: int) -> Flown:
-    """Steps of one extreme craft in ``count`` environments, on NumPy."""
+def flown(number: int, count: int, under: Sequence[str] = ()) -> Flown:
+    """Steps of one extreme craft in ``count`` environments, on NumPy; under conditions or not, by chance."""
     chance = random.Random(f"craft {number}")
     craft, task = extreme(chance), _any_task(chance)
     conditions = chance.choice([None, None, load_conditions(chance.choice(["lab", "harsh", "faults"]))])
+    conditions = _conditions(number, under) or conditions
     timing = Timing(10.0 ** chance.uniform(-3, 1), substeps=chance.choice([1, 1, 4]), episode_steps=16)
     engine = Engine(craft, task, count, timing, seed=number, conditions=conditions)
     return _stepped(engine, number, _STEPS, 1)
 
 
-def compiled(number: int, count: int = _BATCH, steps: int = _BATCHES) -> Flown:
+def compiled(number: int, count: int = _BATCH, steps: int = _BATCHES, under: Sequence[str] = ()) -> Flown:
     """Steps of as many extreme craft of one kind as environments, by a compiled program."""
     chance = random.Random(f"world {number}")
     craft, task = load_spacecraft(_KNOWN[number % len(_KNOWN)]), _any_task(chance)
     timing = Timing(10.0 ** chance.uniform(-3, 1), substeps=1, episode_steps=16)
-    engine = Engine(craft, task, count, timing, seed=number, body=bodies(craft, count, number), compiled=True)
+    engine = Engine(craft, task, count, timing, seed=number, body=bodies(craft, count, number), compiled=True,
+                    conditions=_conditions(number, under))
     return _stepped(engine, number, steps, count)
+
+
+def _conditions(number: int, under: Sequence[str]) -> Conditions | None:
+    """Of every four numbers the same set, so that each of four craft meets each."""
+    return load_conditions(under[number // len(_KNOWN) % len(under)]) if under else None
 
 
 def _any_task(chance: random.Random) -> Task:
@@ -121,16 +129,21 @@ def _stepped(engine: Engine, number: int, steps: int, craft: int) -> Flown:
     return Flown(steps * engine.num_envs, craft, 0, lost, silent, (number,) if silent else ())
 
 
-def steps(most: float, first: int = 0) -> Flown:
-    """So many steps, of one extreme craft after the other, from a number on."""
+def steps(most: float, first: int = 0, under: Sequence[str] = ()) -> Flown:
+    """So many steps, of one extreme craft after the other, from a number on; under which conditions."""
     count = int(min(2048, max(1, most // _STEPS)))
-    return _until(most, first, lambda number: flown(number, count))
+    return _until(most, first, lambda number: flown(number, count, under))
 
 
-def compiled_steps(most: float, first: int = 0) -> Flown:
-    """So many steps, of one world of extreme craft after the other, from a number on."""
+def compiled_steps(most: float, first: int = 0, under: Sequence[str] = ()) -> Flown:
+    """So many steps, of one world of extreme craft after the other, as above.
+
+    Under conditions, of which each costs a compilation, every world has its share of the steps: each craft
+    meets each set.
+    """
     count = int(min(_BATCH, max(1, most // _STEPS)))
-    return _until(most, first, lambda number: compiled(number, count, min(_BATCHES, int(most // count))))
+    each = min(_BATCHES, int(most // count // (len(_KNOWN) * len(under) or 1)) or 1)
+    return _until(most, first, lambda number: compiled(number, count, each, under))
 
 
 def _until(most: float, first: int, fly: Callable[[int], Flown]) -> Flown:

@@ -17,10 +17,10 @@ from typing import Any, NamedTuple
 from rans.fast.learn import trainer
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.saved import AGENT
-from validation.breaking.cases import TINY
+from validation.breaking.cases import tiny
 from validation.breaking.trial import Limit, Outcome, ran
 
-_CONFIG = replace(TINY, total_timesteps=32 * 128)
+_STEPS = 32 * 128
 """Long enough for many moments, short enough for many trainings."""
 _PATIENCE = 120.0
 
@@ -49,17 +49,18 @@ def often() -> None:
     trainer._CHECKPOINT_SECONDS = 0.0
 
 
-def whole(folder: Path) -> Left:
+def whole(folder: Path, conditions: str = "") -> Left:
     """What a training that nothing happens to leaves."""
-    outcome = _train(folder, "whole")
+    outcome = _train(folder, "whole", conditions)
     assert outcome.ended == "done", outcome.err
     return left(folder / "whole")
 
 
-def _train(folder: Path, name: str, limit: Limit = often, kill_after: float | None = None) -> Outcome:
+def _train(folder: Path, name: str, conditions: str = "", limit: Limit = often,
+           kill_after: float | None = None) -> Outcome:
     """One go at the training in a run folder, begun or continued."""
     if not (folder / name / "config.json").exists():
-        RunFolder(folder / name).begin(_CONFIG, "rans train")
+        RunFolder(folder / name).begin(replace(tiny(conditions), total_timesteps=_STEPS), "rans train")
     return ran(("train", "--resume", name), folder, _PATIENCE, limit, kill_after)
 
 
@@ -73,13 +74,13 @@ def left(run: Path) -> Left:
         {key: x for key, x in row.items() if key not in ("seconds", "steps_per_s")} for row in rows])
 
 
-def killed(number: int, folder: Path, expected: Left, seconds: float) -> Ended:
+def killed(number: int, folder: Path, expected: Left, conditions: str = "", *, seconds: float) -> Ended:
     """SIGKILL once to three times, at any moment of the seconds that a training takes; then to its end."""
     chance = random.Random(f"kill {number}")
     moments = [chance.uniform(0.0, seconds) for _ in range(chance.choice((1, 2, 3)))]
-    outcomes = [_train(folder, "cut", kill_after=moment) for moment in moments]
+    outcomes = [_train(folder, "cut", conditions, kill_after=moment) for moment in moments]
     outcomes = [one for one in outcomes if one.ended != "died"]  # as they were meant to
-    outcomes.append(_train(folder, "cut"))
+    outcomes.append(_train(folder, "cut", conditions))
     return _ended(folder / "cut", outcomes, expected)
 
 
@@ -90,18 +91,18 @@ def _ended(run: Path, outcomes: list[Outcome], expected: Left) -> Ended:
         return Ended(outcomes, False)
 
 
-def full_disk(number: int, folder: Path, expected: Left) -> Ended:
+def full_disk(number: int, folder: Path, expected: Left, conditions: str = "") -> Ended:
     """A training on a file system with too little room, which is told; then it has room, and goes on."""
     chance = random.Random(f"disk {number}")
     with _small(folder / "small", chance.randrange(0, 120)) as (small, limit):
         try:
-            outcomes = [_train(small, "cut", limit)]
+            outcomes = [_train(small, "cut", conditions, limit)]
         except Exception as error:  # there was no room to begin
             outcomes = [] if "cannot write" in str(error) else [
                 Outcome(("train",), "traceback", 0.0, "", str(error))]
         if (small / "cut").exists():
             shutil.copytree(small / "cut", folder / "cut")
-    outcomes.append(_train(folder, "cut"))
+    outcomes.append(_train(folder, "cut", conditions))
     return _ended(folder / "cut", outcomes, expected)
 
 

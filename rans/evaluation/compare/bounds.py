@@ -104,6 +104,10 @@ class Bound:
     kind: Kind = "arrival"
     """Of settling there are no commands: being in that set once is necessary, not sufficient."""
 
+    def __repr__(self) -> str:
+        found = f", {self.upper:g} found" if math.isfinite(self.upper) else ""
+        return f"<Bound of the {self.event.text} from start {self.start}: {self.best:g}{found}>"
+
     @property
     def event(self) -> Event:
         """What it bounds."""

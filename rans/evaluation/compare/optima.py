@@ -60,6 +60,10 @@ class Optimum:
     flight: Flight | None = None
     """By Drake, see `episode`."""
 
+    def __repr__(self) -> str:
+        path = self.trajectory
+        return f"<Optimum of {path.objective} from start {self.start}: {path.cost:g}, {self.sentence}>"
+
     @property
     def good(self) -> bool:
         """Whether there is a trajectory, and Drake flies it."""

@@ -32,6 +32,9 @@ class Agent:
         self.name, self.network = name, network
         self._memory: torch.Tensor | None = None
 
+    def __repr__(self) -> str:
+        return f"<Agent {self.name}>"
+
     def reset(self, count: int) -> None:
         """See `rans.flight.Controller`; an agent with a memory forgets."""
         self._memory = self.network.blank(count)

@@ -34,13 +34,16 @@ class Pilot:
     """
 
     def __init__(self, who: str | LoadedRun, env: gymnasium.Env[Any, Any]) -> None:
-        found = env.unwrapped
+        found = env.unwrapped if isinstance(env, gymnasium.Env) else env
         if not isinstance(found, Environment):
             raise ConfigError(f"a pilot flies one of RANS's environments for one spacecraft, got {found!r}.")
         self._env, self._space = found, env.action_space
         setup = Setup(found.craft, found.task, found.timing)
         self._controller = controller(who, setup) if isinstance(who, str) else _agent(who, setup)
         self.reset()
+
+    def __repr__(self) -> str:
+        return f"<Pilot: {self._controller.name} in {self._env}>"
 
     def reset(self) -> None:
         """Forget the past; call it after ``env.reset``."""

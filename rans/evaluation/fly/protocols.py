@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import fields, replace
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, get_args
 
-from rans.errors import ConfigError
+from rans.errors import ConfigError, one_of
 from rans.model.conditions import Conditions
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
@@ -40,6 +40,7 @@ def under_protocol(protocol: ProtocolName, own: Setup) -> Setup:
     "original" is the same with a total thrust of 1 N that the open thrusters share, as the published
     code of the original system flies it. Both raise `ConfigError` unless the craft is planar and has eight.
     """
+    one_of("protocol", protocol, get_args(ProtocolName))
     if protocol == "own":
         return own
     craft = load_spacecraft(_SPACECRAFT[protocol])

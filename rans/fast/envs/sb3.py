@@ -12,6 +12,7 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvO
 from torch import Tensor
 
 from rans.environment import action_space, observation_space
+from rans.errors import checked
 from rans.fast.engine import Engine
 from rans.fast.envs.actions import Actions
 
@@ -19,16 +20,22 @@ from rans.fast.envs.actions import Actions
 class SB3VecEnv(VecEnv):
     """An `Engine` seen through SB3's interface, without a copy.
 
+    >>> rans.SB3VecEnv(rans.Engine("floating-platform", "go-to-pose", num_envs=4)).reset().shape
+    (4, 10)
+
     SB3 wants NumPy arrays and one dict per environment and step, which costs more than the
     simulation; `rans.PPO` takes the same object and goes around both.
     """
 
     def __init__(self, engine: Engine) -> None:
-        self.engine = engine
+        self.engine = engine = checked("engine", engine, Engine)
         self.render_mode = None
         super().__init__(engine.num_envs, observation_space(engine.task, engine.craft.dimension),
                          action_space(engine.craft))
         self._action, self._actions = torch.zeros(0), Actions(engine)
+
+    def __repr__(self) -> str:
+        return f"<SB3VecEnv around {self.engine!r}>"
 
     def reset(self) -> VecEnvObs:
         """Start every episode anew; (N, width) float32."""

@@ -8,6 +8,10 @@ from rans.environment import Environment
 class SpacecraftEnv(Environment):
     """`Environment` for debugging, pictures and other libraries' algorithms.
 
+    >>> env = gymnasium.make("rans/GoToPose2D-v0", spacecraft="atmos", conditions="lab")
+    >>> env.reset(seed=0)[0].shape
+    (10,)
+
     Made by ``gymnasium.make("rans/GoToPose2D-v0")``. It flies the same episodes as one environment of
     `rans.fast.SpacecraftVectorEnv`, and as `rans.reference.flight.DrakeEnv`.
     """

@@ -37,6 +37,10 @@ _SHOWN = 16
 class SpacecraftVectorEnv(VectorEnv[Tensor, Tensor, Tensor]):
     """An `Engine` seen through Gymnasium's interface.
 
+    >>> envs = gymnasium.make_vec("rans/GoToPose2D-v0", num_envs=4)
+    >>> envs.reset(seed=0)[0].shape
+    torch.Size([4, 10])
+
     Made by ``gymnasium.make_vec("rans/GoToPose2D-v0", num_envs=4096)``. For wrappers that want NumPy
     arrays use ``gymnasium.wrappers.vector.ArrayConversion(env, torch, numpy)``.
 

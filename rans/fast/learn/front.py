@@ -24,6 +24,10 @@ _KNOWN = PPOSettings.__dataclass_fields__.keys() - {"n_envs"}
 class PPO:
     """The trainer behind `rans train`, on an engine of your own.
 
+    >>> engine = rans.Engine("floating-platform", "go-to-pose", num_envs=64)
+    >>> rans.PPO(engine, n_steps=16).learn(2048)
+    <PPO on <Engine: 64 x floating-platform, GoToPose, on cpu>: 2,048 steps>
+
     What it saves opens with ``stable_baselines3.PPO.load``. Its update equals SB3's on the same minibatch;
     minibatches are whole environments, unshuffled.
 
@@ -56,6 +60,9 @@ class PPO:
         """Actor and critic."""
         self.log: dict[str, float] = {}
         """What the last iteration said, by SB3's names."""
+
+    def __repr__(self) -> str:
+        return f"<PPO on {self.engine!r}: {self.num_timesteps:,} steps>"
 
     def learn(self, total_timesteps: int, report: Callable[[PPO], object] = lambda _: None) -> PPO:
         """Learn from so many more environment steps, rounded up to whole rollouts.

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 
+from rans.errors import checked
 from rans.model.fields import Heading, Quat, leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
-from rans.optimal.control.regulator import Deadband, Regulator, Weights
+from rans.optimal.control.regulator import Deadband, Made, Regulator, Weights
 from rans.optimal.trajectory.allocation import SigmaDelta, inertia
 from rans.optimal.trajectory.guess import rotation_vector
 from rans.tasks.base import Task
@@ -21,8 +23,11 @@ SWEEP = (0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0)
 """Factors on the default weights: from twice as stiff to four times as lazy."""
 
 
-class LQR:
+class LQR(Made):
     """Linear-quadratic regulator, allocation to the thrusters, sigma-delta rounding.
+
+    >>> rans.LQR("floating-platform", "go-to-pose")
+    <LQR: GoToPose for floating-platform>
 
     Position in W and attitude in B are taken for double integrators, one per axis, which they are for small
     angles and spins; the gain of each is the discrete-time optimum for the control period. Where the task has
@@ -36,11 +41,14 @@ class LQR:
     tunable: ClassVar = {**Weights.tunable, **Deadband.tunable}
     """Bounds for `rans tune`."""
 
-    def __init__(self, craft: Spacecraft, task: Task, timing: Timing, weights: Weights = _WEIGHTS,
+    def __init__(self, craft: str | Path | Spacecraft, task: str | Task, timing: Timing | None = None,
+                 weights: Weights = _WEIGHTS,
                  deadband: Deadband = _DEADBAND) -> None:
-        self._craft, self._task, self._deadband, self._inertia = craft, task, deadband, inertia(craft)
+        super().__init__(craft, task, timing)
+        craft, self._deadband = self._craft, checked("deadband", deadband, Deadband)
+        self._inertia = inertia(craft)
         self._identity = Heading(0.0) if craft.dimension == 2 else Quat(1.0, 0.0, 0.0, 0.0)
-        self._regulator = Regulator.of(craft, task, timing, weights)
+        self._regulator = Regulator.of(craft, self._task, self._timing, weights)
         self._rounding = SigmaDelta(craft, self._regulator.carried(craft))
 
     @classmethod

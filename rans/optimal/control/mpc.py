@@ -8,18 +8,19 @@ they are independent, which curvature matrices and linear dynamics ask for.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, ClassVar
 
 import casadi as ca
 import numpy as np
 
-from rans.errors import ConfigError
+from rans.errors import ConfigError, checked
 from rans.model.body import Body
 from rans.model.dynamics import PlanarState, SpatialState, State, advance, wrench
 from rans.model.fields import Field, Heading, Quat, Vec2, Vec3, atan2, cos, leaves, map_leaves, sin, sqrt
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
-from rans.optimal.control.regulator import Deadband, Regulator, Weights
+from rans.optimal.control.regulator import Deadband, Made, Regulator, Weights
 from rans.optimal.trajectory.allocation import Allocation, SigmaDelta
 from rans.optimal.trajectory.guess import rotation_vector
 from rans.scenario import scenario
@@ -51,8 +52,11 @@ _TINY = 1e-24
 """Added to squared lengths whose root is taken: it has no gradient at zero."""
 
 
-class MPC:
+class MPC(Made):
     """Plans the relaxed commands of the next seconds at every step and rounds the first to on/off.
+
+    >>> rans.MPC("floating-platform", "go-to-position", settings=Settings(horizon=5))
+    <MPC: GoToPosition for floating-platform>
 
     One sequential quadratic program with Gauss-Newton curvature, carried on from step to step (real-time
     iteration: Diehl, Bock and Schlöder, SIAM J. Control Optim. 43, 2005): the plan of the step before,
@@ -70,9 +74,13 @@ class MPC:
     slow = True
     """Many episodes are flown by many processes."""
 
-    def __init__(self, craft: Spacecraft, task: Task, timing: Timing, weights: Weights = _WEIGHTS,
+    def __init__(self, craft: str | Path | Spacecraft, task: str | Task, timing: Timing | None = None,
+                 weights: Weights = _WEIGHTS,
                  deadband: Deadband = _DEADBAND, settings: Settings = _SETTINGS) -> None:
-        self._craft, self._task, self._deadband, self._settings = craft, task, deadband, settings
+        super().__init__(craft, task, timing)
+        craft, task, timing = self._craft, self._task, self._timing
+        self._deadband = checked("deadband", deadband, Deadband)
+        self._settings = checked("settings", settings, Settings)
         self._wrenches = np.array(craft.wrench_map)
         regulator = Regulator.of(craft, task, timing, weights)
         self._rounding = SigmaDelta(craft, regulator.carried(craft))

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from rans.errors import ConfigError
+from rans.errors import ConfigError, checked
 from rans.model.body import Body
 from rans.model.dynamics import Wrench, advance, wrench
 from rans.model.fields import Heading, Quat, Vec2, Vec3, leaves
@@ -94,6 +95,9 @@ _WEIGHTS, _DEADBAND, _SETTINGS, _TRUST = Weights(), Deadband(), Settings(), Trus
 class ObserverMPC(MPC):
     """An `MPC` that counters what an `Observer` estimates, and knows of it when it rests.
 
+    >>> rans.ObserverMPC("floating-platform", "go-to-pose", trust=Trust(share=0.05))
+    <MPC + observer: GoToPose for floating-platform>
+
     It plans for a craft on which nothing else acts, and takes the estimate off the wrench it wants (Ohnishi's
     disturbance observer). It is told nothing but readings: no condition, no true body.
 
@@ -103,11 +107,12 @@ class ObserverMPC(MPC):
 
     name = "MPC + observer"
 
-    def __init__(self, craft: Spacecraft, task: Task, timing: Timing, weights: Weights = _WEIGHTS,
+    def __init__(self, craft: str | Path | Spacecraft, task: str | Task, timing: Timing | None = None,
+                 weights: Weights = _WEIGHTS,
                  deadband: Deadband = _DEADBAND, settings: Settings = _SETTINGS,
                  trust: Trust = _TRUST) -> None:
         super().__init__(craft, task, timing, weights, deadband, settings)
-        self._observer = Observer(craft, timing, trust)
+        self._observer = Observer(self._craft, self._timing, checked("trust", trust, Trust))
 
     def reset(self, count: int) -> None:
         """See `rans.flight.Controller`."""

@@ -5,17 +5,19 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 
-from rans.errors import ConfigError
+from rans.errors import ConfigError, checked
 from rans.model.body import Body
 from rans.model.dynamics import Wrench, advance, wrench
 from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.optimal.trajectory.allocation import Allocation, inertia
-from rans.tasks.base import Task
+from rans.tasks import Task, load_task
 from rans.tasks.settings import check_settings
 
 
@@ -93,6 +95,23 @@ class Deadband:
         return np.logical_and.reduce(inside)
 
 
+class Made:
+    """What a controller is made for, by name, TOML file or as such.
+
+    Raises:
+        ConfigError: there is no such spacecraft or task.
+    """
+
+    name: str
+
+    def __init__(self, craft: str | Path | Spacecraft, task: str | Task, timing: Timing | None) -> None:
+        self._craft, self._task = load_spacecraft(craft), load_task(task)
+        self._timing = Timing() if timing is None else checked("timing", timing, Timing)
+
+    def __repr__(self) -> str:
+        return f"<{self.name}: {type(self._task).__name__} for {self._craft.name}>"
+
+
 @dataclass(frozen=True)
 class Axis:
     """The discrete-time LQR of one double integrator, or of its velocity alone.
@@ -148,6 +167,7 @@ class Regulator:
         Raises:
             ConfigError: the thrusters cannot push and turn the spacecraft in every direction.
         """
+        checked("weights", weights, Weights)
         force, torque = Allocation(craft).authority()
         push, turn = force / craft.mass, torque / float(np.linalg.eigvalsh(inertia(craft))[-1])
         held, period = task.tolerances(), timing.control_period

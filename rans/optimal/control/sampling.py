@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 
-from rans.errors import ConfigError
+from rans.errors import ConfigError, checked
 from rans.model.body import Body
 from rans.model.dynamics import advance, wrench
 from rans.model.fields import map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
-from rans.optimal.control.regulator import Deadband
+from rans.optimal.control.regulator import Deadband, Made
 from rans.optimal.control.switching import Curve, Switching
 from rans.optimal.trajectory.allocation import Patterns
 from rans.tasks.base import Task
@@ -55,8 +56,11 @@ class Draws:
 _CURVE, _DEADBAND, _DRAWS = Curve(thrust_weight=0.03), Deadband(), Draws()
 
 
-class MPPI:
+class MPPI(Made):
     """Plans patterns of open thrusters for the next seconds by sampling, and flies the first of the best.
+
+    >>> rans.MPPI("floating-platform", "go-to-pose", draws=Draws(samples=64))
+    <MPPI: GoToPose for floating-platform>
 
     A plan is a chance of every thruster to be open in each of the next `PERIODS`. Plans are drawn from it and
     flown by the engines' equations, all at once; those that cost less count more in the new chances (after
@@ -71,11 +75,14 @@ class MPPI:
     tunable: ClassVar = Switching.tunable
     """Bounds for `rans tune`."""
 
-    def __init__(self, craft: Spacecraft, task: Task, timing: Timing, curve: Curve = _CURVE,
+    def __init__(self, craft: str | Path | Spacecraft, task: str | Task, timing: Timing | None = None,
+                 curve: Curve = _CURVE,
                  deadband: Deadband = _DEADBAND, draws: Draws = _DRAWS) -> None:
-        self._craft, self._task, self._deadband, self._draws = craft, task, deadband, draws
-        self._period, self._body, self._price = timing.control_period, Body.of(craft), curve.thrust_weight
-        self._value = Switching(craft, task, timing, curve, deadband)
+        super().__init__(craft, task, timing)
+        self._deadband, self._draws = deadband, checked("draws", draws, Draws)
+        self._value = Switching(self._craft, self._task, self._timing, curve, deadband)
+        craft, self._period = self._craft, self._timing.control_period
+        self._body, self._price = Body.of(craft), curve.thrust_weight
         self._patterns = Patterns(craft)
         self._forces = np.array([thruster.force for thruster in craft.thrusters])
         self.reset(0)

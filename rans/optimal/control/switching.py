@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 
+from rans.errors import checked
 from rans.model.body import Body
 from rans.model.dynamics import advance, wrench
 from rans.model.fields import Vec2, Vec3, leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
-from rans.optimal.control.regulator import Deadband
+from rans.optimal.control.regulator import Deadband, Made
 from rans.optimal.trajectory.allocation import Allocation, Patterns, inertia
 from rans.optimal.trajectory.guess import rotation_vector
 from rans.tasks.base import Task
@@ -47,8 +49,11 @@ _SLOW = 0.1
 """Counts as at rest: what full thrust stops in this share of a control period."""
 
 
-class Switching:
+class Switching(Made):
     """Opens the thrusters after whose pulse the goal is nearest in time, and none within a dead band.
+
+    >>> rans.Switching("floating-platform", "go-to-pose", curve=Curve(thrust_weight=0.1))
+    <switching: GoToPose for floating-platform>
 
     Position and attitude are double integrators whose least time to rest is known in closed form, and with it
     the curve of the phase plane on which thrust changes sign (Bryson and Ho, "Applied Optimal Control", 1975,
@@ -67,10 +72,13 @@ class Switching:
                          **Deadband.tunable}
     """Bounds for `rans tune`."""
 
-    def __init__(self, craft: Spacecraft, task: Task, timing: Timing, curve: Curve = _CURVE,
+    def __init__(self, craft: str | Path | Spacecraft, task: str | Task, timing: Timing | None = None,
+                 curve: Curve = _CURVE,
                  deadband: Deadband = _DEADBAND) -> None:
-        self._craft, self._task, self._deadband, self._curve = craft, task, deadband, curve
-        self._period, self._patterns, matrix = timing.control_period, Patterns(craft), inertia(craft)
+        super().__init__(craft, task, timing)
+        self._deadband, self._curve = checked("deadband", deadband, Deadband), checked("curve", curve, Curve)
+        craft, self._period = self._craft, self._timing.control_period
+        self._patterns, matrix = Patterns(craft), inertia(craft)
         force, torque = Allocation(craft).authority()
         self._push, self._turn = force / craft.mass, torque / float(np.linalg.eigvalsh(matrix)[-1])
         wrenches, straight = self._patterns.wrenches, craft.dimension

@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Literal, cast, get_args
 
 import casadi as ca
 
-from rans.errors import ConfigError, brief
+from rans.errors import ConfigError, one_of
 from rans.model.fields import leaves, map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.optimal.trajectory.arrival import Ending, rounded
@@ -191,9 +191,8 @@ def objective_of(name: ObjectiveName, horizon: float | None = None, control_peri
         ConfigError: there is no such objective, or it does not go with the others.
     """
     free = {"tracking": QuadraticTracking, "reward": MaximumReward}
-    if name not in get_args(ObjectiveName):
-        known = ", ".join(get_args(ObjectiveName))
-        raise ConfigError(f"objective must be one of {known}, got {brief(name)}.")
+    one_of("objective", name, get_args(ObjectiveName))
+    one_of("ending", ending, ("exact", "set"))
     if horizon is not None and name == "time":
         raise ConfigError("horizon is what the objective time looks for; leave it out.")
     if ending == "set" and name in free:
