@@ -8,6 +8,7 @@ import sys
 import time
 import unicodedata
 import warnings
+from functools import partial
 from typing import Any
 
 from rans.errors import ConfigError, RansError, brief, legible, meant
@@ -90,7 +91,13 @@ def _parse(arguments: list[str]) -> Any:
     # Not list(COMMANDS): once it is imported, `list` is the module of the command.
     wanted = [c for c in COMMANDS if c in arguments[:1]] or COMMANDS
     commands = {c: getattr(importlib.import_module(f"rans.cli.{c}"), c.capitalize()) for c in wanted}
-    return tyro.extras.subcommand_cli_from_dict(commands, args=arguments, prog="rans", description=_ABOUT)
+    parse = partial(tyro.extras.subcommand_cli_from_dict, commands, args=arguments, prog="rans",
+                    description=_ABOUT)
+    if not {"-h", "--help"} & {*arguments}:
+        return parse()
+    from rans.cli.helped import helped
+
+    return helped(parse, commands.values())
 
 
 def _end(sentence: str, code: int) -> int:

@@ -57,6 +57,29 @@ def test_nothing_typed_shows_the_help(capsys: pytest.CaptureFixture[str]) -> Non
     assert all(command in printed for command in COMMANDS)
 
 
+@pytest.mark.parametrize("command", ["", *COMMANDS])
+@pytest.mark.parametrize("columns", [60, 80])
+def test_help_fits_and_keeps_words_whole(command: str, columns: int, monkeypatch: pytest.MonkeyPatch,
+                                         capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setenv("COLUMNS", str(columns))
+    assert code_of([*command.split(), "--help"]) == 0
+    printed = capsys.readouterr().out
+    assert max(map(len, printed.splitlines())) <= columns
+    assert "╭─ options" in printed
+    about = cli._ABOUT if not command else importlib.import_module(f"rans.cli.{command}").__dict__[
+        command.capitalize()].__doc__
+    assert " ".join(about.split()[:12]) in " ".join(printed.split())
+
+
+def test_help_of_an_option_is_one_paragraph(monkeypatch: pytest.MonkeyPatch,
+                                            capsys: pytest.CaptureFixture[str]) -> None:
+    """The second line of its text in the source began a line of its own."""
+    monkeypatch.setenv("COLUMNS", "80")
+    code_of(["compare", "--help"])
+    lines = [line.strip("│ ") for line in capsys.readouterr().out.splitlines()]
+    assert "a knob, all others, and the certified front. (default: False)" in lines
+
+
 def test_a_misspelt_command_is_a_sentence(capsys: pytest.CaptureFixture[str]) -> None:
     assert code_of(["evalute", "runs/first"]) == 2
     told = capsys.readouterr().err
