@@ -71,12 +71,11 @@ def test_help_fits_and_keeps_words_whole(command: str, columns: int, monkeypatch
     assert " ".join(about.split()[:12]) in " ".join(printed.split())
 
 
-def test_help_of_an_option_is_one_paragraph(monkeypatch: pytest.MonkeyPatch,
-                                            capsys: pytest.CaptureFixture[str]) -> None:
+def test_help_of_an_option_is_one_paragraph() -> None:
     """The second line of its text in the source began a line of its own."""
-    monkeypatch.setenv("COLUMNS", "80")
-    code_of(["compare", "--help"])
-    lines = [line.strip("│ ") for line in capsys.readouterr().out.splitlines()]
+    done = subprocess.run([sys.executable, "-m", "rans", "compare", "--help"], capture_output=True, text=True,
+                          env=os.environ | {"COLUMNS": "80", "PYTHONIOENCODING": "utf-8"}, check=True)
+    lines = [line.strip("│ ") for line in done.stdout.splitlines()]
     assert "a knob, all others, and the certified front. (default: False)" in lines
 
 
