@@ -9,8 +9,6 @@ import itertools
 from dataclasses import MISSING, Field, fields, is_dataclass
 from typing import Any
 
-from rans.errors import checked
-
 
 class Shown:
     """A value that notebooks show as a table, and with a picture where there is one to draw."""
@@ -26,13 +24,6 @@ class Settings(Shown):
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
         cls.__repr__ = Settings.__repr__  # dataclasses write one for every class that has none of its own
-
-    def __post_init__(self) -> None:
-        """Refuse (`ConfigError`) what is none where other settings belong, such as a dict."""
-        given: Any = self
-        for one in fields(given):
-            if isinstance(usual := default(one), Settings):
-                checked(one.name, getattr(self, one.name), type(usual))
 
     def __repr__(self) -> str:
         given: Any = self

@@ -134,7 +134,10 @@ def test_names_do_where_objects_do() -> None:
     (lambda: rans.certify(kind="arival"), r"kind must be one of arrival, settling.*mean arrival"),  # type: ignore[arg-type]
     (lambda: rans.certify(start=-1), "start must be a whole number >= 0"),
     (lambda: rans.optimal_trajectory(ending="x"), "ending must be one of exact, set"),  # type: ignore[arg-type]
-    (lambda: rans.Conditions(sensors={"delay": 1.0}), r"no dict: rans.SensorsConditions\(delay=1.0\)"),  # type: ignore[arg-type]
+    (lambda: rans.Conditions(sensors={"delay": 1.0}),  # type: ignore[arg-type]
+     r"sensors takes an object, no dict: rans.SensorsConditions\(delay=1.0\)"),
+    (lambda: rans.Conditions(sensors=rans.SensorsConditions(position={"noise": 0.1})),  # type: ignore[arg-type]
+     r"sensors.position takes an object, no dict: rans.SensorConditions\(noise=0.1\)"),
     (lambda: rans.MultiTask(go_to_pose={"thrust_weight": 1.0}), r"no dict: rans.GoToPose\("),  # type: ignore[arg-type]
     (lambda: rans.LQR("atmos", "go-to-pose", weights={"position": 1.0}),  # type: ignore[arg-type]
      r"no dict: rans.optimal.control.regulator.Weights\(position=1.0\)"),

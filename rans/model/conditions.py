@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, fields, is_dataclass, replace
 from itertools import accumulate
 from typing import Any, Literal, NamedTuple, get_args
 
-from rans.errors import ConfigError, one_of
+from rans.errors import ConfigError, checked, one_of
 from rans.model.fields import Field, where
 from rans.model.spacecraft import Spacecraft
 from rans.shown import Settings
@@ -173,7 +173,6 @@ class Conditions(Settings):
     """That an episode may meet instead. They may differ in ranges only."""
 
     def __post_init__(self) -> None:
-        super().__post_init__()
         _check(self, "")
         _require(0 < self.weight < math.inf, "weight", self.weight, "a finite number > 0")
         for other in self.others:
@@ -245,8 +244,8 @@ def _check(conditions: Any, place: str) -> None:
     """Every range is of finite numbers >= 0, the least first."""
     for one in fields(conditions):
         value, name = getattr(conditions, one.name), place + one.name
-        if is_dataclass(value):
-            _check(value, name + ".")
+        if str(one.type).endswith("Conditions"):
+            _check(checked(name, value, globals()[str(one.type)]), name + ".")
         elif "Range" in str(one.type) and value is not None:
             pair = bounds(value)
             numbers = len(pair) == 2 and all(_is_number(x) for x in pair)

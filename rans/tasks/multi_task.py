@@ -7,11 +7,11 @@ from dataclasses import dataclass, field, fields, replace
 from itertools import zip_longest
 from typing import ClassVar
 
-from rans.errors import ConfigError
+from rans.errors import ConfigError, checked
 from rans.model.dynamics import State
 from rans.model.fields import Field, leaves, unflatten, where
 from rans.model.random import Random
-from rans.shown import Settings
+from rans.shown import default
 from rans.tasks.base import SingleTask, Task
 from rans.tasks.go_to_pose import GoToPose
 from rans.tasks.go_to_position import GoToPosition
@@ -48,8 +48,10 @@ class MultiTask(Task):
     symmetric: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
-        Settings.__post_init__(self)  # not that of `Task`, whose settings are numbers
-        known = [f.name.replace("_", "-") for f in fields(self)[1:]]
+        own = fields(self)[1:]
+        for part in own:
+            checked(part.name, getattr(self, part.name), type(default(part)))
+        known = [part.name.replace("_", "-") for part in own]
         if not self.tasks or len(set(self.tasks)) < len(self.tasks) or not set(self.tasks) <= set(known):
             raise ConfigError(f"tasks must be different ones of {', '.join(known)}, got {self.tasks!r}.")
 

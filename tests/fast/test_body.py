@@ -15,6 +15,7 @@ from torch._dynamo.utils import counters
 from rans.errors import ConfigError
 from rans.fast.engine import Engine
 from rans.model.body import Body
+from rans.model.conditions import SensorConditions
 from rans.model.spacecraft import Spacecraft
 from rans.tasks import GoToPose
 from tests.fast.engines import FLYER, NEAR, PLATFORM, SHORT, actions, both_crafts
@@ -114,6 +115,12 @@ def test_masses_written_in_place_take_effect(compiled: bool) -> None:
         for field in (light.body.mass, *light.body.inertia):
             field *= 4  # a power of two rounds nothing
         assert torch.equal(flown(light), flown(heavy))
+
+
+def test_settings_can_be_made_in_a_traced_step() -> None:
+    """As `drawn_sensors` does; a check of all their fields could not be traced."""
+    made = torch.compile(lambda x: x * SensorConditions(noise=0.5).noise, fullgraph=True, backend="eager")
+    assert made(torch.ones(1)).item() == 0.5
 
 
 def test_other_masses_and_seeds_compile_nothing_again(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -13,6 +13,7 @@ from rans.fast.engine import Engine
 from rans.fast.learn.curriculum import Curriculum, Ramp
 from rans.fast.step import step_arrays
 from rans.fast.straight_step import ArrayStep
+from rans.model.conditions import Conditions, ThrusterConditions
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.tasks import TASKS, GoToPose
@@ -48,6 +49,15 @@ def test_blocks_members_and_conditions(kwargs: dict[str, Any]) -> None:
     plain, straight = pair(PLATFORM, NEAR, timing=Timing(episode_steps=6), **kwargs)
     assert compare(plain, straight, steps) > 0
     assert is_straight(straight)
+
+
+def test_what_would_be_too_long_a_program_is_none() -> None:
+    """At 1 kHz a valve that is 0.2 s late has 200 commands on their way: it took minutes and gigabytes."""
+    late = Conditions(thrusters=ThrusterConditions(latency=(0.0, 0.2)))
+    engine = Engine(PLATFORM, NEAR, 2, Timing(0.001, substeps=1), conditions=late)
+    engine.step(torch.ones(2, 8))
+    assert len(engine._episode.memory()) > 1600
+    assert not is_straight(engine)
 
 
 def test_a_curriculum_moves_its_settings() -> None:
