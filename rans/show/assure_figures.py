@@ -59,5 +59,5 @@ def _each(plot: Callable[..., object], episodes: Sequence[int],
     """All of them thinly, the first strongly and last."""
     for k in reversed(episodes):
         first = k == episodes[0]
-        plot(*points(k), color=ORANGE if first else BLUE, linewidth=1.6 if first else 0.6,
-             alpha=1.0 if first else 0.6)
+        plot(*points(k), color=ORANGE if first else BLUE, linewidth=1.6 if first else 1.0,
+             alpha=1.0 if first else 0.9)
