@@ -10,7 +10,7 @@ from tyro.conf import Positional, arg
 
 from rans.cli import check_count
 from rans.errors import ConfigError
-from rans.pretrained import pretrained_folder
+from rans.pretrained import FOLDER
 
 Form = Literal["sb3", "onnx", "numpy"]
 
@@ -24,7 +24,7 @@ class Export:
     """
 
     run_folder: Annotated[str, Positional, arg(metavar="RUN")]
-    """Run folder of the agent, or pretrained:NAME."""
+    """Run folder of the agent, or the name of one that comes with RANS."""
     output: Path
     """Folder to write; its name is the agent's."""
     format: Form = "sb3"
@@ -37,14 +37,13 @@ class Export:
     def run(self) -> int:
         """Print what was written."""
         from rans.deploy.export import export
+        from rans.evaluation.fly.contestants import agent_folder
 
         check_count("--episodes", self.episodes)
-        kind, _, name = self.run_folder.partition(":")
-        pretrained = kind == "pretrained"
-        if pretrained and self.format == "sb3":
-            raise ConfigError(f"{name} comes with RANS as an export writes it, in {pretrained_folder(name)}.")
-        export(pretrained_folder(name) if pretrained else Path(self.run_folder), self.output, self.format,
-               self.episodes)
+        folder = agent_folder(self.run_folder)
+        if folder.parent == FOLDER and self.format == "sb3":
+            raise ConfigError(f"{folder.name} comes with RANS as an export writes it, in {folder}.")
+        export(folder, self.output, self.format, self.episodes)
         size = sum(file.stat().st_size for file in self.output.iterdir() if file.is_file())
         print(f"{self.output} holds the agent, its contract and its card, {size / 1000:.0f} kB.")
         return 0

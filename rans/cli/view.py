@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 class View:
     """Watch agents fly in the browser, at real time and from any side; Ctrl-C ends it.
 
-    Every agent has a row, every episode a tile. Open thrusters have orange plumes; the goal is green. "Open
-    Controls" on the page holds a slider for the time, pause and speed.
+    Every agent has a row, every episode a tile. Open thrusters have orange plumes; the goal is green. The bar
+    below has pause, time and speed.
     """
 
     contestants: Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="RUN...")]

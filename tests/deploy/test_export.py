@@ -90,8 +90,10 @@ def test_an_exported_agent_keeps_its_card(shipped: Path, tmp_path: Path) -> None
 
 
 def test_what_comes_with_the_package_is_exported_already(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["export", "pretrained:go-to-pose-2d", "--output", "again"]) == 2
-    assert "go-to-pose-2d comes with RANS as an export writes it" in " ".join(capsys.readouterr().err.split())
+    for name in ("pretrained:go-to-pose-2d", "go-to-pose-2d"):
+        assert main(["export", name, "--output", "again"]) == 2
+        told = " ".join(capsys.readouterr().err.split())
+        assert "go-to-pose-2d comes with RANS as an export writes it" in told
 
 
 def test_what_cannot_be_exported_is_one_sentence(run: Path, shipped: Path, tmp_path: Path) -> None:
