@@ -94,8 +94,7 @@ class List:
         near = meant(name, [one for names in known.values() for one in names])
         raise ConfigError(
             f"there is no spacecraft, task, agent, controller or set of conditions named {name!r}{near}; "
-            + "; ".join(f"known are the {kind} {', '.join(names)}" for kind, names in known.items())
-            + "; your own file of a spacecraft or of conditions must end in .toml.")
+            "`rans list` tells all; your own file of a spacecraft or of conditions must end in .toml.")
 
 
 def _kind_of_file(file: Path) -> str:

@@ -105,9 +105,9 @@ def _parse(spec: str) -> tuple[str, str, str]:
         raise ConfigError(f"there is no contestant {brief(spec)}{meant(kind, kinds)}; known are {FORMS}.")
     if spec in pretrained_names() and not Path(spec).exists():
         return "pretrained", spec, part
-    if not Path(spec).exists() and (near := meant(spec, CONTROLLERS)):
-        raise ConfigError(f"{spec} knows no task; add one, as in {spec}:go-to-pose-2d."
-                          if spec in CONTROLLERS else f"{spec} is not a run folder, and no controller{near}.")
+    if not Path(spec).exists() and (near := meant(spec, (*CONTROLLERS, *pretrained_names()))):
+        raise ConfigError(f"{spec} knows no task; add one, as in {spec}:go-to-pose-2d." if spec in CONTROLLERS
+                          else f"{spec} is not a run folder, and no agent or controller{near}.")
     return "", spec, part
 
 

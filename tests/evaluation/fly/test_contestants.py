@@ -92,6 +92,7 @@ def test_results_stay_inside_their_folder() -> None:
     ("pretraned:x", r"no contestant .pretraned:x. \(did you mean pretrained\?\); known are a run folder,"),
     ("lqr:", "there is no contestant 'lqr:'"),
     ("nowhere", "nowhere is not a run folder"),
+    ("go-to-pose-2", r"not a run folder, and no agent or controller \(did you mean go-to-pose-2d\?\)"),
     ("sb3:mine.zip", "sb3:mine.zip knows no task: .*, as in rans compare RUN sb3:mine.zip"),
 ])
 def test_who_is_not_there_is_one_sentence(spec: str, said: str) -> None:
