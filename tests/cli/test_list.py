@@ -89,7 +89,7 @@ def test_task_details(capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_unknown_name(capsys: pytest.CaptureFixture[str]) -> None:
     text = refused(capsys, "floating-plattform")
-    for part in ("'floating-plattform'", "floating-platform", "go-to-pose", ".toml"):
+    for part in ("'floating-plattform' (did you mean floating-platform?)", "`rans list` tells all", ".toml"):
         assert part in text
 
 
