@@ -65,7 +65,7 @@ class FaultyEngine(Engine):
 
     def step(self, action: Tensor) -> Step:
         """See `Engine.step`; the fault is upstream of the nozzles."""
-        number = self._world.number(self._episode.clock, self._draws)
+        number = self._world.number(self.episode.clock, self._draws)
         random = self._draws.random(2, number, 40 * 256)
         kind, sign, size, bias = (torch.as_tensor(random.unit()).to(self.dtype) for _ in range(4))
         size = torch.where(kind < 1 / 3, torch.ones_like(size), 0.5 + size)

@@ -56,7 +56,7 @@ def test_what_would_be_too_long_a_program_is_none() -> None:
     late = Conditions(thrusters=ThrusterConditions(latency=(0.0, 0.2)))
     engine = Engine(PLATFORM, NEAR, 2, Timing(0.001, substeps=1), conditions=late)
     engine.step(torch.ones(2, 8))
-    assert len(engine._episode.memory()) > 1600
+    assert len(engine.episode.memory()) > 1600
     assert not is_straight(engine)
 
 
