@@ -45,7 +45,8 @@ class Arrived:
 
         Shares are the errors over the task's tolerances; what is closest, the narrow rewards of each.
         """
-        state, terms = transition.state, dict[str, Field]()
+        state = transition.state
+        terms: dict[str, Field] = {}  # not `dict[str, Field]()`, which torch's compiler cannot read
         if is_used(self.arrived_weight):
             rest = state.v.norm() / self.arrived_speed, speed(state.spin()) / self.arrived_spin
             worth = sum(closest) * self.arrived_fine_weight + self.arrived_weight
