@@ -13,7 +13,7 @@ import shutil
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from functools import partial
@@ -26,7 +26,7 @@ import tyro
 from rans.files import environment, write_json
 from rans.terminal import Terminal, table
 from validation.breaking.cases import Prepare, file_case, folder_case, line_case, runs_to_damage, under
-from validation.breaking.steps import compiled_steps, steps
+from validation.breaking.steps import Flown, compiled_steps, steps
 from validation.breaking.training import Left, full_disk, killed, whole
 from validation.breaking.trial import Outcome, ran
 from validation.command import ended
@@ -101,10 +101,14 @@ class Breaking:
             folder = Path(place)
             if kind:
                 return self._one(kind, int(number), folder)
-            tallies = {name: self._tally(name, folder) for name in _KINDS if getattr(self, name)}
+            tallies: dict[str, Tally] = {}
+            for name in _KINDS:
+                if getattr(self, name):
+                    tallies[name] = self._tally(name, folder)
+                    self._write(tallies)
         found = {"steps": steps(self.steps, self.first, self.conditions),
                  "compiled": compiled_steps(self.compiled, self.first, self.conditions)}
-        faults = sum(len(tally.faults) for tally in tallies.values()) + sum(x.silent for x in found.values())
+        faults = self._write(found | tallies)
         terminal = Terminal(room=110)
         rows = [(name, str(x.tried), ", ".join(f"{n} {how}" for how, n in sorted(x.endings.items())),
                  str(len(x.faults)), f"{x.seconds:.0f}") for name, x in tallies.items()]
@@ -112,11 +116,16 @@ class Breaking:
                   f"{x.silent:,}", f"{x.seconds:.0f}") for name, x in found.items() if x.steps]
         headings = "kind", "tried", "how commands ended", "faults", "seconds"
         terminal.print(table("Breaking", headings, rows))
+        return 1 if faults else 0
+
+    def _write(self, found: Mapping[str, Tally | Flown]) -> int:
+        """Keep what was found so far; how many faults that is."""
+        faults = sum(len(x.faults) if isinstance(x, Tally) else x.silent for x in found.values())
         if self.output is not None:
             write_json(self.output, {"environment": environment(), "faults": faults, "first": self.first,
                                      "conditions": self.conditions,
-                                     **{name: asdict(x) for name, x in (found | tallies).items()}})
-        return 1 if faults else 0
+                                     **{name: asdict(x) for name, x in found.items()}})
+        return faults
 
     def _tally(self, name: str, folder: Path) -> Tally:
         tally, started = Tally(), time.monotonic()
