@@ -48,9 +48,12 @@ def _interruptible() -> int:
     if signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
         return _run()  # interrupts are ignored, as in a shell script's `rans ... &`
     signal.signal(signal.SIGINT, _interrupt)
+    signal.signal(signal.SIGALRM, _interrupt)
+    sys.unraisablehook, before = _again, sys.unraisablehook
     try:
         return _run()
     finally:  # Python's way out: nothing is left to lose
+        sys.unraisablehook = before
         signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
@@ -71,3 +74,11 @@ def _interrupt(_: int, frame: FrameType | None) -> None:
             signal.raise_signal(signal.SIGINT)
         frame = frame.f_back
     raise KeyboardInterrupt
+
+
+def _again(lost: sys.UnraisableHookArgs) -> None:
+    """Interrupt once more, a moment later, where Python drops what is raised, as in callbacks of torch."""
+    if lost.exc_type is KeyboardInterrupt:
+        signal.setitimer(signal.ITIMER_REAL, 0.05)
+    else:
+        sys.__unraisablehook__(lost)

@@ -10,13 +10,16 @@ import re
 import signal
 import subprocess
 import sys
+import time
 import warnings
+import weakref
 from importlib.metadata import version
 from pathlib import Path
 
 import pytest
 import torch
 
+import rans_command
 from rans import cli
 from rans.cli import COMMANDS, main
 from rans.errors import ConfigError
@@ -268,3 +271,27 @@ def wrong_places(folder: Path) -> list[str]:
         (folder / name).write_bytes(content)
     folders = sorted(path.name for path in folder.iterdir() if path.is_dir())
     return [*contents, *folders, "nowhere", "", "/", "a\0b", "x" * 300]
+
+
+def test_an_interrupt_in_a_callback_is_not_lost(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Python drops what a weak reference's callback raises; torch's compiler has many of these."""
+    class Held:
+        pass
+
+    def runs() -> int:
+        held = Held()
+        kept = weakref.ref(held, lambda _: os.kill(os.getpid(), signal.SIGINT))
+        del held
+        assert kept() is None
+        time.sleep(20)
+        return 0
+
+    monkeypatch.setattr(rans_command, "_run", runs)
+    begun = time.monotonic()
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            rans_command._interruptible()
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        signal.signal(signal.SIGALRM, signal.SIG_DFL)
+    assert time.monotonic() - begun < 15
