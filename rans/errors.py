@@ -2,10 +2,10 @@
 
 import difflib
 import sys
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from numbers import Integral
 from os import PathLike
-from typing import TypeVar
+from typing import Any, TypeVar
 
 T = TypeVar("T")
 
@@ -58,6 +58,14 @@ def whole(what: str, value: object, least: int = 1) -> int:
     if isinstance(value, bool) or not isinstance(value, Integral) or not least <= int(value) < 2**31:
         raise ConfigError(f"{what} must be a whole number >= {least} and < 2^31, got {brief(value)}.")
     return int(value)
+
+
+def fits(value: object, condition: Callable[[Any], bool]) -> bool:
+    """Whether the condition holds; it does not where it cannot be asked of such a value."""
+    try:
+        return bool(condition(value))
+    except TypeError:
+        return False
 
 
 def named(what: str, value: object, kind: type) -> str:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, fields, is_dataclass, replace
 from itertools import accumulate
 from typing import Any, Literal, NamedTuple, get_args
 
-from rans.errors import ConfigError, checked, one_of
+from rans.errors import ConfigError, checked, fits, one_of
 from rans.model.fields import Field, where
 from rans.model.spacecraft import Spacecraft
 from rans.shown import Settings
@@ -174,8 +174,9 @@ class Conditions(Settings):
 
     def __post_init__(self) -> None:
         _check(self, "")
-        _require(0 < self.weight < math.inf, "weight", self.weight, "a finite number > 0")
+        _require(fits(self.weight, lambda x: 0 < x < math.inf), "weight", self.weight, "a finite number > 0")
         for other in self.others:
+            checked("others", other, Conditions)
             _require(not other.others, "others", "others of others", "without others of their own")
             _check_alike(self, other, "")
         thrusters, pushes = self.thrusters, self.disturbances

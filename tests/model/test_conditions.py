@@ -50,6 +50,8 @@ from rans.tasks import GoToPose
      r"sensors\.velocity\.dropout must be below 1, got 1\.0"),
     (lambda: Conditions(sensors=SensorsConditions(spin=SensorConditions(noise=-1.0))),
      r"sensors\.spin\.noise must be a number >= 0"),
+    (lambda: Conditions(weight="x"), "weight must be a finite number > 0, got 'x'"),  # type: ignore[arg-type]
+    (lambda: Conditions(others="x"), r"others must be a rans\.Conditions, got 'x'"),  # type: ignore[arg-type]
 ])
 def test_what_cannot_be_is_refused(make: Callable[[], Conditions], sentence: str) -> None:
     with pytest.raises(ConfigError, match=sentence):

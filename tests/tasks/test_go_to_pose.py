@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rans.errors import ConfigError
 from rans.model.dynamics import PlanarState, SpatialState
 from rans.model.fields import Heading, Quat, Vec2, Vec3
 from rans.tasks import GoToPose, observation
@@ -124,6 +125,12 @@ def test_who_is_nearly_there_pays_for_not_being_there(x: float, angle: float, ex
     cost = task.reward(Transition(state, goal, (0.0,), (0.0,)))["verge"]
     assert cost == pytest.approx(expected, abs=1e-6)
     assert "verge" not in GoToPose().reward(Transition(state, goal, (0.0,), (0.0,)))
+
+
+@pytest.mark.parametrize("squarings", [0, 9, 2.5])
+def test_edges_of_no_sharpness(squarings: float) -> None:
+    with pytest.raises(ConfigError, match="arrived_squarings must be a whole number from 1 to 8, got"):
+        GoToPose(arrived_squarings=squarings)  # type: ignore[arg-type]
 
 
 def test_edges_however_sharp_are_finite_in_single_precision() -> None:

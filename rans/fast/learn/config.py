@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
 
-from rans.errors import ConfigError, brief
+from rans.errors import ConfigError, brief, fits
 from rans.fast.learn.curriculum import Ramp, check_ramps
 from rans.model.conditions import Conditions
 from rans.model.timing import Timing
@@ -143,7 +143,7 @@ class Coefficients(NamedTuple):
 
 def _require(config: object, bound: str, holds: Callable[[Any], bool], *names: str) -> None:
     for name in names:
-        if not holds(value := getattr(config, name)):
+        if not fits(value := getattr(config, name), holds):
             said = list(value) if isinstance(value, tuple) else value
             raise ConfigError(f"{name} must be {bound}, got {brief(said)}.")
 

@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Literal, cast, get_args
 
 import casadi as ca
 
-from rans.errors import ConfigError, one_of
+from rans.errors import ConfigError, brief, fits, one_of
 from rans.model.fields import leaves, map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.optimal.trajectory.arrival import Ending, rounded
@@ -57,8 +57,8 @@ class _GivenTime(ABC):
     def __post_init__(self) -> None:
         for field in dataclasses.fields(cast(Any, self)):
             name, value = field.name, getattr(self, field.name)
-            if name in ("horizon", "control_period") and not (math.isfinite(value) and value > 0):
-                raise ConfigError(f"{self.kind}: {name} must be a finite number > 0 s, got {value}.")
+            if name in ("horizon", "control_period") and not fits(value, lambda x: 0 < x < math.inf):
+                raise ConfigError(f"{self.kind}: {name} must be a finite number > 0 s, got {brief(value)}.")
             if isinstance(value, float) and not (math.isfinite(value) and value >= 0):
                 raise ConfigError(f"{self.kind}: {name} must be finite and not negative, got {value}.")
 

@@ -154,6 +154,8 @@ def test_wrong_averages(averages: tuple[float, ...]) -> None:
     ({"averages": (0.5,)}, "averages stand beside a history"),
     ({"memory": "history", "averages": 0.5}, "averages must be numbers between 0 and 1, got 0.5"),
     ({"memory": "history", "averages": (1.0,)}, "averages must be numbers between 0 and 1"),
+    ({"gamma": "x"}, r"gamma must be in \(0, 1\], got 'x'"),
+    ({"layers": "x"}, "layers must be 1 to 32 numbers"),
 ])
 def test_what_no_network_is(given: dict[str, Any], message: str) -> None:
     with pytest.raises(ConfigError, match=message):
