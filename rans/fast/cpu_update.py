@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 import torch
@@ -47,7 +47,7 @@ class MachineGradients:
         coefficients: of the losses.
     """
 
-    way = "machine code"
+    way: ClassVar[str] = "machine code"
 
     def __init__(self, network: Network, adam: Adam, coefficients: Coefficients) -> None:
         self._network, self._adam = network, adam

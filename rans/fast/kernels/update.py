@@ -27,10 +27,8 @@ from rans.fast.learn.rollout import Batch
 class ByHand(Protocol):
     """Makes gradients of one member's minibatches, into the row of its `Adam`."""
 
-    @property
-    def way(self) -> str:
-        """In which they are made."""
-        ...
+    way: ClassVar[str]
+    """In which they are made."""
 
     def inputs(self, seen: Tensor, memory: Tensor | None, privileged: Tensor | None = None) -> Tensor:
         """What the trunks are given (N, inputs) of columns (N, k), a history and what the critic is told."""
