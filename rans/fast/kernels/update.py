@@ -145,7 +145,7 @@ class Gradients(ABC):
 class UpdateKernel(Gradients):
     """All in one kernel, where a block of so many bytes of ``shared`` memory has room (`KernelDesign`)."""
 
-    way = "one kernel"
+    way: ClassVar[str] = "one kernel"
     design: KernelDesign
 
     def __init__(self, network: Network, adam: Adam, coefficients: Coefficients, shared: int) -> None:
@@ -180,7 +180,7 @@ class UpdateKernel(Gradients):
 class UpdateProducts(Gradients):
     """In products of matrices, for networks that one kernel has no place for, or with two trunks."""
 
-    way = "products of matrices"
+    way: ClassVar[str] = "products of matrices"
 
     def __init__(self, network: Network, adam: Adam, coefficients: Coefficients) -> None:
         super().__init__(UpdateDesign(network.architecture), network, adam, coefficients)
