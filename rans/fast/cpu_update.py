@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -20,6 +20,9 @@ _TILE = 512
 """Samples whose activations stay in a core's own cache, at most."""
 _GIVEN, _SUMS = 4, 5
 """Numbers that the losses need, and that they leave behind."""
+
+_PROGRAMS: dict[tuple[object, ...], tuple[Program, Callable[..., None]]] = {}
+"""Those that were made in this process, and their functions."""
 
 
 class _Layer(NamedTuple):
@@ -68,9 +71,13 @@ class MachineGradients:
         self._heads = [[x.numpy() for x in pair] for pair in heads]
         self._d_heads = [[adam.gradient.as_strided(x.shape, x.stride(), x.storage_offset()).numpy()
                           for x in pair] for pair in heads]
-        self._program = Program()
-        self._program.function("update", (POINTER,) * 11 + (LONG, LONG), self._write)
-        self._run = self._program.compiled("update")
+        # Networks alike have one program, which takes longer to write than to run a hundred times.
+        alike = (*self._sizes, self._activation, *(place for pair in self._places for place in pair))
+        if alike not in _PROGRAMS:
+            program = Program()
+            program.function("update", (POINTER,) * 11 + (LONG, LONG), self._write)
+            _PROGRAMS[alike] = program, program.compiled("update")
+        _, self._run = _PROGRAMS[alike]
 
     @staticmethod
     def fits(network: Network, samples: int) -> bool:

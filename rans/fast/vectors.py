@@ -188,18 +188,20 @@ class Program:
 
         It lives as long as the program.
         """
-        self._engine = self._engine or _engine(self._module)
+        self._engine = self._engine or _engine(str(self._module))
         kinds = [ctypes.c_int64] * len(self._module.get_global(name).args)
         return ctypes.CFUNCTYPE(None, *kinds)(self._engine.get_function_address(name))
 
 
-def _engine(module: ir.Module) -> Any:
+@lru_cache(64)
+def _engine(text: str) -> Any:
+    """Machine code of a module as LLVM writes it: often the same in one process, and never changed."""
     with contextlib.suppress(RuntimeError):  # newer versions do so themselves
         binding.initialize()
     binding.initialize_native_target()
     binding.initialize_native_asmprinter()
     machine = binding.Target.from_default_triple().create_target_machine(
         cpu=binding.get_host_cpu_name(), features=FEATURES, opt=3, jit=True)
-    engine = binding.create_mcjit_compiler(binding.parse_assembly(str(module)), machine)
+    engine = binding.create_mcjit_compiler(binding.parse_assembly(text), machine)
     engine.finalize_object()
     return engine
