@@ -183,23 +183,6 @@ class CudaLook(Look):
         """See `Look`."""
         return self._rows(1, columns) if self._works(columns) else self._plain.seen(columns)
 
-    def whole(self, observation: Tensor, tensors: Mapping[str, Tensor]) -> tuple[Tensor, Tensor] | None:
-        """See `Look`."""
-        weight = tensors["value_net.weight"]
-        if weight.dim() > 2 or torch.is_grad_enabled() or not _may(observation):
-            return None
-        if self._answers is None or self._answers[0] is not weight:
-            self._answers = weight, self._answering(tensors)
-        return self._answers[1] and self._answers[1](observation)
-
-    def _answering(self, tensors: Mapping[str, Tensor]) -> CpuLook | None:
-        from rans.fast.cpu_look import CpuLook  # LLVM, which a GPU does not need
-
-        given = self._given
-        with contextlib.suppress(*UNTRACEABLE):
-            return None if given.memory or given.privileged or given.continuous else CpuLook(given, tensors)
-        return None
-
     def _works(self, rows: Tensor) -> bool:
         return _may(rows) and self._functions is not None
 

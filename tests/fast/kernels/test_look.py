@@ -69,3 +69,8 @@ def test_programs_see_what_torch_sees(dtype: torch.dtype, task: str, craft: Spac
         torch.testing.assert_close(seen, right, rtol=0, atol=slack)
         assert (place is None) == (not settings.symmetric)
         assert (place is there) if place is None or there is None else torch.equal(place, there)
+    with torch.no_grad():  # as agents in training look; on a CPU all at once
+        said, right = ours.evaluate(observation), theirs.evaluate(observation)
+    # Values of about 1, of sums in another order.
+    torch.testing.assert_close(said.value, right.value, rtol=0, atol=10 * slack)
+    torch.testing.assert_close(said.policy.mode(), right.policy.mode(), rtol=0, atol=0)
