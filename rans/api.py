@@ -78,33 +78,18 @@ def evaluate(agent: str | Path | LoadedRun, *, episodes: int = 1024, seed: int =
         ConfigError: one of these does not exist, or the agent knows several tasks and none is picked, as in
             NAME#TASK.
     """
+    from rans.evaluation.fly.contestants import in_protocol
     from rans.evaluation.fly.judge import EngineName, flown
     from rans.evaluation.measure.aggregate import measure
 
     one_of("engine", engine, get_args(EngineName))
-    run = _under_protocol(agent, protocol)
+    run = in_protocol(agent, protocol)
     if first := next(iter(run.task.parts())):
         raise ConfigError(f"{run.controller.name} knows several tasks: pick one, as in "
                           f"{run.controller.name}#{first}.")
     setup, count = run.under(conditions).judged, whole("episodes", episodes)
     flight, _ = flown(run.controller, setup, seed, count, engine)
     return measure(flight)
-
-
-def _under_protocol(agent: str | Path | LoadedRun, protocol: ProtocolName) -> LoadedRun:
-    """Who flies, in the setup of a protocol; controllers are made for it, which takes their name."""
-    from rans.evaluation.fly.agent import Agent, LoadedRun
-    from rans.evaluation.fly.contestants import contestant
-    from rans.evaluation.fly.protocols import Setup, under_protocol
-
-    if not isinstance(agent, LoadedRun):
-        return contestant(str(agent), protocol)
-    own = Setup(*agent[1:])
-    changed = under_protocol(protocol, own)
-    if changed is not own and not isinstance(agent.controller, Agent):
-        raise ConfigError(f"{agent.controller.name} was made for its own setup; give its name instead, as in "
-                          f"rans.evaluate('lqr:go-to-pose-2d', protocol={protocol!r}).")
-    return LoadedRun(agent.controller, *changed)
 
 
 def compare(*contestants: str | Path, beside: str | Sequence[str] = ("lqr", "switching", "mpc", "optimal"),

@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 
 from rans.errors import ConfigError, brief, meant
-from rans.evaluation.fly.agent import LoadedRun, load_agent
+from rans.evaluation.fly.agent import Agent, LoadedRun, load_agent
 from rans.evaluation.fly.controllers import CONTROLLERS, controller, is_user_policy, user_policy
 from rans.evaluation.fly.protocols import ProtocolName, Setup, under_protocol
 from rans.model.spacecraft_file import load_spacecraft
@@ -53,6 +53,22 @@ def contestant(spec: str, protocol: ProtocolName = "own", lent: Setup | None = N
     run = load_agent(agent_folder(spec))
     own = _picked(Setup(run.craft, run.task, run.timing, run.conditions), part, spec)
     return LoadedRun(run.controller, *under_protocol(protocol, own))
+
+
+def in_protocol(agent: str | Path | LoadedRun, protocol: ProtocolName) -> LoadedRun:
+    """Who flies, by its text or as such, in the setup of a protocol.
+
+    Raises:
+        ConfigError: see `contestant`; or a controller was made for another setup, which takes its name.
+    """
+    if not isinstance(agent, LoadedRun):
+        return contestant(str(agent), protocol)
+    own = Setup(*agent[1:])
+    changed = under_protocol(protocol, own)
+    if changed is not own and not isinstance(agent.controller, Agent):
+        raise ConfigError(f"{agent.controller.name} was made for its own setup; give its name instead, as in "
+                          f"rans.evaluate('lqr:go-to-pose-2d', protocol={protocol!r}).")
+    return LoadedRun(agent.controller, *changed)
 
 
 def agent_folder(spec: str) -> Path:
