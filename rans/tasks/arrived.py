@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import reduce
+from functools import partial, reduce
 from operator import add
 
-from rans.model.fields import Field, where
-from rans.tasks.rewards import Transition, is_used, nearness, speed
-
-_SQUARINGS = 4
-"""So often numbers up to 256 may be squared in single precision."""
+from rans.model.fields import Field
+from rans.tasks.rewards import Transition, is_used, nearness, speed, within
 
 
 @dataclass(frozen=True)
@@ -45,7 +42,7 @@ class Arrived:
 
         Shares are the errors over the task's tolerances; what is closest, the narrow rewards of each.
         """
-        state = transition.state
+        state, inside = transition.state, partial(within, squarings=self.arrived_squarings)
         terms: dict[str, Field] = {}  # not `dict[str, Field]()`, which torch's compiler cannot read
         if is_used(self.arrived_weight):
             rest = state.v.norm() / self.arrived_speed, speed(state.spin()) / self.arrived_spin
@@ -54,17 +51,8 @@ class Arrived:
                 worth = worth + nearness(state.v.norm(), self.arrived_still_scale) * self.arrived_still_weight
             if is_used(self.arrived_thrust_weight):
                 worth = worth - reduce(add, transition.command) * self.arrived_thrust_weight
-            terms["arrived"] = self._within(*shares, *rest) * worth
+            terms["arrived"] = inside(*shares, *rest) * worth
         if is_used(self.verge_weight):
-            near = self._within(*(0.5 * share for share in shares))
-            terms["verge"] = near * (1.0 - self._within(*shares)) * -self.verge_weight
+            near = inside(*(0.5 * share for share in shares))
+            terms["verge"] = near * (1.0 - inside(*shares)) * -self.verge_weight
         return terms
-
-    def _within(self, *shares: Field) -> Field:
-        """1 where every number is below 1, 0.5 where one is 1, 0 where one is above; smooth."""
-        if self.arrived_squarings > _SQUARINGS:  # far away they would overflow single precision
-            most = 2.0 ** (120.0 / 2**self.arrived_squarings)
-            shares = tuple(where(share < most, share, most) for share in shares)
-        for _ in range(self.arrived_squarings):
-            shares = tuple(share * share for share in shares)
-        return 1.0 / (1.0 + sum(shares))

@@ -8,7 +8,10 @@ from operator import add
 from typing import Any, NamedTuple
 
 from rans.model.dynamics import State
-from rans.model.fields import Field, absolute, exp, sqrt
+from rans.model.fields import Field, absolute, exp, sqrt, where
+
+_SQUARINGS = 4
+"""So often numbers up to 256 may be squared in single precision."""
 
 
 def nearness(error: Field, scale: float, rest: float = 0.0) -> Field:
@@ -21,6 +24,16 @@ def nearness(error: Field, scale: float, rest: float = 0.0) -> Field:
         beyond = error - rest
         error = 0.5 * (beyond + absolute(beyond))  # no `where`: optimisers round absolute values off
     return exp(error * (-1.0 / scale))
+
+
+def within(*shares: Field, squarings: int) -> Field:
+    """1 where every number is below 1, 0.5 where one is 1, 0 where one is above; squarings sharpen it."""
+    if squarings > _SQUARINGS:  # far away they would overflow single precision
+        most = 2.0 ** (120.0 / 2**squarings)
+        shares = tuple(where(share < most, share, most) for share in shares)
+    for _ in range(squarings):
+        shares = tuple(share * share for share in shares)
+    return 1.0 / (1.0 + sum(shares))
 
 
 def speed(spin: tuple[Field, ...]) -> Field:

@@ -9,12 +9,30 @@ from rans.model.dynamics import State
 from rans.model.fields import Field
 from rans.model.random import Random
 from rans.tasks.base import SingleTask
-from rans.tasks.rewards import Transition, is_used, nearness, speed
+from rans.tasks.rewards import Transition, is_used, nearness, speed, within
 from rans.tasks.sight import Entry, Spin, Turn, VectorInW
+
+_SQUARINGS = 3
+"""How sharp the edge is of what is paid within the tolerances: 1.1 times one leaves 0.32."""
 
 
 @dataclass(frozen=True)
-class TrackVelocity(SingleTask):
+class Tracking(SingleTask):
+    """What tasks with moving goals have in common."""
+
+    within_weight: float = 0.0
+    """Weight of being within all tolerances: for agents that should not leave them to gain elsewhere."""
+
+    def within(self, errors: dict[str, Field]) -> dict[str, Field]:
+        """The term of it, if it has a weight."""
+        if not is_used(self.within_weight):
+            return {}
+        shares = (errors[name] / bound for name, bound in self.tolerances().items())
+        return {"within": within(*shares, squarings=_SQUARINGS) * self.within_weight}
+
+
+@dataclass(frozen=True)
+class TrackVelocity(Tracking):
     """Reach a velocity and hold it (TrackXYVelocity, TrackXYZVelocity; paper: Table 1, section 4.2).
 
     >>> rans.TrackVelocity(target_speed=(0.0, 0.3)).tolerances()
@@ -66,11 +84,12 @@ class TrackVelocity(SingleTask):
 
     def reward(self, transition: Transition) -> dict[str, Field]:
         """exp(-error / scale), as the original system; a narrower copy; stillness; thrust."""
-        velocity, spin = self.errors(transition.state, transition.goal).values()
+        errors = self.errors(transition.state, transition.goal)
+        velocity, spin = errors.values()
         return {"velocity": nearness(velocity, self.velocity_scale),
                 "fine": nearness(velocity, self.fine_scale) * self.fine_weight,
                 "stillness": nearness(spin, self.stillness_scale) * self.stillness_weight,
-                **self.prices(transition)}
+                **self.within(errors), **self.prices(transition)}
 
     def failed(self, state: State, goal: State) -> Field:
         """Spinning too fast; there is no place to leave."""
@@ -78,7 +97,7 @@ class TrackVelocity(SingleTask):
 
 
 @dataclass(frozen=True)
-class TrackTwist(SingleTask):
+class TrackTwist(Tracking):
     """Hold a linear and an angular velocity (TrackXYOVelocity, TrackXYZOVelocity; paper: Table 1).
 
     >>> rans.TrackTwist(target_spin=0.2).tolerances()
@@ -143,13 +162,14 @@ class TrackTwist(SingleTask):
 
     def reward(self, transition: Transition) -> dict[str, Field]:
         """exp(-error / scale) of both velocities; narrower copies."""
-        velocity, spin = self.errors(transition.state, transition.goal).values()
+        errors = self.errors(transition.state, transition.goal)
+        velocity, spin = errors.values()
         return {"velocity": nearness(velocity, self.velocity_scale),
                 "rotation": nearness(spin, self.spin_scale),
                 "fine": nearness(velocity, self.fine_scale) * self.fine_weight,
                 **({"fine rotation": nearness(spin, self.fine_spin_scale) * self.fine_spin_weight}
                    if is_used(self.fine_spin_weight) else {}),
-                **self.prices(transition)}
+                **self.within(errors), **self.prices(transition)}
 
     def failed(self, state: State, goal: State) -> Field:
         """Spinning too fast; there is no place to leave."""
@@ -157,7 +177,7 @@ class TrackTwist(SingleTask):
 
 
 @dataclass(frozen=True)
-class TrackVelocityHeading(SingleTask):
+class TrackVelocityHeading(Tracking):
     """Hold a velocity and an attitude (TrackXYVelocityHeading, TrackXYZVelocityAttitude; paper: future work).
 
     >>> rans.TrackVelocityHeading(velocity_tolerance=0.05).tolerances()["velocity"]
@@ -212,12 +232,13 @@ class TrackVelocityHeading(SingleTask):
 
     def reward(self, transition: Transition) -> dict[str, Field]:
         """exp(-error / scale) of both, as the original system; a narrower and a wider copy; thrust."""
-        velocity, angle = self.errors(transition.state, transition.goal).values()
+        errors = self.errors(transition.state, transition.goal)
+        velocity, angle = errors.values()
         return {"velocity": nearness(velocity, self.velocity_scale),
                 "attitude": nearness(angle, self.attitude_scale),
                 "fine": nearness(velocity, self.fine_scale) * self.fine_weight,
                 "turn": nearness(angle, self.turn_scale) * self.turn_weight,
-                **self.prices(transition)}
+                **self.within(errors), **self.prices(transition)}
 
     def failed(self, state: State, goal: State) -> Field:
         """Spinning too fast; there is no place to leave."""

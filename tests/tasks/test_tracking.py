@@ -150,3 +150,17 @@ def test_the_nearest_spin_within_reach_is_as_far_as_the_task_says(craft: str, me
     left = np.linalg.norm(spin - 0.3032 * np.round(spin / 0.3032), axis=0)
     assert left.mean() == pytest.approx(mean, abs=0.002)  # four standard deviations
     assert left.max() <= 0.3032 / 2 * math.sqrt(len(spin))
+
+
+@pytest.mark.parametrize(("task", "weight"), [
+    # Half of each tolerance; one of them met exactly halves it; both, leave a third; twice one, 2^8 to 1.
+    (TrackTwist(within_weight=6.0, velocity_tolerance=1.0, spin_tolerance=1.5), 6.0 / (1 + 2 / 256)),
+    (TrackTwist(within_weight=6.0, velocity_tolerance=0.5, spin_tolerance=75.0), 3.0),
+    (TrackTwist(within_weight=6.0, velocity_tolerance=0.5, spin_tolerance=0.75), 2.0),
+    (TrackVelocityHeading(within_weight=6.0, velocity_tolerance=0.25, attitude_tolerance=5.0), 6.0 / 257),
+    (TrackVelocity(within_weight=6.0, velocity_tolerance=0.5), 3.0),  # which has none for the spin
+])
+def test_being_within_all_tolerances_is_worth_its_weight(task: Any, weight: float) -> None:
+    terms = task.reward(Transition(PLANAR, PLANAR_GOAL, (0.0,), (0.0,)))
+    assert terms["within"] == pytest.approx(weight, rel=1e-9)
+    assert "within" not in type(task)().reward(Transition(PLANAR, PLANAR_GOAL, (0.0,), (0.0,)))
