@@ -79,6 +79,9 @@ _LONGER = 16  # on a GPU
 _PLATFORM, _SHARED, _FLYER, _FLYER_SHARED = (
     "floating-platform", "floating-platform-shared", "free-flyer", "free-flyer-shared")
 _VELOCITY = {"fine_scale": 0.01, "thrust_weight": 0.05}
+_THERE = (Ramp("arrived_still_weight", 0.1, 37_500_000, 15_625_000, "geometric"),
+          Ramp("verge_weight", 1.0, 37_500_000, 15_625_000, "geometric"))
+"""Raised slowly: from the beginning they teach to brake slowly (decision 018)."""
 _TWIST = {**_VELOCITY, "fine_spin_weight": 1.0, "fine_spin_scale": 0.01}
 
 RECIPES: dict[str, Recipe] = {
@@ -91,9 +94,7 @@ RECIPES: dict[str, Recipe] = {
          "arrived_still_weight": 10.0, "arrived_thrust_weight": 4.0, "arrived_squarings": 5,
          "verge_weight": 200.0, "rest_position": 0.004, "rest_attitude": 0.02, "thrust_weight": 1.0},
         replace(_SOON, n_steps=32, batch_size=2048, reward_scale=0.008), 80_000_000,
-        (Ramp("thrust_weight", 0.15, 15_000_000, shape="geometric"),
-         Ramp("arrived_still_weight", 0.1, 37_500_000, 15_625_000, "geometric"),
-         Ramp("verge_weight", 1.0, 37_500_000, 15_625_000, "geometric")),
+        (Ramp("thrust_weight", 0.15, 15_000_000, shape="geometric"), *_THERE),
         large={**_SOON_LARGE, "layers": (512, 512)}, large_timesteps=2_300_000_000, episode_steps=60),
     "go-to-pose-2d-thrifty": Recipe(
         "go-to-pose", _PLATFORM,
@@ -106,12 +107,13 @@ RECIPES: dict[str, Recipe] = {
         large=_SOON_LARGE, large_timesteps=2_500_000_000),
     "go-to-pose-2d-knob": Recipe(
         "go-to-pose-priced", _PLATFORM,
-        {"spawn_distance": (1.5, 4.5), "arrived_weight": 15.0, "arrived_fine_weight": 3.0,
-         "arrived_squarings": 3, "rest_position": 0.004, "rest_attitude": 0.02, "thrust_weight": 1.0,
-         "price": (0.3, 30.0)},
-        replace(_SOON, reward_scale=0.03, gamma=0.99, layers=_WIDE), 60_000_000,
-        (Ramp("thrust_weight", 0.1, 30_000_000, shape="geometric"),),
-        large=_SOON_LARGE, large_timesteps=2_500_000_000, episode_steps=100),
+        {"spawn_distance": (1.5, 4.5), "arrived_weight": 40.0, "arrived_fine_weight": 8.0,
+         "arrived_still_weight": 8.0, "arrived_thrust_weight": 2.0, "arrived_squarings": 5,
+         "verge_weight": 300.0, "rest_position": 0.004, "rest_attitude": 0.02, "thrust_weight": 1.0,
+         "price": (0.2, 20.0)},
+        replace(_SOON, reward_scale=0.012, gamma=0.99, layers=_WIDE), 60_000_000,
+        (Ramp("thrust_weight", 0.1, 30_000_000, shape="geometric"), *_THERE),
+        large={**_SOON_LARGE, "layers": (512, 512)}, large_timesteps=2_200_000_000, episode_steps=100),
     "go-to-pose-2d-robust": Recipe(
         "go-to-pose", _PLATFORM, {**_LOOSE, "thrust_weight": 0.12}, _INFORMED, 12_500_000,
         (Ramp("thrust_weight", 0.02, 5_000_000, 625_000, "geometric"),), robust, _ADAPTIVE_LARGE,
@@ -145,10 +147,11 @@ RECIPES: dict[str, Recipe] = {
         "go-to-pose", _FLYER,
         {"fine_weight": 1.5, "arrived_weight": 10.0, "arrived_fine_weight": 4.0, "arrived_squarings": 3,
          "arrived_thrust_weight": 1.0, "rest_position": 0.01, "rest_attitude": 0.02, "thrust_weight": 0.15,
-         "spin_weight": 0.1},
+         "spin_weight": 0.1, "verge_weight": 30.0},
         replace(_SOON, layers=_WIDE, reward_scale=0.05), 62_500_000,
-        (Ramp("thrust_weight", 0.04, 12_000_000, shape="geometric"),), large=_SOON_LARGE,
-        large_timesteps=2_000_000_000),
+        (Ramp("thrust_weight", 0.04, 12_000_000, shape="geometric"),
+         Ramp("verge_weight", 0.5, 31_250_000, 12_500_000, "geometric")), large=_SOON_LARGE,
+        large_timesteps=1_900_000_000),
     "go-to-pose-3d-robust": Recipe(
         "go-to-pose", _FLYER, {**_LOOSE, "thrust_weight": 0.1}, replace(_INFORMED, layers=_WIDE), 10_000_000,
         (Ramp("thrust_weight", 0.02, 5_000_000, 625_000, "geometric"),), robust,
