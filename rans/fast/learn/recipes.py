@@ -15,7 +15,14 @@ from rans.fast.learn.troubles import failing, robust
 from rans.model.conditions import Conditions
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
-from rans.tasks import TASKS
+from rans.tasks import (
+    TASKS,
+    GoToPose,
+    GoToPosition,
+    TrackTwist,
+    TrackVelocity,
+    TrackVelocityHeading,
+)
 
 _CPU = PPOSettings()
 _CPU_SPACE = PPOSettings(n_envs=256, batch_size=4096, layers=(128, 128))
@@ -83,6 +90,13 @@ _THERE = (Ramp("arrived_still_weight", 0.1, 37_500_000, 15_625_000, "geometric")
           Ramp("verge_weight", 1.0, 37_500_000, 15_625_000, "geometric"))
 """Raised slowly: from the beginning they teach to brake slowly (decision 018)."""
 _TWIST = {**_VELOCITY, "fine_spin_weight": 1.0, "fine_spin_scale": 0.01}
+_EVERY = {
+    "go_to_position": GoToPosition(fine_weight=0.5, rest_position=0.007, rest_spin=0.03, thrust_weight=0.05),
+    "go_to_pose": GoToPose(**_HOLD, rest_attitude=0.035, thrust_weight=0.1),
+    "track_velocity": TrackVelocity(fine_scale=0.02, thrust_weight=0.05),
+    "track_twist": TrackTwist(spin_scale=0.15, fine_weight=1.0, fine_scale=0.03, thrust_weight=0.03),
+    "track_velocity_heading": TrackVelocityHeading(fine_scale=0.02)}
+"""Of the tasks that one agent flies."""
 
 RECIPES: dict[str, Recipe] = {
     "go-to-pose-2d": Recipe(
@@ -115,9 +129,14 @@ RECIPES: dict[str, Recipe] = {
         (Ramp("thrust_weight", 0.1, 30_000_000, shape="geometric"), *_THERE),
         large={**_SOON_LARGE, "layers": (512, 512)}, large_timesteps=2_200_000_000, episode_steps=100),
     "go-to-pose-2d-robust": Recipe(
-        "go-to-pose", _PLATFORM, {**_LOOSE, "thrust_weight": 0.12}, _INFORMED, 12_500_000,
-        (Ramp("thrust_weight", 0.02, 5_000_000, 625_000, "geometric"),), robust, _ADAPTIVE_LARGE,
-        2_000_000_000),
+        "go-to-pose", _PLATFORM,
+        {**_LOOSE, "arrived_weight": 6.0, "arrived_fine_weight": 2.0, "arrived_thrust_weight": 0.5,
+         "arrived_squarings": 3, "verge_weight": 15.0, "thrust_weight": 0.25},
+        replace(_INFORMED, reward_scale=0.05), 12_500_000,
+        (Ramp("thrust_weight", 0.05, 12_500_000, shape="geometric"),
+         Ramp("verge_weight", 0.3, 18_750_000, 12_500_000, "geometric"),
+         Ramp("arrived_thrust_weight", 0.05, 18_750_000, 12_500_000, "geometric")), robust, _ADAPTIVE_LARGE,
+        1_400_000_000),
     "go-to-pose-2d-faults": Recipe(
         "go-to-pose", _PLATFORM, {**_LOOSE, "thrust_weight": 0.05}, _ADAPTIVE, 12_000_000,
         (Ramp("thrust_weight", 0.02, 5_000_000, 625_000, "geometric"),), failing, _ADAPTIVE_LARGE),
@@ -136,8 +155,8 @@ RECIPES: dict[str, Recipe] = {
     "track-velocity-heading-2d": Recipe(
         "track-velocity-heading", _PLATFORM, {"fine_scale": 0.02}, _PLANE, 12_000_000),
     "multi-task-2d": Recipe(
-        "multi-task", _PLATFORM, {}, replace(_PLANE, symmetric=False, layers=_WIDE), 24_000_000,
-        large={**_ADAPTIVE_LARGE, "batch_size": 65536}, large_timesteps=1_000_000_000),
+        "multi-task", _PLATFORM, _EVERY, replace(_SHARP, initial_duty=0.3, layers=_WIDE), 24_000_000,
+        large=_SOON_LARGE, large_timesteps=1_200_000_000),
     "go-to-pose-3d": Recipe(
         "go-to-pose", _FLYER, {"fine_weight": 1.5, "rest_position": 0.01, "rest_attitude": 0.02,
                                "thrust_weight": 0.04}, replace(_SHARP, layers=_WIDE), 20_000_000,
@@ -172,8 +191,9 @@ RECIPES: dict[str, Recipe] = {
         replace(_STILL, layers=_WIDE), 6_000_000),
     "track-velocity-heading-3d": Recipe(
         "track-velocity-heading", _FLYER, {"fine_scale": 0.02}, replace(_PLANE, layers=_WIDE), 8_000_000),
-    "multi-task-3d": Recipe("multi-task", _FLYER, {}, replace(_PLANE, symmetric=False, layers=_WIDE),
-                            16_000_000),
+    "multi-task-3d": Recipe(
+        "multi-task", _FLYER, _EVERY, replace(_SHARP, initial_duty=0.3, layers=_WIDE), 16_000_000,
+        large=_SOON_LARGE, large_timesteps=1_200_000_000),
 }
 """By the agent's name."""
 
