@@ -129,14 +129,9 @@ RECIPES: dict[str, Recipe] = {
         (Ramp("thrust_weight", 0.1, 30_000_000, shape="geometric"), *_THERE),
         large={**_SOON_LARGE, "layers": (512, 512)}, large_timesteps=2_200_000_000, episode_steps=100),
     "go-to-pose-2d-robust": Recipe(
-        "go-to-pose", _PLATFORM,
-        {**_LOOSE, "arrived_weight": 6.0, "arrived_fine_weight": 2.0, "arrived_thrust_weight": 0.5,
-         "arrived_squarings": 3, "verge_weight": 15.0, "thrust_weight": 0.25},
-        replace(_INFORMED, reward_scale=0.05), 12_500_000,
-        (Ramp("thrust_weight", 0.05, 12_500_000, shape="geometric"),
-         Ramp("verge_weight", 0.3, 18_750_000, 12_500_000, "geometric"),
-         Ramp("arrived_thrust_weight", 0.05, 18_750_000, 12_500_000, "geometric")), robust, _ADAPTIVE_LARGE,
-        1_400_000_000),
+        "go-to-pose", _PLATFORM, {**_LOOSE, "thrust_weight": 0.12}, _INFORMED, 12_500_000,
+        (Ramp("thrust_weight", 0.02, 5_000_000, 625_000, "geometric"),), robust, _ADAPTIVE_LARGE,
+        2_000_000_000),
     "go-to-pose-2d-faults": Recipe(
         "go-to-pose", _PLATFORM, {**_LOOSE, "thrust_weight": 0.05}, _ADAPTIVE, 12_000_000,
         (Ramp("thrust_weight", 0.02, 5_000_000, 625_000, "geometric"),), failing, _ADAPTIVE_LARGE),
