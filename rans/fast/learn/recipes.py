@@ -92,7 +92,7 @@ _THERE = (Ramp("arrived_still_weight", 0.1, 37_500_000, 15_625_000, "geometric")
 _TWIST = {**_VELOCITY, "fine_spin_weight": 1.0, "fine_spin_scale": 0.01}
 _EVERY = {
     "go_to_position": GoToPosition(fine_weight=0.5, rest_position=0.007, rest_spin=0.03, thrust_weight=0.05),
-    "go_to_pose": GoToPose(**_HOLD, rest_attitude=0.035, thrust_weight=0.1),
+    "go_to_pose": GoToPose(fine_weight=1.0, rest_position=0.006, rest_attitude=0.035, thrust_weight=0.1),
     "track_velocity": TrackVelocity(fine_scale=0.02, thrust_weight=0.05),
     "track_twist": TrackTwist(spin_scale=0.15, fine_weight=1.0, fine_scale=0.03, thrust_weight=0.03),
     "track_velocity_heading": TrackVelocityHeading(fine_scale=0.02)}

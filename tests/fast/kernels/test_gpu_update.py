@@ -18,7 +18,8 @@ from rans.tasks import GoToPose
 from tests.fast.engines import FLYER, PLATFORM
 
 pytestmark = [
-    pytest.mark.gpu, pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA device")]
+    pytest.mark.gpu, pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA device"),
+    pytest.mark.filterwarnings("ignore:.*torch.jit.script_method:DeprecationWarning")]  # torch's own
 SETTINGS = PPOSettings(n_envs=4096, n_steps=16, batch_size=16384, layers=(128, 128), matmul="bf16",
                        ent_coef=0.01, reward_scale=1.0)
 
