@@ -80,7 +80,7 @@ class Breaking:
     compiled: float = 0.0
     """The same of 16,384 of them at once, by compiled programs (a minute each, for 268 million steps)."""
     conditions: tuple[str, ...] = ()
-    """Names of conditions: every case that can flies and trains under one of them."""
+    """Names of conditions ("" for none): every case that can flies and trains under one of them."""
     first: int = 0
     """Number of the first case of each kind."""
     only: str = ""

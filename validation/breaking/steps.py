@@ -112,7 +112,8 @@ def compiled(number: int, count: int = _BATCH, steps: int = _BATCHES, under: Seq
 
 def _conditions(number: int, under: Sequence[str]) -> Conditions | None:
     """Of every four numbers the same set, so that each of four craft meets each."""
-    return load_conditions(under[number // len(_KNOWN) % len(under)]) if under else None
+    name = under[number // len(_KNOWN) % len(under)] if under else ""
+    return load_conditions(name) if name else None
 
 
 def _any_task(chance: random.Random) -> Task:
