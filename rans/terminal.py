@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from copy import copy
 from textwrap import fill
 from typing import Any
 
-from rich.console import Console, JustifyMethod
+from rich.console import Console, ConsoleOptions, JustifyMethod, RenderResult
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 from rich.table import Table
 from rich.text import Text
@@ -81,10 +82,23 @@ def _fitting(columns: Sequence[str], rows: Sequence[Sequence[str]], width: int) 
     return groups
 
 
+class _Titled(Table):
+    """Title and caption break where the terminal does: Rich breaks them at the table's edge."""
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        rows = copy(self)
+        rows.title = rows.caption = None
+        if self.title:
+            yield console.render_str(str(self.title), style="table.title")
+        yield from Table.__rich_console__(rows, console, options)
+        if self.caption:
+            yield console.render_str(str(self.caption), style="table.caption")
+
+
 def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[Any]], caption: str = "",
           justify: JustifyMethod = "left") -> Table:
     """A table whose first column never breaks, and in which no end of a long word is lost."""
-    made = Table(title=title or None, title_justify="left", caption=caption or None, caption_justify="left")
+    made = _Titled(title=title or None, caption=caption or None)
     for column in columns:
         made.add_column(column, overflow="fold", justify=justify, no_wrap=not made.columns)
     for row in rows:

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import pytest
-from rich.table import Table
 
 from rans.errors import legible
-from rans.terminal import Terminal, progress, verdict
+from rans.terminal import Terminal, progress, table, verdict
 
 
 def test_names_are_no_markup_and_no_commands(capsys: pytest.CaptureFixture[str]) -> None:
-    table = Table("[/red]column", title="[/bold]title")
-    table.add_row("\x1b[31mred[/]")
-    table.add_row(verdict(False))
+    named = table("[/bold]title", ("[/red]column",), [("\x1b[31mred[/]",), (verdict(False),)])
     terminal = Terminal()
-    terminal.print(table)
+    terminal.print(named)
     terminal.print("[/]sentence\x07 of :rocket:")
     printed = capsys.readouterr().out
     for text in (":rocket:", "[/red]column", "[/bold]title", r"\x1b[31mred[/]", "FAIL", r"[/]sentence\x07"):
@@ -72,6 +69,21 @@ def test_a_table_that_fits_is_one_and_whole(capsys: pytest.CaptureFixture[str],
     for once in ("settled, %", "100 (97 to 100)", "go-to-pose-2d-robust"):
         assert text.count(once) == 1
     assert "Shorter." not in text
+
+
+def test_a_title_is_as_long_as_the_terminal_is_wide(capsys: pytest.CaptureFixture[str],
+                                                    monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not as the table below it; what is longer breaks between words."""
+    monkeypatch.setenv("COLUMNS", "40")
+    made = table("A title of some words", ("x", "y"), [("1", "2")], "and of what it is made")
+    Terminal().print(made)
+    lines = [line.rstrip() for line in capsys.readouterr().out.splitlines()]
+    assert (lines[0], lines[-1]) == ("A title of some words", "and of what it is made")
+    assert {len(line) for line in lines[1:-1]} == {len("│ 1 │ 2 │")}
+    made.title = "A title of many more words than there is room for"
+    Terminal().print(made)
+    assert capsys.readouterr().out.split("\n")[:2] == [
+        "A title of many more words than there is", "room for"]
 
 
 def test_a_sentence_breaks_between_words_on_a_terminal_only(capsys: pytest.CaptureFixture[str],
