@@ -98,6 +98,34 @@ def test_the_browser_finds_the_body_where_it_flew(tmp_path: Path) -> None:
     check_pictures(found)
 
 
+LABELS = """<script>
+viewer.animate = () => {};
+function probe() {
+  if (!viewer.animator.actions.length) return setTimeout(probe, 100);
+  const sides = (x) => { const box = x.getBoundingClientRect(); return [box.left, box.top, box.right, box.bottom]; };
+  const found = TIMES.map(t => {
+    rans.seek(t);
+    return [...document.querySelectorAll("#rans-head h1, .rans-label, #rans-bar")].map(sides);
+  });
+  document.body.innerHTML = `<pre id="found">${JSON.stringify(found)}</pre>`;
+}
+probe();
+</script></body>"""
+
+
+def test_no_label_hides_another(tmp_path: Path) -> None:
+    """Nor the title, nor the bar: of seven craft in a window of 640 pixels, where their places would."""
+    view, flight = View(), lqr_flight(steps=20)
+    view.show([flight, drifting(TRACKING), flight, flight])
+    page = tmp_path / "many.html"
+    view.save(page)
+    page.write_text(page.read_text().replace("</body>", LABELS.replace("TIMES", "[0, 2, 4]")))
+    for boxes in json.loads(re.findall('<pre id="found">(.*?)</pre>', browse(page), re.DOTALL)[-1]):
+        assert len(boxes) == 2 + 7
+        for (left, top, right, bottom), (x0, y0, x1, y1) in combinations(boxes, 2):
+            assert left >= x1 or x0 >= right or top >= y1 or y0 >= bottom
+
+
 def check_pictures(found: list[dict[str, Any]]) -> None:
     """The body is where the camera must see it: what is seen there changes as it comes and goes."""
     colours = np.array([[colour_at(frame["picture"], other["pixel"]) for other in found] for frame in found])
