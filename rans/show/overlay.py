@@ -36,15 +36,15 @@ def html(flights: Sequence[Flight], rows: Sequence[Sequence[Motion]], paths: Seq
                "flights": [{"path": next(way), **_series(motion)} for motion in row]}
               for flight, row, colour in zip(flights, rows, colours, strict=True)]
     wanted = frozenset[str]().union(*(motion.wanted for row in rows for motion in row))
-    planar = any(flight.craft.dimension == 2 for flight in flights)
+    planar, space = ({flight.craft.dimension for flight in flights} >= {axes} for axes in (2, 3))
     data = {"title": title or " and ".join(dict.fromkeys(flight.controller for flight in flights)),
             "agents": agents, "legend": [[css_class, text] for css_class, text, shown in (
                 ("goal", "goal", bool(wanted & {"position", "attitude"})),
                 ("goal", "velocity to fly", "velocity" in wanted),
                 ("way", "velocity flown, way of 2 s", "velocity" in wanted),
                 ("plume", "open thruster, as long as its command", True), ("way", "way flown", True),
-                ("x", "x axis, the heading" if planar else "x axis", True), ("y", "y axis", not planar),
-                ("z", "z axis", not planar), ("grid", "lines 1 m apart", planar)) if shown],
+                ("x", "x axis" if space else "x axis, the heading", True), ("y", "y axis", space),
+                ("z", "z axis", space), ("grid", "lines 1 m apart", planar)) if shown],
             "aspect": aspect, "dark": not planar}
     script = json.dumps(data, separators=(",", ":")).replace("<", "\\u003c")
     template = resources.files("rans.show").joinpath("overlay.html").read_text("utf-8")

@@ -22,6 +22,7 @@ from PIL import Image
 
 from rans.errors import ConfigError
 from rans.model.fields import leaves
+from rans.model.spacecraft_file import load_spacecraft
 from rans.show.scene import BODIES
 from rans.show.view import View
 from tests.processes import PATIENCE
@@ -102,7 +103,8 @@ LABELS = """<script>
 viewer.animate = () => {};
 function probe() {
   if (!viewer.animator.actions.length) return setTimeout(probe, 100);
-  const sides = (x) => { const box = x.getBoundingClientRect(); return [box.left, box.top, box.right, box.bottom]; };
+  const sides = (x) => { const box = x.getBoundingClientRect();
+    return [box.left, box.top, box.right, box.bottom]; };
   const found = TIMES.map(t => {
     rans.seek(t);
     return [...document.querySelectorAll("#rans-head h1, .rans-label, #rans-bar")].map(sides);
@@ -116,10 +118,14 @@ probe();
 def test_no_label_hides_another(tmp_path: Path) -> None:
     """Nor the title, nor the bar: of seven craft in a window of 640 pixels, where their places would."""
     view, flight = View(), lqr_flight(steps=20)
-    view.show([flight, drifting(TRACKING), flight, flight])
+    planar = lqr_flight(load_spacecraft("floating-platform"), steps=20)
+    view.show([flight, drifting(TRACKING), flight, planar])
     page = tmp_path / "many.html"
     view.save(page)
-    page.write_text(page.read_text().replace("</body>", LABELS.replace("TIMES", "[0, 2, 4]")))
+    text = page.read_text()
+    for entry in ('["x","x axis"]', '["z","z axis"]', '["grid","lines 1 m apart"]'):  # in space, in the plane
+        assert entry in text
+    page.write_text(text.replace("</body>", LABELS.replace("TIMES", "[0, 2, 4]")))
     for boxes in json.loads(re.findall('<pre id="found">(.*?)</pre>', browse(page), re.DOTALL)[-1]):
         assert len(boxes) == 2 + 7
         for (left, top, right, bottom), (x0, y0, x1, y1) in combinations(boxes, 2):
