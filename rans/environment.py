@@ -80,13 +80,14 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
         Raises:
             ConfigError: the options hold anything but {"scenario": `Scenario`}, to be flown in its place.
         """
+        seed = int(seed) if isinstance(seed, np.integer) else seed
         super().reset(seed=seed)
         if seed is None and self._seed is not None:
             self._episode += 1
         else:
             self._seed, self._episode = int(self.np_random.integers(2**63)) if seed is None else seed, 0
         chosen = scenario(self.task, self.craft.dimension, self._seed, self._episode)
-        chosen = _given_scenario(options or {}, chosen) or chosen
+        chosen = _given_scenario(checked("the options of reset", options or {}, dict), chosen) or chosen
         self._draws = draws(self._seed, 1, self._episode)
         self._now: Episode | None = _plain(self._world.begin(chosen.start, chosen.goal, 0, self._draws))
         self._command = (0.0,) * len(self.craft.thrusters)
@@ -101,7 +102,7 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
             ConfigError: the craft's actuators cannot follow the action.
             gymnasium.error.ResetNeeded: there was no `reset` yet.
         """
-        before, values = self._running(), np.asarray(action)
+        before, values = self._running(), _numbers(action)
         self.craft.actuators.check(values, len(self.craft.thrusters))
         self._trail.append(before.state.p.columns())
         outcome = step(self._world, before, tuple(values.astype(float).tolist()), self._draws, self._move)
@@ -170,6 +171,11 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
     def _errors(self) -> dict[str, float]:
         now = self._running()
         return {name: float(x) for name, x in self.task.errors(now.state, now.goal).items()}
+
+
+def _numbers(action: Any) -> np.ndarray:
+    """Actions of NumPy or torch, here without gradients and in a dtype that NumPy knows."""
+    return np.asarray(action.detach().cpu().double() if hasattr(action, "detach") else action)
 
 
 def _plain(episode: Episode) -> Episode:

@@ -38,7 +38,8 @@ def checked(what: str, value: object, kind: type[T]) -> T:
     if isinstance(value, kind):
         return value
     top = kind.__name__ in getattr(sys.modules.get("rans"), "__all__", ())
-    name = f"{'rans' if top else kind.__module__}.{kind.__name__}"
+    module = "rans." if top else "" if kind.__module__ == "builtins" else f"{kind.__module__}."
+    name = f"{module}{kind.__name__}"
     if isinstance(value, dict):
         given = ", ".join(f"{key}={brief(inner)}" for key, inner in value.items())
         raise ConfigError(f"{what} takes an object, no dict: {name}({given}).")

@@ -184,8 +184,10 @@ def check_device(device: str | torch.device) -> None:
     """Refuse, with a ConfigError, a device that is not here."""
     try:
         kind = torch.device(device).type
-    except RuntimeError as error:
-        raise ConfigError(f"device must be cpu or cuda, got {brief(device)}.") from error
+    except RuntimeError:
+        kind = ""
+    if kind not in ("cpu", "cuda"):
+        raise ConfigError(f"device must be cpu or cuda, got {brief(device)}.")
     if kind == "cuda" and not torch.cuda.is_available():
         raise ConfigError("device is cuda, but torch sees no CUDA device here; use the device cpu.")
 

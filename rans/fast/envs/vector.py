@@ -17,7 +17,7 @@ from gymnasium.vector.utils import batch_space
 from torch import Tensor
 
 from rans.environment import action_space, checked_render_mode, choose, observation_space
-from rans.errors import ConfigError, brief
+from rans.errors import ConfigError, brief, checked
 from rans.fast.engine import Engine
 from rans.fast.envs.actions import Actions
 from rans.fast.step import Step
@@ -115,7 +115,7 @@ class SpacecraftVectorEnv(VectorEnv[Tensor, Tensor, Tensor]):
         one. A list has one seed for each environment. With AutoresetMode.DISABLED the option "reset_mask",
         (N,) bool, says where a new episode starts. ConfigError where a seed or an option is something else.
         """
-        mask = self._mask(options or {}, seed)
+        mask = self._mask(checked("the options of reset", options or {}, dict), seed)
         if mask is not None:
             with self.engine.holding(~mask | self._over):  # the next episode waits where one is over
                 self.engine.reset()
@@ -184,10 +184,14 @@ class SpacecraftVectorEnv(VectorEnv[Tensor, Tensor, Tensor]):
             raise ConfigError(f'unknown option {brief(unknown[0])} of reset; the only one is "reset_mask".')
         if not options:
             return None
-        mask = torch.as_tensor(options["reset_mask"], device=self.device)
         if self.autoreset_mode != AutoresetMode.DISABLED or seed is not None or not self._seeded:
             raise ConfigError('the option "reset_mask" of reset is for AutoresetMode.DISABLED, after a first '
                               "reset and without a seed.")
+        try:
+            mask = torch.as_tensor(options["reset_mask"], device=self.device)
+        except (TypeError, ValueError, RuntimeError) as error:
+            raise ConfigError(f"reset_mask must be {self.num_envs} of True and False, got "
+                              f"{brief(options['reset_mask'])}.") from error
         if mask.dtype != torch.bool or mask.shape != (self.num_envs,):
             raise ConfigError(f"reset_mask must be {self.num_envs} of True and False, got {mask.dtype} of "
                               f"shape {tuple(mask.shape)}.")

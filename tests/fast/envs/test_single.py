@@ -10,6 +10,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
+import torch
 from gymnasium.error import ResetNeeded
 from gymnasium.utils.env_checker import check_env
 from stable_baselines3.common.env_checker import check_env as check_env_for_sb3
@@ -167,10 +168,13 @@ def test_a_given_scenario_is_flown(name: str) -> None:
     seen, _ = env.reset(seed=1, options={"scenario": chosen})
     np.testing.assert_array_equal(seen, first_observation(env, 8, 5))
     np.testing.assert_array_equal(env.reset()[0], first_observation(env, 1, 1))
+    np.testing.assert_array_equal(env.reset(seed=np.int64(8))[0],  # type: ignore[arg-type]
+                                  first_observation(env, 8, 0))
 
 
 @pytest.mark.parametrize(("options", "message"), [
     ({"episode": 3}, "unknown option 'episode'"),
+    ("scenario", "the options of reset must be a dict, got 'scenario'"),
     ({"scenario": (at(1.0, 0.0), at(0.0, 0.0))}, r"must be a rans\.scenario\.Scenario"),
     ({"scenario": Scenario(at(math.nan, 0.0), at(0.0, 0.0))}, "6 finite numbers"),
     ({"scenario": scenario(GoToPose(), 3, 0, 0)}, "6 finite numbers"),
@@ -190,14 +194,16 @@ def test_wrong_actions(action: Any) -> None:
         env.step(action)
 
 
-def test_actions_may_be_lists_and_truth_values() -> None:
+def test_actions_may_be_lists_truth_values_and_tensors() -> None:
     results = []
-    for action in ([1, 0] * 4, np.array([True, False] * 4), np.array([1.0, 0.0] * 4)):
+    for action in ([1, 0] * 4, np.array([True, False] * 4), np.array([1.0, 0.0] * 4),
+                   torch.tensor([1.0, 0.0] * 4, dtype=torch.bfloat16),
+                   torch.tensor([1.0, 0.0] * 4, requires_grad=True)):
         env = make()
         env.reset(seed=1)
         results.append(env.step(action)[0])  # type: ignore[arg-type]
-    np.testing.assert_array_equal(results[0], results[1])
-    np.testing.assert_array_equal(results[0], results[2])
+    for result in results[1:]:
+        np.testing.assert_array_equal(results[0], result)
 
 
 @pytest.mark.parametrize(("kwargs", "message"), [

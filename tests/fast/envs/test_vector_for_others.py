@@ -74,6 +74,18 @@ def test_a_mask_resets_in_the_middle_of_an_episode_too() -> None:
     assert torch.equal(env.reset(options={"reset_mask": ~mask})[0][mask], after[mask])
 
 
+@pytest.mark.parametrize(("options", "message"), [
+    (3, "the options of reset must be a dict, got 3"),
+    ({"reset_mask": "x"}, "reset_mask must be 6 of True and False, got 'x'"),
+    ({"reset_mask": [1.0] * COUNT}, r"reset_mask must be 6 of True and False, got torch\.float32"),
+])
+def test_wrong_masks(options: Any, message: str) -> None:
+    env = make(autoreset_mode="disabled")
+    env.reset(seed=1)
+    with pytest.raises(ConfigError, match=message):
+        env.reset(options=options)
+
+
 def test_seeds_are_whole_numbers_of_any_kind() -> None:
     env = make()
     first = env.reset(seed=3)[0].clone()
@@ -130,8 +142,9 @@ def test_gradients_end_at_the_environment() -> None:
 def test_a_gpu_that_is_not_there() -> None:
     with pytest.raises(ConfigError, match="device is cuda, but torch sees no CUDA device here"):
         make(device="cuda")
-    with pytest.raises(ConfigError, match="device must be cpu or cuda, got 'gpu'"):
-        make(device="gpu")
+    for other in ("gpu", "mps", "meta"):  # torch knows the last two
+        with pytest.raises(ConfigError, match=f"device must be cpu or cuda, got '{other}'"):
+            make(device=other)
 
 
 WRAPPERS: dict[str, Any] = {
