@@ -170,8 +170,8 @@ def _sb3(name: str, craft: Spacecraft, task: Task, trust: bool) -> Policy:
         policy = data["policy_class"](*spaces, lambda _: 0.0, **data["policy_kwargs"])
         policy.load_state_dict(parameters["policy"])
     except Exception as error:  # a damaged pickle raises anything
-        raise ConfigError(f"{name} is no policy that Stable-Baselines3 saved: {first_line(error)}."
-                          ) from error
+        reason = first_line(error).partition(". ")[0]  # torch's advice goes on: to unpickle it all the same
+        raise ConfigError(f"{name} is no policy that Stable-Baselines3 saved: {reason}.") from error
     policy.set_training_mode(False)
     _check_spaces(name, *spaces, craft, task)
     return lambda observation: policy.predict(observation, deterministic=True)[0]

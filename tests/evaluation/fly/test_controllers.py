@@ -24,6 +24,7 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.tasks import GoToPose, Task
+from tests.strangers import trapped_weights
 
 HERE = "tests.evaluation.fly.test_controllers"
 SETUP = Setup(load_spacecraft("floating-platform"), GoToPose(), Timing(episode_steps=3))
@@ -155,6 +156,15 @@ def test_a_pickle_of_sb3_needs_trust(tmp_path: Path) -> None:
     file, _ = saved(tmp_path / "policy.zip", PPO, MultiBinary(8))
     with pytest.raises(ConfigError, match=r"sb3:.*policy\.zip is a pickle: .* add --trust"):
         user_policy(f"sb3:{file}", CRAFT, GoToPose())
+
+
+def test_nobody_is_advised_to_unpickle_weights(tmp_path: Path) -> None:
+    """Which torch refuses even where the file is trusted."""
+    file, _ = saved(tmp_path / "policy.zip", PPO, MultiBinary(8))
+    trapped_weights(Path(file), tmp_path / "ran")
+    with pytest.raises(ConfigError, match=r"is no policy that Stable-Baselines3 saved: [^.]*\.$"):
+        user_policy(f"sb3:{file}", CRAFT, GoToPose(), trust=True)
+    assert not (tmp_path / "ran").exists()
 
 
 def test_other_processes_load_it_anew(tmp_path: Path) -> None:
