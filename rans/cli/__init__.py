@@ -85,6 +85,8 @@ def _parse(arguments: list[str]) -> Any:
     """Import only the command that was asked for, so that ``rans train`` loads no Drake."""
     import tyro
 
+    from rans.cli.numbers import registry
+
     if not arguments[0].startswith("-") and arguments[0] not in COMMANDS:
         raise ConfigError(f"there is no command {brief(arguments[0])}{meant(arguments[0], COMMANDS)}; "
                           f"commands are {', '.join(COMMANDS)}.")
@@ -92,7 +94,7 @@ def _parse(arguments: list[str]) -> Any:
     wanted = [c for c in COMMANDS if c in arguments[:1]] or COMMANDS
     commands = {c: getattr(importlib.import_module(f"rans.cli.{c}"), c.capitalize()) for c in wanted}
     parse = partial(tyro.extras.subcommand_cli_from_dict, commands, args=arguments, prog="rans",
-                    description=_ABOUT)
+                    description=_ABOUT, registry=registry())
     if not {"-h", "--help"} & {*arguments}:
         return parse()
     from rans.cli.helped import helped

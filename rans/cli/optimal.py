@@ -93,7 +93,7 @@ class Optimal:
         return 1 if lost else 0
 
     def _check(self) -> None:
-        for name in ("episodes", "guesses", "workers"):
+        for name in ("episodes", "guesses", "intervals", "workers"):
             check_count(f"--{name}", getattr(self, name))
         if not self.certify_seconds > 0:
             raise ConfigError(f"--certify-seconds must be > 0, got {self.certify_seconds:g}.")

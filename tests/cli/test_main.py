@@ -54,6 +54,18 @@ def broken(monkeypatch: pytest.MonkeyPatch, error: BaseException) -> None:
     monkeypatch.setattr(cli, "_parse", lambda _: Broken(error))
 
 
+@pytest.mark.parametrize(("option", "kind"), [
+    (["train", "--seed"], "a whole number"), (["sweep", "--seeds"], "a whole number"),
+    (["assure", "x", "--failure-below"], "a number"), (["compare", "x", "--budget"], "a number"),
+    (["benchmark", "--num-envs", "16"], "a whole number")])
+def test_what_is_no_number(option: list[str], kind: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """None or not, one or many: told in our words, without Python's types and functions."""
+    assert code_of([*option, "x1"]) == 2
+    said = " ".join(capsys.readouterr().err.replace("│", " ").split())
+    assert f"it must be {kind}, got 'x1'." in said
+    assert not re.search(r"literal|convert|instantiated|class|parse for", said)
+
+
 def test_nothing_typed_shows_the_help(capsys: pytest.CaptureFixture[str]) -> None:
     assert code_of([]) == 0
     printed = capsys.readouterr().out

@@ -50,6 +50,7 @@ def test_lost_starts_are_told_and_the_rest_is_made(capsys: pytest.CaptureFixture
     (("multi-task",), "judged on each of its tasks"),
     (("go-to-pose", "--episodes", "0"), "--episodes must be >= 1 and < 2^31, got 0"),
     (("go-to-pose", "--horizon", "-3"), "horizon must be a finite number > 0 s, got -3"),
+    (("go-to-pose", "--intervals", "0"), "--intervals must be >= 1 and < 2^31, got 0"),
     (("go-to-pose", "--certify-seconds", "nan"), "--certify-seconds must be > 0, got nan"),
     (("go-to-pose", "--horizon", "0"), "horizon must be a finite number > 0 s, got 0"),
     (("go-to-pose", "--objective", "reward", "--certify"), "--certify bounds fuel and time only"),
