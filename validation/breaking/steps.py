@@ -93,9 +93,7 @@ def flown(number: int, count: int, under: Sequence[str] = ()) -> Flown:
     craft, task = extreme(chance), _any_task(chance)
     conditions = chance.choice([None, None, load_conditions(chance.choice(["lab", "harsh", "faults"]))])
     conditions = _conditions(number, under) or conditions
-    # Shorter ones have hundreds of late commands to remember, and take minutes.
-    period = max(10.0 ** chance.uniform(-3, 1), 0.02 if under else 0.0)
-    timing = Timing(period, substeps=chance.choice([1, 1, 4]), episode_steps=16)
+    timing = Timing(_period(chance, under), substeps=chance.choice([1, 1, 4]), episode_steps=16)
     engine = Engine(craft, task, count, timing, seed=number, conditions=conditions)
     return _stepped(engine, number, _STEPS, 1)
 
@@ -104,10 +102,15 @@ def compiled(number: int, count: int = _BATCH, steps: int = _BATCHES, under: Seq
     """Steps of as many extreme craft of one kind as environments, by a compiled program."""
     chance = random.Random(f"world {number}")
     craft, task = load_spacecraft(_KNOWN[number % len(_KNOWN)]), _any_task(chance)
-    timing = Timing(10.0 ** chance.uniform(-3, 1), substeps=1, episode_steps=16)
+    timing = Timing(_period(chance, under), substeps=1, episode_steps=16)
     engine = Engine(craft, task, count, timing, seed=number, body=bodies(craft, count, number), compiled=True,
                     conditions=_conditions(number, under))
     return _stepped(engine, number, steps, count)
+
+
+def _period(chance: random.Random, under: Sequence[str]) -> float:
+    """Seconds a command is held; shorter ones than 20 ms have hundreds of late commands, and take minutes."""
+    return max(10.0 ** chance.uniform(-3, 1), 0.02 if under else 0.0)
 
 
 def _conditions(number: int, under: Sequence[str]) -> Conditions | None:
