@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields, replace
 
@@ -62,9 +63,9 @@ class GoToPosePriced(GoToPose):
     def price_at(self, knob: Field) -> Field:
         """What the prices are multiplied by where the knob stands there."""
         low, high = self.price
-        rise = log(high / low)
-        if isinstance(rise, float):
-            rise = float(rise)  # NumPy's own would make arrays of single precision double
+        ratio = high / low
+        # NumPy's own would make arrays of single precision double, and torch's compiler cannot follow it.
+        rise = math.log(ratio) if isinstance(ratio, float) else log(ratio)
         return exp(knob * rise) * low
 
     def sample(self, random: Random) -> tuple[State, State]:

@@ -80,3 +80,9 @@ def test_positions_that_do_not_exist(name: str) -> None:
 def test_settings_that_cannot_be(change: dict[str, Any], says: str) -> None:
     with pytest.raises(ConfigError, match=says):
         GoToPosePriced(**change)
+
+
+def test_a_compiler_can_follow_the_price() -> None:
+    """Engines compile it; half, twice and eight times at the ends and in the middle of 0.5 to 8."""
+    price = torch.compile(GoToPosePriced(price=(0.5, 8.0)).price_at, backend="eager", fullgraph=True)
+    torch.testing.assert_close(price(torch.tensor([0.0, 0.5, 1.0])), torch.tensor([0.5, 2.0, 8.0]))
