@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 
 from rans.errors import ConfigError
 from rans.model.fields import leaves
