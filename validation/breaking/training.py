@@ -117,7 +117,8 @@ def _small(folder: Path, kilobytes: int) -> Iterator[tuple[Path, Limit]]:
         yield folder, often if mounted else lambda: _bounded(1024 * kilobytes)
     finally:
         if mounted:
-            subprocess.run(["umount", str(folder)], check=True)
+            # Lazily: what was killed a moment ago may still be leaving.
+            subprocess.run(["umount", "--lazy", str(folder)], check=True)
 
 
 def _bounded(most: int) -> None:
