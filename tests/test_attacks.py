@@ -137,7 +137,8 @@ def test_nor_for_one_in_a_run_folder(capsys: pytest.CaptureFixture[str], name: s
     assert "it is no file" in said(capsys, *command, "run")
 
 
-@pytest.mark.parametrize("row", ["[1]", "{}", '{"steps": "many", "seconds": 1, "success": 0}'])
+@pytest.mark.parametrize("row", ["[1]", "{}", '{"steps": "many", "seconds": 1, "success": 0}',
+                                 '{"steps": 1, "seconds": 1, "success": 0, "return/position": {}}'])
 def test_metrics_that_say_nothing(capsys: pytest.CaptureFixture[str], row: str) -> None:
     tiny_trainer(Path("run")).train(ignore, after(1))
     Path("run/metrics.jsonl").write_text(row + "\n")

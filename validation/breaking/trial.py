@@ -59,7 +59,7 @@ def ran(command: Command, folder: Path, patience: float = 20.0, limit: Limit = l
     After so much patience, s, it hears Ctrl-C, as from somebody who has seen enough; one that has not ended
     `LEAVE` later hangs. With ``kill_after`` it is killed (SIGKILL) after so many seconds instead.
     """
-    out, err = folder / ".out", folder / ".err"
+    out, err = folder.parent / ".out", folder.parent / ".err"  # beside a disk that is full, not on it
     started = time.monotonic()
     with warnings.catch_warnings(action="ignore"):  # Python 3.12 warns of threads beside a fork
         child = os.fork()
@@ -106,9 +106,11 @@ def _child(command: Command, folder: Path, out: Path, err: Path, limit: Limit) -
     except BaseException:
         traceback.print_exc()
     finally:
-        sys.stdout.flush()
-        sys.stderr.flush()
-        os._exit(code)
+        try:
+            sys.stdout.flush()
+            sys.stderr.flush()
+        finally:  # where nothing can be written either: this process must not go on as its parent
+            os._exit(code)
 
 
 def _waited(child: int, seconds: float) -> int | None:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from rans import files
-from rans.errors import ConfigError
+from rans.errors import ConfigError, brief
 from rans.fast.learn.config import TrainConfig, from_table, to_table
 from rans.fast.packed import pack, unpack
 from rans.fast.pickled import read_tensors
@@ -82,13 +82,14 @@ class RunFolder:
     def metrics(self) -> list[dict[str, Any]]:
         """Rows so far; a row cut off in the middle of writing is left out.
 
-        ConfigError where one does not say when it was written and how it went.
+        ConfigError where one does not say in numbers when it was written and how it went.
         """
         rows = files.read_json_lines(self.metrics_file) if self.metrics_file.exists() else []
         for line, row in enumerate(rows, 1):
-            wrong = [key for key in _COUNTS if not isinstance(row.get(key), int | float)]
+            wrong = [key for key in (*_COUNTS, *row) if not isinstance(row.get(key), int | float)]
             if wrong:
-                raise ConfigError(f"{self.metrics_file} is damaged: line {line} has no number of {wrong[0]}.")
+                raise ConfigError(f"{self.metrics_file} is damaged: line {line} has no number of "
+                                  f"{brief(wrong[0])}.")
         return rows
 
     def forget_after(self, steps: int) -> None:
