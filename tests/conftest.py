@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import io
 import sys
 from collections.abc import Iterable
@@ -17,6 +18,15 @@ from tests.crafts import nasty_planar, nasty_spatial
 # The same examples in every run, and no deadline: the machine may be busy.
 settings.register_profile("rans", derandomize=True, deadline=None, database=None)
 settings.load_profile("rans")
+
+
+# Libraries keep a million objects, which a search for garbage looks through: seldom, and not these.
+gc.set_threshold(100_000, 20, 100)
+
+
+def pytest_collection_finish() -> None:
+    """What was imported stays."""
+    gc.freeze()
 
 
 OPTIONAL = {"pydrake", "casadi"}

@@ -13,7 +13,7 @@ from torch import Tensor
 from rans.fast.kernels.flight_program import shown
 from rans.fast.learn.architecture import EXTRACTOR, Architecture
 from rans.fast.products import WIDTH, dense
-from rans.fast.vectors import FLOAT, LANES, LONG, POINTER, TILE, Code, Program, Value, constant
+from rans.fast.vectors import FLOAT, LANES, LONG, POINTER, TILE, Code, Value, constant, shared
 from rans.model.trace import Symbol, Untraceable, ordered
 
 _OPERATIONS: dict[str, Callable[..., Value]] = {
@@ -50,14 +50,16 @@ class CpuLook:
         used = {symbol.operation for symbol in ordered([*self._seen, self._view]) if symbol.args}
         if unknown := used - _OPERATIONS.keys():
             raise Untraceable(f"a look takes {', '.join(unknown)}.")
-        self._program = Program()
 
     @cached_property
     def _run(self) -> Callable[..., None]:
         """Not every network that may look does."""
-        arrays = 4 + 2 * len(self._sizes[1:])
-        self._program.function("look", (LONG, LONG, *(POINTER,) * arrays), self._write)
-        return self._program.compiled("look")
+        given, arrays = self._given, 4 + 2 * len(self._sizes[1:])
+        places = None if given.symmetries is None else tuple(map(tuple, given.symmetries.place.tolist()))
+        # The same operations on the same fields are the same symbols.
+        alike = (*self._sizes, given.activation, bool(given.zoom), given.clip, places,
+                 *self._seen, self._view)
+        return shared("look", alike, (LONG, LONG, *(POINTER,) * arrays), self._write)
 
     def __call__(self, observation: Tensor) -> tuple[Tensor, Tensor]:
         """Log-odds (N, thrusters) and values (N,) of observations (N, width)."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -14,15 +14,12 @@ from rans.fast.learn.config import Coefficients
 from rans.fast.learn.network import Network
 from rans.fast.learn.rollout import Batch
 from rans.fast.products import WIDTH, correlation, dense, each, gather, product, row_sums
-from rans.fast.vectors import FLOAT, LANES, LONG, POINTER, Code, Program, Value
+from rans.fast.vectors import FLOAT, LANES, LONG, POINTER, Code, Value, shared
 
 _TILE = 512
 """Samples whose activations stay in a core's own cache, at most."""
 _GIVEN, _SUMS = 4, 5
 """Numbers that the losses need, and that they leave behind."""
-
-_PROGRAMS: dict[tuple[object, ...], tuple[Program, Callable[..., None]]] = {}
-"""Those that were made in this process, and their functions."""
 
 
 class _Layer(NamedTuple):
@@ -71,13 +68,8 @@ class MachineGradients:
         self._heads = [[x.numpy() for x in pair] for pair in heads]
         self._d_heads = [[adam.gradient.as_strided(x.shape, x.stride(), x.storage_offset()).numpy()
                           for x in pair] for pair in heads]
-        # Networks alike have one program, which takes longer to write than to run a hundred times.
         alike = (*self._sizes, self._activation, *(place for pair in self._places for place in pair))
-        if alike not in _PROGRAMS:
-            program = Program()
-            program.function("update", (POINTER,) * 11 + (LONG, LONG), self._write)
-            _PROGRAMS[alike] = program, program.compiled("update")
-        _, self._run = _PROGRAMS[alike]
+        self._run = shared("update", alike, (POINTER,) * 11 + (LONG, LONG), self._write)
 
     @staticmethod
     def fits(network: Network, samples: int) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -174,11 +174,13 @@ class Program:
     """Functions that Python may call without its lock."""
 
     def __init__(self) -> None:
-        self._module, self._engine = ir.Module(), None
+        self._module: Any = ir.Module()
+        self._engine, self._arguments = None, dict[str, int]()
 
     def function(self, name: str, kinds: Sequence[ir.Type], write: Callable[..., object]) -> None:
         """Add one; ``write`` is given its `Code` and arguments."""
         new = ir.Function(self._module, ir.FunctionType(ir.VoidType(), kinds), name)
+        self._arguments[name] = len(kinds)
         code = Code(new.append_basic_block())
         write(code, *new.args)
         code.ret_void()
@@ -188,9 +190,31 @@ class Program:
 
         It lives as long as the program.
         """
-        self._engine = self._engine or _engine(str(self._module))
-        kinds = [ctypes.c_int64] * len(self._module.get_global(name).args)
+        if self._engine is None:
+            self._engine, self._module = _engine(str(self._module)), None  # which is larger than the code
+        kinds = [ctypes.c_int64] * self._arguments[name]
         return ctypes.CFUNCTYPE(None, *kinds)(self._engine.get_function_address(name))
+
+
+_SHARED: dict[Hashable, tuple[Program, Callable[..., None]]] = {}
+"""Of this process."""
+
+
+def shared(name: str, alike: Hashable, kinds: Sequence[ir.Type],
+           write: Callable[..., object]) -> Callable[..., None]:
+    """A function that is written once for all that are alike: that takes longer than hundreds of calls.
+
+    Args:
+        name: of the function.
+        alike: everything else that it depends on.
+        kinds: see `Program.function`.
+        write: see there.
+    """
+    if (name, alike) not in _SHARED:
+        program = Program()
+        program.function(name, kinds, write)
+        _SHARED[name, alike] = program, program.compiled(name)
+    return _SHARED[name, alike][1]
 
 
 @lru_cache(64)

@@ -12,7 +12,6 @@ on the left takes the operator first), and never branch on a field: use `where`.
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import operator
 import sys
@@ -96,13 +95,20 @@ def finite(*xs: Field) -> Field:
 
 def leaves(tree: Any) -> tuple[Field, ...]:
     """The fields of a tree of frozen dataclasses, in the order of definition; None has no field."""
-    if tree is None:
-        return ()
+    found: list[Field] = []
+    _gather(tree, found)
+    return tuple(found)
+
+
+def _gather(tree: Any, found: list[Field]) -> None:
     if isinstance(tree, tuple):
-        return tuple(x for branch in tree for x in leaves(branch))
-    if not dataclasses.is_dataclass(tree):
-        return (tree,)
-    return tuple(x for f in dataclasses.fields(tree) for x in leaves(getattr(tree, f.name)))
+        for branch in tree:
+            _gather(branch, found)
+    elif hasattr(type(tree), "__match_args__"):  # a dataclass: `dataclasses.fields` takes twice as long
+        for name in type(tree).__match_args__:
+            _gather(getattr(tree, name), found)
+    elif tree is not None:
+        found.append(tree)
 
 
 def map_leaves(function: Callable[..., Field], tree: Tree, *others: Tree) -> Tree:
@@ -120,9 +126,9 @@ def _filled(tree: Any, fields: Iterator[Field]) -> Any:
         return None
     if isinstance(tree, tuple):
         return tuple([_filled(branch, fields) for branch in tree])
-    if not dataclasses.is_dataclass(tree):
+    if not hasattr(type(tree), "__match_args__"):
         return next(fields)
-    return type(tree)(*[_filled(getattr(tree, f.name), fields) for f in dataclasses.fields(tree)])
+    return type(tree)(*[_filled(getattr(tree, name), fields) for name in type(tree).__match_args__])
 
 
 @dataclass(frozen=True)

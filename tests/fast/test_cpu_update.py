@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 import torch
 
+from rans.fast.cpu_look import CpuLook
 from rans.fast.cpu_update import MachineGradients
+from rans.fast.engine import Engine
+from rans.fast.learn.architecture import Architecture, paper_layout
+from rans.fast.learn.config import PPOSettings
 from rans.fast.learn.network import Network
 from rans.fast.learn.ppo import losses
 from rans.fast.learn.rollout import minibatches
-from tests.fast.engines import FLYER, PLATFORM
+from rans.fast.symmetry import symmetries
+from tests.fast.engines import FLYER, NEAR, PLATFORM
 from tests.fast.kernels.test_update import collected
-from tests.fast.training import tiny_learner
+from tests.fast.training import scatter, tiny_learner
+
+SIDES: Any = symmetries(PLATFORM)
 
 CASES = pytest.mark.parametrize(("craft", "settings"), [
     (PLATFORM, {"layers": (64, 64), "symmetric": True}),
@@ -58,3 +67,23 @@ def test_answers_are_torchs(craft: Any, settings: Any, count: int) -> None:
         found, expected = (x.evaluate(observation, memory) for x in (network, plain))
     torch.testing.assert_close(found.value, expected.value, rtol=1e-5, atol=1e-5)
     torch.testing.assert_close(found.policy, expected.policy, rtol=1e-5, atol=1e-5)
+
+
+@pytest.mark.parametrize("change", [
+    {}, {"layers": (16, 12)}, {"activation": "relu"}, {"zoom": 2.0}, {"clip": 0.5}, {"symmetries": None},
+    {"symmetries": SIDES._replace(place=np.roll(SIDES.place, 1, axis=1))}, {"layout": paper_layout(10)}],
+    ids=["nothing", "layers", "activation", "zoom", "clip", "symmetries", "places", "columns"])
+def test_looks_alike_share_their_code(change: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """And only those: each says what torch says of its own weights."""
+    monkeypatch.setattr("rans.fast.vectors._SHARED", shared := {})
+    first = replace(Architecture.of(Engine(PLATFORM, NEAR, 1), PPOSettings(layers=(16, 16))),
+                    symmetries=SIDES)
+    for seed, given in enumerate((first, replace(first, **change))):
+        plain = scatter(Network(given, given.initial(seed, 0.5)[0]), seed)
+        observation = torch.randn(40, given.layout.width, generator=torch.Generator().manual_seed(seed))
+        found = CpuLook(given, plain.tensors)(observation)
+        with torch.no_grad():
+            expected = plain.evaluate(observation)
+        # Sums of 16 float32 products in another order.
+        torch.testing.assert_close(found, (expected.policy[0], expected.value), rtol=1e-5, atol=1e-5)
+    assert len(shared) == 1 + bool(change)
