@@ -14,6 +14,8 @@ from typing import NoReturn
 
 _NEW_OBJECTS = 50_000
 """Between looks for garbage; Python's default is 700 to 2,000."""
+_MOMENT = 0.05
+"""Until an interrupt that was lost comes again, s."""
 
 
 def run() -> NoReturn:
@@ -66,9 +68,13 @@ def _run() -> int:
 def _interrupt(_: int, frame: FrameType | None) -> None:
     """Raise KeyboardInterrupt, but end the process at once in the middle of an import.
 
-    Libraries in C++ turn an exception in their initialisation into an ImportError, or abort.
+    Libraries in C++ turn an exception in their initialisation into an ImportError, or abort. While a lost
+    one is seen to (`_again`) another would be lost as well: it waits.
     """
     while frame is not None:
+        if frame.f_code is _again.__code__:
+            signal.setitimer(signal.ITIMER_REAL, _MOMENT)
+            return
         if frame.f_code.co_filename.startswith("<frozen importlib"):
             signal.signal(signal.SIGINT, signal.SIG_DFL)
             signal.raise_signal(signal.SIGINT)
@@ -79,6 +85,6 @@ def _interrupt(_: int, frame: FrameType | None) -> None:
 def _again(lost: sys.UnraisableHookArgs) -> None:
     """Interrupt once more, a moment later, where Python drops what is raised, as in callbacks of torch."""
     if lost.exc_type is KeyboardInterrupt:
-        signal.setitimer(signal.ITIMER_REAL, 0.05)
+        signal.setitimer(signal.ITIMER_REAL, _MOMENT)
     else:
         sys.__unraisablehook__(lost)

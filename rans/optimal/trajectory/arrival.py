@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, Literal
 
 import casadi as ca
@@ -58,13 +59,14 @@ class Arrival:
     """
 
     def __init__(self, task: Task, goal: State, ending: Ending) -> None:
-        state, aim = (map_leaves(lambda _: ca.SX.sym("s"), goal) for _ in range(2))
+        there = replace(goal, notes=())  # a state there: what a goal notes is of the goal alone
+        state, aim = (map_leaves(lambda _: ca.SX.sym("s"), given) for given in (there, goal))
         arguments = [ca.vertcat(*leaves(s)) for s in (state, aim)]
         rates = _rate_gaps(task, state, aim) if ending != "free" else []
         if ending == "exact":
             gaps = [*residual(task, state, aim), *rates]
             self.conditions = ca.Function("arrival", arguments, [ca.vertcat(*gaps)])
-            self.high = np.where(_independent(self.conditions, leaves(goal)), 0.0, _BRANCH)
+            self.high = np.where(_independent(self.conditions, leaves(there), leaves(goal)), 0.0, _BRANCH)
         else:
             tolerances = task.tolerances() if ending == "set" else {}
             errors = task.errors(state, aim)
@@ -82,11 +84,11 @@ def _rate_gaps(task: Task, state: Any, goal: Any) -> list[Any]:
     return [b - a for a, b in pairs]
 
 
-def _independent(conditions: ca.Function, goal: Sequence[float]) -> np.ndarray:
+def _independent(conditions: ca.Function, there: Sequence[float], goal: Sequence[float]) -> np.ndarray:
     """Whether each condition's gradient at the goal is none of those before it combined."""
-    state, aim = (ca.SX.sym(name, len(goal)) for name in ("state", "aim"))
+    state, aim = (ca.SX.sym("s", len(given)) for given in (there, goal))
     gradient = ca.Function("gradient", [state, aim], [ca.jacobian(conditions(state, aim), state)])
-    rows = np.array(gradient(goal, goal))
+    rows = np.array(gradient(there, goal))
     ranks = [0, *(np.linalg.matrix_rank(rows[:k + 1], tol=1e-9) for k in range(len(rows)))]
     return np.diff(ranks) > 0
 

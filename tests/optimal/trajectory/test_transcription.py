@@ -27,9 +27,7 @@ from rans.optimal.trajectory.objectives import (
 from rans.optimal.trajectory.transcription import Trajectory, Transcription, _best, unsolved
 from rans.reference.flight import replay
 from rans.scenario import scenario
-from rans.tasks import (
-    MultiTask,
-)
+from rans.tasks import GoToPosePriced, MultiTask
 from tests.crafts import nasty_planar
 from tests.optimal.problems import (
     FLYER,
@@ -259,3 +257,10 @@ def test_where_no_guess_leads_anywhere_the_next_one_is_tried(monkeypatch: pytest
         tried.clear()
         assert problem.solve(planar(1.0), planar(), 2).solved is (good is not None)
         assert tried == numbers
+
+
+def test_what_a_goal_notes_is_no_part_of_the_state_that_arrives() -> None:
+    """A task with a knob asks for the same pose: least fuel is that of the task without one."""
+    start, goal, objective = planar(x=-1.0), planar(x=0.1, heading=0.3), MinimumFuel(6.0)
+    priced = solved(PLATFORM, objective, start, replace(goal, notes=(0.5,)), GoToPosePriced())
+    assert priced.cost == pytest.approx(solved(PLATFORM, objective, start, goal).cost, rel=SOLVER)
