@@ -7,19 +7,15 @@ import inspect
 import os
 import random
 import re
-import signal
 import subprocess
 import sys
-import time
 import warnings
-import weakref
 from importlib.metadata import version
 from pathlib import Path
 
 import pytest
 import torch
 
-import rans_command
 from rans import cli
 from rans.cli import COMMANDS, main
 from rans.errors import ConfigError
@@ -191,35 +187,6 @@ def test_a_warning_is_one_sentence(monkeypatch: pytest.MonkeyPatch,
     assert warnings.showwarning is before
 
 
-INTERRUPTED = """
-import os, signal, sys
-import rans_command
-
-def interrupt(*_):
-    os.kill(os.getpid(), signal.SIGINT)
-
-signal.signal(signal.SIGINT, signal.default_int_handler)  # as in a terminal
-sys.argv = ["rans", "--version"]
-match {moment!r}:
-    case "loading":
-        sys.meta_path.insert(0, type("Finder", (), {{"find_spec": interrupt}})())
-    case "running":
-        import rans.cli
-        rans.cli._run = interrupt
-code = rans_command.main()
-interrupt() if {moment!r} == "leaving" else sys.exit(code)
-"""
-
-
-@pytest.mark.parametrize(("moment", "code", "said"), [
-    ("loading", -signal.SIGINT, ""), ("running", 130, "\nrans: interrupted; what was written is kept.\n"),
-    ("leaving", -signal.SIGINT, ""), ("never", 0, "")])
-def test_an_interrupt_shows_no_traceback(moment: str, code: int, said: str) -> None:
-    done = subprocess.run([sys.executable, "-c", INTERRUPTED.format(moment=moment)], capture_output=True,
-                          text=True, check=False)
-    assert (done.returncode, done.stderr) == (code, said)
-
-
 def test_python_hardly_looks_for_garbage() -> None:
     """Nor does it at the end; by default it looks almost 200 times while this command's parts are loaded."""
     program = ("import gc, sys, rans_command; sys.argv = ['rans', 'list']; before = gc.get_freeze_count(); "
@@ -283,35 +250,3 @@ def wrong_places(folder: Path) -> list[str]:
         (folder / name).write_bytes(content)
     folders = sorted(path.name for path in folder.iterdir() if path.is_dir())
     return [*contents, *folders, "nowhere", "", "/", "a\0b", "x" * 300]
-
-
-@pytest.mark.parametrize("moment", [0.05, 1e-5])
-def test_an_interrupt_in_a_callback_is_not_lost(monkeypatch: pytest.MonkeyPatch, moment: float) -> None:
-    """Python drops what a weak reference's callback raises; torch's compiler has many of these.
-
-    The shorter moment is over before Python is done with dropping, as on a busy machine.
-    """
-    monkeypatch.setattr(rans_command, "_MOMENT", moment)
-
-    class Held:
-        pass
-
-    def runs() -> int:
-        held = Held()
-        kept = weakref.ref(held, lambda _: os.kill(os.getpid(), signal.SIGINT))
-        del held
-        assert kept() is None
-        for _ in range(2000):  # a signal just before a long sleep would wait for its end
-            time.sleep(0.01)
-        return 0
-
-    monkeypatch.setattr(rans_command, "_run", runs)
-    begun = time.monotonic()
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # pytest may run without one
-    try:
-        with pytest.raises(KeyboardInterrupt):
-            rans_command._interruptible()
-    finally:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
-        signal.signal(signal.SIGALRM, signal.SIG_DFL)
-    assert time.monotonic() - begun < 15

@@ -1,0 +1,74 @@
+"""Ctrl-C at any moment of a command: no traceback, and nothing that drops it for good."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+import weakref
+
+import pytest
+
+import rans_command
+
+INTERRUPTED = """
+import os, signal, sys
+import rans_command
+
+def interrupt(*_):
+    os.kill(os.getpid(), signal.SIGINT)
+
+signal.signal(signal.SIGINT, signal.default_int_handler)  # as in a terminal
+sys.argv = ["rans", "--version"]
+match {moment!r}:
+    case "loading":
+        sys.meta_path.insert(0, type("Finder", (), {{"find_spec": interrupt}})())
+    case "running":
+        import rans.cli
+        rans.cli._run = interrupt
+code = rans_command.main()
+interrupt() if {moment!r} == "leaving" else sys.exit(code)
+"""
+
+
+@pytest.mark.parametrize(("moment", "code", "said"), [
+    ("loading", -signal.SIGINT, ""), ("running", 130, "\nrans: interrupted; what was written is kept.\n"),
+    ("leaving", -signal.SIGINT, ""), ("never", 0, "")])
+def test_an_interrupt_shows_no_traceback(moment: str, code: int, said: str) -> None:
+    done = subprocess.run([sys.executable, "-c", INTERRUPTED.format(moment=moment)], capture_output=True,
+                          text=True, check=False)
+    assert (done.returncode, done.stderr) == (code, said)
+
+
+@pytest.mark.parametrize("moment", [0.05, 1e-5])
+def test_an_interrupt_in_a_callback_is_not_lost(monkeypatch: pytest.MonkeyPatch, moment: float) -> None:
+    """Python drops what a weak reference's callback raises; torch's compiler has many of these.
+
+    The shorter moment is over before Python is done with dropping, as on a busy machine.
+    """
+    monkeypatch.setattr(rans_command, "_MOMENT", moment)
+
+    class Held:
+        pass
+
+    def runs() -> int:
+        held = Held()
+        kept = weakref.ref(held, lambda _: os.kill(os.getpid(), signal.SIGINT))
+        del held
+        assert kept() is None
+        for _ in range(2000):  # a signal just before a long sleep would wait for its end
+            time.sleep(0.01)
+        return 0
+
+    monkeypatch.setattr(rans_command, "_run", runs)
+    begun = time.monotonic()
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # pytest may run without one
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            rans_command._interruptible()
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        signal.signal(signal.SIGALRM, signal.SIG_DFL)
+    assert time.monotonic() - begun < 15
