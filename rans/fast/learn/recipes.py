@@ -89,6 +89,11 @@ _VELOCITY = {"fine_scale": 0.01, "thrust_weight": 0.05}
 _THERE = (Ramp("arrived_still_weight", 0.1, 37_500_000, 15_625_000, "geometric"),
           Ramp("verge_weight", 1.0, 37_500_000, 15_625_000, "geometric"))
 """Raised slowly: from the beginning they teach to brake slowly (decision 018)."""
+_STEADY = {
+    "go-to-position": {"fine_weight": 1.0, "rest_position": 0.02, "rest_spin": 0.05, "thrust_weight": 0.12},
+    "track-velocity": {"fine_scale": 0.02, "thrust_weight": 0.08, "within_weight": 3.0},
+    "track-velocity-heading": {"fine_scale": 0.02, "thrust_weight": 0.08, "within_weight": 3.0}}
+"""Of the other tasks, however the world is."""
 _TWIST = {**_VELOCITY, "fine_spin_weight": 1.0, "fine_spin_scale": 0.01}
 _EVERY = {
     "go_to_position": GoToPosition(fine_weight=0.5, rest_position=0.007, rest_spin=0.03, thrust_weight=0.05),
@@ -132,6 +137,10 @@ RECIPES: dict[str, Recipe] = {
         "go-to-pose", _PLATFORM, {**_LOOSE, "thrust_weight": 0.12}, _INFORMED, 12_500_000,
         (Ramp("thrust_weight", 0.02, 5_000_000, 625_000, "geometric"),), robust, _ADAPTIVE_LARGE,
         2_000_000_000),
+    **{f"{task}-2d-robust": Recipe(
+        task, _PLATFORM, settings, replace(_INFORMED, symmetric=TASKS[task].symmetric), 10_000_000,
+        (Ramp("thrust_weight", 0.02, 5_000_000, 625_000, "geometric"),), robust, _ADAPTIVE_LARGE,
+        350_000_000) for task, settings in _STEADY.items()},
     "go-to-pose-2d-faults": Recipe(
         "go-to-pose", _PLATFORM, {**_LOOSE, "thrust_weight": 0.05}, _ADAPTIVE, 12_000_000,
         (Ramp("thrust_weight", 0.02, 5_000_000, 625_000, "geometric"),), failing, _ADAPTIVE_LARGE),
@@ -170,6 +179,10 @@ RECIPES: dict[str, Recipe] = {
         "go-to-pose", _FLYER, {**_LOOSE, "thrust_weight": 0.1}, replace(_INFORMED, layers=_WIDE), 10_000_000,
         (Ramp("thrust_weight", 0.02, 5_000_000, 625_000, "geometric"),), robust,
         _SOON_LARGE, 3_400_000_000, _COARSE),
+    **{f"{task}-3d-robust": Recipe(
+        task, _FLYER, settings, replace(_INFORMED, symmetric=TASKS[task].symmetric, layers=_WIDE), 10_000_000,
+        (Ramp("thrust_weight", 0.02, 5_000_000, 625_000, "geometric"),), robust, _ADAPTIVE_LARGE,
+        400_000_000, _COARSE) for task, settings in _STEADY.items()},
     "go-to-pose-3d-faults": Recipe(
         "go-to-pose", _FLYER, {**_LOOSE, "thrust_weight": 0.06}, replace(_INFORMED, layers=_WIDE), 12_000_000,
         (Ramp("thrust_weight", 0.02, 5_000_000, 625_000, "geometric"),), failing,
