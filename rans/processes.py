@@ -18,6 +18,11 @@ from typing import Any, TypeVar
 Answer = TypeVar("Answer")
 
 
+def processors() -> int:
+    """How many this process may use: a job of a cluster may have fewer than its machine."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
 @contextlib.contextmanager
 def submitted(function: Callable[..., Answer], jobs: Iterable[tuple[Any, ...]], workers: int | None,
               prepare: Callable[..., object], arguments: tuple[Any, ...]) -> Iterator[list[Future[Answer]]]:
@@ -33,7 +38,7 @@ def submitted(function: Callable[..., Answer], jobs: Iterable[tuple[Any, ...]], 
     """
     others = set(multiprocessing.active_children())
     with _pickled(prepare, arguments) as file, ProcessPoolExecutor(
-            workers or os.cpu_count() or 1, multiprocessing.get_context("spawn"),
+            workers or processors(), multiprocessing.get_context("spawn"),
             _begin, (_unpickled, (file,))) as pool:
         try:
             with _interrupts_deferred():

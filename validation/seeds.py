@@ -14,7 +14,6 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
@@ -115,10 +114,11 @@ def _judged(spec: str, starts: int, flights: int) -> dict[str, float]:
     device = "cuda" if torch.cuda.is_available() else "cpu"
     failed = Flights(run.controller.network, setup, device).fly(0, flights, SELECTION_SEED)
 
-    def mean(values: Any) -> float:
-        return float(np.minimum(values, contest.duration).mean())
+    def late(times: np.ndarray) -> float:
+        return float(np.minimum(times, contest.duration).mean())
 
-    return {"settled": mean(entry.settling), "at rest": mean(entry.arrival), "impulse": mean(entry.thrust),
+    return {"settled": late(entry.settling), "at rest": late(entry.arrival),
+            "impulse": float(entry.thrust.mean()),
             "duty at rest": 100.0 * float(last_fifth(entry.flight.commands).mean()),
             "error": float(next(iter(entry.errors.values())).mean()),
             "failed": 1e6 * failed.failed / failed.flights}

@@ -66,4 +66,6 @@ class Tune:
                 *((key, f"{before[key]:.3g}", f"{value:.3g}") for key, value in found.settings.items()),
                 ("cost, s", *(f"{value:.3f}" for value in found.costs.values()))]))
         print(f"Written to {file}.")
+        if found.candidates < self.candidates:
+            raise KeyboardInterrupt
         return 0

@@ -27,7 +27,7 @@ from rans.model.random import Draws, seed_words
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.model.trace import UNTRACEABLE
-from rans.processes import submitted
+from rans.processes import processors, submitted
 from rans.tasks.base import Task
 
 Given = tuple[Spacecraft, Task, Timing, Conditions | None]
@@ -189,7 +189,7 @@ def _work(first: int, count: int, seed: int) -> Verdicts:
 
 def _processors() -> int:
     """This process's share of the machine's, beside others that torchrun started here."""
-    return max(1, (os.cpu_count() or 1) // int(os.environ.get("LOCAL_WORLD_SIZE", "1")))
+    return max(1, processors() // int(os.environ.get("LOCAL_WORLD_SIZE", "1")))
 
 
 def _parts(first: int, count: int, size: int) -> list[tuple[int, int]]:

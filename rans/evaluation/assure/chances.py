@@ -6,7 +6,6 @@ Everything that an episode draws once (start, goal, body, push ...) is a functio
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, fields, is_dataclass, replace
@@ -27,6 +26,7 @@ from rans.fast.verdicts import last_fifth
 from rans.model.conditions import bounds
 from rans.model.fields import Field, finite, floor, leaves, where
 from rans.model.random import Draws, Random
+from rans.processes import processors
 
 Slot = tuple[int, int]
 """A uniform number by the block that it is drawn from and its place in it."""
@@ -153,7 +153,7 @@ class Chances:
         member on the device.
         """
         place, batch = Place.of(device, torch.float32, None), BATCH[device.type]
-        workers = (os.cpu_count() or 1) if place.on_numpy else 1
+        workers = processors() if place.on_numpy else 1
 
         def score(z: np.ndarray, number: np.ndarray, size: np.ndarray | None = None) -> np.ndarray:
             parts = [slice(k, k + batch) for k in range(0, len(number), batch)]

@@ -29,7 +29,8 @@ def tune(name: str, setup: Setup, candidates: int, starts: int, price: float, co
          progress: Callable[[int], object] = lambda _: None) -> Tuned:
     """The settings of a controller with the least `cost`.
 
-    The default settings are the first candidate, so that none are found that are worse than these.
+    The default settings are the first candidate, so that none are found that are worse than these. An
+    interrupt ends the search with what it has found.
 
     Args:
         name: of the controller.
@@ -53,12 +54,17 @@ def tune(name: str, setup: Setup, candidates: int, starts: int, price: float, co
     for number in range(candidates):
         settings = _candidate(number / candidates, defaults(maker, within), within, found, random)
         made = maker(craft, task, timing, **arguments(maker, settings))
-        flight, _ = contest.fly(made)
+        try:
+            flight, _ = contest.fly(made)
+        except KeyboardInterrupt:
+            if not found:
+                raise
+            break
         found.append((cost(Entry(Contestant(name, made, "", ""), flight, np.zeros(0)), price), settings))
         progress(1)
     least, best = min(found, key=lambda pair: pair[0])
     return Tuned(name, task_name(task), dict(task.tolerances()), timing.control_period, to_toml(craft), best,
-                 candidates, starts, TUNING_SEED, price, {"default": found[0][0], "tuned": least}, command)
+                 len(found), starts, TUNING_SEED, price, {"default": found[0][0], "tuned": least}, command)
 
 
 def ranges(name: str) -> Ranges:

@@ -72,7 +72,7 @@ class MPPI(Made):
     name = "MPPI"
     slow = True
     """Many episodes are flown by many processes."""
-    tunable: ClassVar = Switching.tunable
+    tunable: ClassVar = {**Switching.tunable, "draws.temperature": (0.005, 0.5)}
     """Bounds for `rans tune`."""
 
     def __init__(self, craft: str | Path | Spacecraft, task: str | Task, timing: Timing | None = None,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
@@ -11,7 +10,7 @@ from rans.model.spacecraft import Spacecraft
 from rans.optimal.trajectory.arrival import aims
 from rans.optimal.trajectory.objectives import Objective
 from rans.optimal.trajectory.transcription import Trajectory, Transcription, unsolved
-from rans.processes import submitted
+from rans.processes import processors, submitted
 from rans.scenario import Scenario, each
 from rans.tasks.base import Task
 
@@ -34,7 +33,7 @@ def solve_all(craft: Spacecraft, task: Task, objectives: Sequence[Objective], st
     """
     aims(task)  # says here, not in every worker, if this task has no goal of its own
     jobs = [(index, scenario, guesses) for index in range(len(objectives)) for scenario in each(starts)]
-    workers, answers = workers or os.cpu_count() or 1, []
+    workers, answers = workers or processors(), []
     if workers == 1:
         _build(craft, task, objectives)
         for job in jobs:

@@ -69,6 +69,23 @@ def test_finds_the_least_and_counts_the_budget() -> None:
     assert found == tune(f"{HERE}:Firing", SETUP, 12, 3, 0.5, "the command")
 
 
+def test_an_interrupt_keeps_what_was_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    flown, fly = [], Contest.fly
+
+    def interrupted(*given: Any) -> Any:
+        if len(flown) == 3:
+            raise KeyboardInterrupt
+        flown.append(1)
+        return fly(*given)
+
+    whole = tune(f"{HERE}:Firing", SETUP, 3, 3, 0.5)
+    monkeypatch.setattr(Contest, "fly", interrupted)
+    found = tune(f"{HERE}:Firing", SETUP, 9, 3, 0.5)
+    assert (found.candidates, found.costs["default"]) == (3, whole.costs["default"])
+    with pytest.raises(KeyboardInterrupt):  # there is nothing yet
+        tune(f"{HERE}:Firing", SETUP, 9, 3, 0.5)
+
+
 def test_the_cost_is_that_of_the_flights() -> None:
     setup = SETUP._replace(timing=Timing())
     found = tune("lqr", setup, 3, 4, 0.02)

@@ -64,7 +64,7 @@ def test_another_process_finds_the_same(monkeypatch: pytest.MonkeyPatch) -> None
     """One per processor, of which there is one here."""
     alone, together = small(), small()
     fill(alone, workers=1)
-    monkeypatch.setattr("os.cpu_count", lambda: 1)
+    monkeypatch.setattr("rans.processes.processors", lambda: 1)
     fill(together)
     assert alone.outcomes.keys() == together.outcomes.keys()
     for key, found in alone.outcomes.items():
