@@ -89,11 +89,12 @@ _VELOCITY = {"fine_scale": 0.01, "thrust_weight": 0.05}
 _THERE = (Ramp("arrived_still_weight", 0.1, 37_500_000, 15_625_000, "geometric"),
           Ramp("verge_weight", 1.0, 37_500_000, 15_625_000, "geometric"))
 """Raised slowly: from the beginning they teach to brake slowly (decision 018)."""
-_STEADY = {
+_TRACKED = {"fine_scale": 0.02, "thrust_weight": 0.08, "within_weight": 3.0}
+_STEADY: dict[str, dict[str, Any]] = {
     "go-to-position": {"fine_weight": 1.0, "rest_position": 0.02, "rest_spin": 0.05, "thrust_weight": 0.12},
-    "track-velocity": {"fine_scale": 0.02, "thrust_weight": 0.08, "within_weight": 3.0},
-    "track-velocity-heading": {"fine_scale": 0.02, "thrust_weight": 0.08, "within_weight": 3.0}}
+    "track-velocity": _TRACKED, "track-velocity-heading": _TRACKED}
 """Of the other tasks, however the world is."""
+_PRICED_LATE = Ramp("thrust_weight", 0.02, 5_000_000, 625_000, "geometric")
 _TWIST = {**_VELOCITY, "fine_spin_weight": 1.0, "fine_spin_scale": 0.01}
 _EVERY = {
     "go_to_position": GoToPosition(fine_weight=0.5, rest_position=0.007, rest_spin=0.03, thrust_weight=0.05),
@@ -102,6 +103,8 @@ _EVERY = {
     "track_twist": TrackTwist(spin_scale=0.15, fine_weight=1.0, fine_scale=0.03, thrust_weight=0.03),
     "track_velocity_heading": TrackVelocityHeading(fine_scale=0.02)}
 """Of the tasks that one agent flies."""
+_WITHIN = {"track_velocity": 1.0, "track_twist": 3.0, "track_velocity_heading": 1.0}
+_EVERY_WITHIN = _EVERY | {name: replace(_EVERY[name], within_weight=x) for name, x in _WITHIN.items()}
 
 RECIPES: dict[str, Recipe] = {
     "go-to-pose-2d": Recipe(
@@ -128,22 +131,25 @@ RECIPES: dict[str, Recipe] = {
         "go-to-pose-priced", _PLATFORM,
         {"spawn_distance": (1.5, 4.5), "arrived_weight": 40.0, "arrived_fine_weight": 8.0,
          "arrived_still_weight": 8.0, "arrived_thrust_weight": 2.0, "arrived_squarings": 5,
-         "verge_weight": 300.0, "rest_position": 0.004, "rest_attitude": 0.02, "thrust_weight": 1.0,
-         "price": (0.2, 20.0)},
+         "verge_weight": 400.0, "rest_position": 0.004, "rest_attitude": 0.02, "thrust_weight": 1.0,
+         "price": (0.2, 80.0)},
         replace(_SOON, reward_scale=0.012, gamma=0.99, layers=_WIDE), 60_000_000,
         (Ramp("thrust_weight", 0.1, 30_000_000, shape="geometric"), *_THERE),
-        large={**_SOON_LARGE, "layers": (512, 512)}, large_timesteps=2_200_000_000, episode_steps=100),
+        large={**_SOON_LARGE, "layers": (512, 512)}, large_timesteps=4_000_000_000, episode_steps=100),
     "go-to-pose-2d-robust": Recipe(
-        "go-to-pose", _PLATFORM, {**_LOOSE, "thrust_weight": 0.12}, _INFORMED, 12_500_000,
-        (Ramp("thrust_weight", 0.02, 5_000_000, 625_000, "geometric"),), robust, _ADAPTIVE_LARGE,
-        2_000_000_000),
+        "go-to-pose", _PLATFORM,
+        {**_LOOSE, "arrived_weight": 6.0, "arrived_fine_weight": 2.0, "arrived_thrust_weight": 0.5,
+         "arrived_squarings": 3, "verge_weight": 40.0, "thrust_weight": 0.25},
+        replace(_INFORMED, reward_scale=0.05), 12_500_000,
+        (_PRICED_LATE, Ramp("verge_weight", 0.5, 31_250_000, 12_500_000, "geometric")), robust,
+        _ADAPTIVE_LARGE, 1_800_000_000),
     **{f"{task}-2d-robust": Recipe(
         task, _PLATFORM, settings, replace(_INFORMED, symmetric=TASKS[task].symmetric), 10_000_000,
-        (Ramp("thrust_weight", 0.02, 5_000_000, 625_000, "geometric"),), robust, _ADAPTIVE_LARGE,
-        350_000_000) for task, settings in _STEADY.items()},
+        (_PRICED_LATE,), robust, _ADAPTIVE_LARGE, 350_000_000 if task == "go-to-position" else 600_000_000)
+        for task, settings in _STEADY.items()},
     "go-to-pose-2d-faults": Recipe(
         "go-to-pose", _PLATFORM, {**_LOOSE, "thrust_weight": 0.05}, _ADAPTIVE, 12_000_000,
-        (Ramp("thrust_weight", 0.02, 5_000_000, 625_000, "geometric"),), failing, _ADAPTIVE_LARGE),
+        (_PRICED_LATE,), failing, _ADAPTIVE_LARGE),
     "go-to-pose-2d-shared": Recipe(
         "go-to-pose", _SHARED,
         {"fine_weight": 1.0, "fine_position_scale": 0.006, "fine_attitude_scale": 0.006,
@@ -177,15 +183,16 @@ RECIPES: dict[str, Recipe] = {
         large_timesteps=1_900_000_000),
     "go-to-pose-3d-robust": Recipe(
         "go-to-pose", _FLYER, {**_LOOSE, "thrust_weight": 0.1}, replace(_INFORMED, layers=_WIDE), 10_000_000,
-        (Ramp("thrust_weight", 0.02, 5_000_000, 625_000, "geometric"),), robust,
+        (_PRICED_LATE,), robust,
         _SOON_LARGE, 3_400_000_000, _COARSE),
     **{f"{task}-3d-robust": Recipe(
         task, _FLYER, settings, replace(_INFORMED, symmetric=TASKS[task].symmetric, layers=_WIDE), 10_000_000,
-        (Ramp("thrust_weight", 0.02, 5_000_000, 625_000, "geometric"),), robust, _ADAPTIVE_LARGE,
-        400_000_000, _COARSE) for task, settings in _STEADY.items()},
+        (_PRICED_LATE,), robust, *((_ADAPTIVE_LARGE, 400_000_000) if task == "go-to-position" else
+                                   (_SOON_LARGE, 1_500_000_000)), _COARSE)
+        for task, settings in _STEADY.items()},
     "go-to-pose-3d-faults": Recipe(
         "go-to-pose", _FLYER, {**_LOOSE, "thrust_weight": 0.06}, replace(_INFORMED, layers=_WIDE), 12_000_000,
-        (Ramp("thrust_weight", 0.02, 5_000_000, 625_000, "geometric"),), failing,
+        (_PRICED_LATE,), failing,
         _SOON_LARGE, 1_800_000_000, _COARSE),
     "go-to-position-3d": Recipe(
         "go-to-position", _FLYER,
@@ -200,8 +207,8 @@ RECIPES: dict[str, Recipe] = {
     "track-velocity-heading-3d": Recipe(
         "track-velocity-heading", _FLYER, {"fine_scale": 0.02}, replace(_PLANE, layers=_WIDE), 8_000_000),
     "multi-task-3d": Recipe(
-        "multi-task", _FLYER, _EVERY, replace(_SHARP, initial_duty=0.3, layers=_WIDE), 16_000_000,
-        large=_SOON_LARGE, large_timesteps=1_200_000_000),
+        "multi-task", _FLYER, _EVERY_WITHIN, replace(_SHARP, initial_duty=0.3, layers=_WIDE), 16_000_000,
+        large={**_SOON_LARGE, "layers": (512, 512)}, large_timesteps=2_500_000_000),
 }
 """By the agent's name."""
 
