@@ -16,6 +16,8 @@ _NEW_OBJECTS = 50_000
 """Between looks for garbage; Python's default is 700 to 2,000."""
 _MOMENT = 0.05
 """Until an interrupt that was lost comes again, s."""
+_HELD_BACK = ("_again", "_acquire_restore")
+"""Functions, here and of threading.Condition, in which an interrupt would be lost or break what it meets."""
 
 
 def run() -> NoReturn:
@@ -69,10 +71,11 @@ def _interrupt(_: int, frame: FrameType | None) -> None:
     """Raise KeyboardInterrupt, but end the process at once in the middle of an import.
 
     Libraries in C++ turn an exception in their initialisation into an ImportError, or abort. While a lost
-    one is seen to (`_again`) another would be lost as well: it waits.
+    one is seen to (`_again`) another would be lost as well: it waits, as does a second one while the first
+    takes a lock of Python's back, which is released by who finds it lost.
     """
     while frame is not None:
-        if frame.f_code is _again.__code__:
+        if frame.f_code.co_name in _HELD_BACK:
             signal.setitimer(signal.ITIMER_REAL, _MOMENT)
             return
         if frame.f_code.co_filename.startswith("<frozen importlib"):

@@ -6,8 +6,11 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 import weakref
+from collections.abc import Callable
+from types import FrameType
 
 import pytest
 
@@ -62,6 +65,32 @@ def test_an_interrupt_in_a_callback_is_not_lost(monkeypatch: pytest.MonkeyPatch,
             time.sleep(0.01)
         return 0
 
+    _interrupted(runs, monkeypatch)
+
+
+def test_a_second_interrupt_leaves_locks_as_they_are(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Python takes a condition's lock back on its way out of a wait, and fails if that is interrupted."""
+    def strike(frame: FrameType, *_: object) -> None:
+        if frame.f_code.co_name == "_acquire_restore":
+            os.kill(os.getpid(), signal.SIGINT)
+
+    def runs() -> int:
+        ready = threading.Condition(threading.Lock())
+        with ready:
+            sys.settrace(strike)
+            try:
+                ready.wait(0.01)
+            finally:
+                sys.settrace(None)
+        for _ in range(2000):
+            time.sleep(0.01)
+        return 0
+
+    _interrupted(runs, monkeypatch)
+
+
+def _interrupted(runs: Callable[[], int], monkeypatch: pytest.MonkeyPatch) -> None:
+    """The command that does this ends with an interrupt, soon."""
     monkeypatch.setattr(rans_command, "_run", runs)
     begun = time.monotonic()
     signal.signal(signal.SIGINT, signal.default_int_handler)  # pytest may run without one
