@@ -16,9 +16,10 @@ from tyro.conf import Positional
 
 from rans.evaluation.fly.controllers import controller
 from rans.evaluation.fly.protocols import Setup
-from rans.evaluation.measure.metrics import last_fifth, settling_times, solved
+from rans.evaluation.measure.metrics import settling_times, solved
 from rans.fast.learn.network import Network
 from rans.fast.learn.troubles import TROUBLES
+from rans.fast.verdicts import last_fifth
 from rans.files import read_json
 from rans.flight import fly
 from rans.model.conditions import BodyConditions, Conditions
@@ -60,7 +61,8 @@ def flown_by_lqr(setup: Setup, conditions: Conditions, seed: int) -> dict[str, A
     starts = scenarios(setup.task, setup.craft, seed, _LQR_EPISODES)
     flight = fly(*setup[:2], controller("lqr", setup), starts, setup.timing, conditions=conditions.or_none,
                  draws=draws(seed, _LQR_EPISODES))
-    none, duty = np.zeros(_LQR_EPISODES), last_fifth(flight.commands).mean(axis=(0, 2))
+    rest = flight.commands[-last_fifth(len(flight.commands)):]
+    none, duty = np.zeros(_LQR_EPISODES), rest.mean(axis=(0, 2))
     return _said(Found(solved(flight), settling_times(flight), duty, none, none, none, none))
 
 

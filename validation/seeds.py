@@ -23,8 +23,8 @@ from rans.errors import RansError
 from rans.evaluation.compare.contest import Contest, Contestant, Entry
 from rans.evaluation.fly.agent import Agent
 from rans.evaluation.fly.contestants import contestant, judged_separately
-from rans.evaluation.measure.metrics import last_fifth
 from rans.fast.flights import Flights
+from rans.fast.verdicts import last_fifth
 from rans.files import environment, write_json
 from rans.scenario import SELECTION_SEED
 from rans.tasks import GoToPosePriced
@@ -111,6 +111,7 @@ def _judged(spec: str, starts: int, flights: int) -> dict[str, float]:
     setup = run.judged
     contest = Contest(*setup[:3], SELECTION_SEED, starts, conditions=setup.conditions)
     entry = Entry(Contestant(spec, run.controller, "", ""), contest.fly(run.controller).flight, np.zeros(0))
+    commands = entry.flight.commands
     device = "cuda" if torch.cuda.is_available() else "cpu"
     failed = Flights(run.controller.network, setup, device).fly(0, flights, SELECTION_SEED)
 
@@ -119,7 +120,7 @@ def _judged(spec: str, starts: int, flights: int) -> dict[str, float]:
 
     return {"settled": late(entry.settling), "at rest": late(entry.arrival),
             "impulse": float(entry.thrust.mean()),
-            "duty at rest": 100.0 * float(last_fifth(entry.flight.commands).mean()),
+            "duty at rest": 100.0 * float(commands[-last_fifth(len(commands)):].mean()),
             "error": float(next(iter(entry.errors.values())).mean()),
             "failed": 1e6 * failed.failed / failed.flights}
 

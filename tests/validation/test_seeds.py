@@ -1,0 +1,43 @@
+"""Trainings from several seeds are judged by what their flights show, and one that fails names its log."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+import rans
+from rans.errors import RansError
+from rans.files import read_json
+from rans.scenario import SELECTION_SEED
+from validation.seeds import Seeds, judged
+
+
+def test_trains_from_every_seed_and_judges_each(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    options = "--device", "cpu", "--total-timesteps", "20000"
+    asked = Seeds("go-to-position", options, (3,), at_once=1, starts=4, flights=4, output=tmp_path)
+    assert asked.run() == 0
+    reached = tmp_path / "go-to-position-seed3" / "checkpoint.safetensors"
+    before = reached.read_bytes()
+    assert asked.run() == 0  # again: nothing is left to train
+    assert reached.read_bytes() == before
+    assert read_json(tmp_path / "go-to-position-seed3" / "config.json")["seed"] == 3
+    found = read_json(tmp_path / "go-to-position.json")
+    assert found["runs"] == {"go-to-position-seed3": judged(reached.parent, 4, 4)}
+    assert "go-to-position-seed3" in capsys.readouterr().out
+
+
+def test_a_training_that_fails_names_its_log(tmp_path: Path) -> None:
+    with pytest.raises(RansError, match=r"seed0 ended with 2: .*seed0\.log says why"):
+        Seeds("go-to-pose", ("--device", "nowhere"), (0,), output=tmp_path).run()
+    assert "nowhere" in (tmp_path / "go-to-pose-seed0.log").read_text()
+
+
+def test_judges_as_an_evaluation_does() -> None:
+    """Of the thrifty agent, which never arrives soon; "failed" is of other flights than the rest."""
+    found = judged(Path("rans/data/pretrained/go-to-pose-2d-thrifty"), 16, 16)[""]
+    metrics = rans.evaluate("go-to-pose-2d-thrifty", episodes=16, seed=SELECTION_SEED)
+    values = {row.name: row.value for row in metrics.rows}
+    assert found["impulse"] == pytest.approx(values["impulse"])
+    assert found["duty at rest"] == pytest.approx(values["duty at rest"])
+    assert 100.0 * found["error"] == pytest.approx(values["position error"])
