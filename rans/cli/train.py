@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from types import FrameType
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from tyro.conf import Positional, UseAppendAction, arg
@@ -252,8 +253,10 @@ class StopGently:
         for number, handler in self._before.items():
             signal.signal(number, handler)
 
-    def _ask(self, *_: object) -> None:
-        if self.asked:
-            raise KeyboardInterrupt
-        self.asked = True
-        signal.setitimer(signal.ITIMER_REAL, _GENTLE)
+    def _ask(self, number: int, frame: FrameType | None) -> None:
+        if not self.asked:
+            self.asked = True
+            signal.setitimer(signal.ITIMER_REAL, _GENTLE)
+            return
+        interrupt = self._before[signal.SIGINT]  # which knows where it has to wait
+        (interrupt if callable(interrupt) else signal.default_int_handler)(number, frame)
