@@ -24,7 +24,7 @@ help:
 	@echo "make demo    set everything up, then validate, train, evaluate, compare and report into a new"
 	@echo "             folder under runs/ (another one: RUN=folder; a shortened run: QUICK=1)"
 	@echo "make test    set everything up, then lint, types and tests"
-	@echo "make setup   install RANS into .venv (another Python: PYTHON=python3.13)"
+	@echo "make setup   install RANS into .venv (another Python: PYTHON=python3.12)"
 	@echo "make lint    ruff and pyright only"
 	@echo "make clean   remove what was built; runs/ stays"
 

@@ -173,9 +173,28 @@ class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
         return {name: float(x) for name, x in self.task.errors(now.state, now.goal).items()}
 
 
+def dense(given: Any) -> Any:
+    """A tensor of torch without gradients, as it lies in memory; anything else as it is.
+
+    Raises:
+        ConfigError: a tensor that is sparse, nested, quantized or without numbers.
+    """
+    if not hasattr(given, "detach"):
+        return given
+    kinds = {"nested": given.is_nested, "quantized": given.is_quantized, "meta": given.is_meta,
+             str(given.layout): str(given.layout) != "torch.strided"}
+    if odd := [kind for kind, true in kinds.items() if true]:
+        raise ConfigError(f"actions and masks of torch must be ordinary tensors, got a {odd[0]} one; "
+                          "to_dense() makes one of most others.")
+    return given.detach().resolve_conj().resolve_neg()
+
+
 def _numbers(action: Any) -> np.ndarray:
-    """Actions of NumPy or torch, here without gradients and in a dtype that NumPy knows."""
-    return np.asarray(action.detach().cpu().double() if hasattr(action, "detach") else action)
+    """Actions of NumPy or torch, in a dtype that NumPy knows."""
+    given = dense(action)
+    if given is action:
+        return np.asarray(action)
+    return given.cpu().numpy() if given.is_complex() else given.cpu().double().numpy()
 
 
 def _plain(episode: Episode) -> Episode:

@@ -22,7 +22,7 @@ _LONGEST = 20_000
 _FRAME = 3
 """Characters between two columns of a table."""
 _HEADING = 12
-"""Characters of a heading that is broken between words."""
+"""Characters of a heading that is broken between words, where its column is no wider."""
 
 
 class Terminal(Console):
@@ -49,8 +49,9 @@ class Terminal(Console):
         """
         kept, note = _texts(rows), ""
         if len(_fitting(columns, kept, self.width)) > 1:
-            columns = [columns[0], *(fill(name, _HEADING) for name in columns[1:])]
             kept, note = (kept, "") if shorter is None else (_texts(shorter), caption)
+            columns = [columns[0], *(fill(name, max(_HEADING, *(len(row[k]) for row in kept), 0))
+                                     for k, name in enumerate(columns[1:], 1))]
         groups = _fitting(columns, kept, self.width)
         for number, some in enumerate(groups):
             cells = [[row[0], *(row[k] for k in some)] for row in kept]

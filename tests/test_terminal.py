@@ -71,6 +71,17 @@ def test_a_table_that_fits_is_one_and_whole(capsys: pytest.CaptureFixture[str],
     assert "Shorter." not in text
 
 
+def test_a_heading_is_as_wide_as_its_column(capsys: pytest.CaptureFixture[str],
+                                            monkeypatch: pytest.MonkeyPatch) -> None:
+    """Above long cells it does not break, above short ones it does."""
+    monkeypatch.setenv("COLUMNS", "40")
+    Terminal().show("", ("", "first thing or second", "first thing or third"),
+                    [("a", "long words of one cell", "no"), ("b", "x", "-")])
+    headings = [line for line in capsys.readouterr().out.splitlines() if line.startswith("┃")]
+    assert [[cell.strip() for cell in line.strip("┃").split("┃")] for line in headings] == [
+        ["", "first thing or second"], ["", "first thing"], ["", "or third"]]
+
+
 def test_a_title_is_as_long_as_the_terminal_is_wide(capsys: pytest.CaptureFixture[str],
                                                     monkeypatch: pytest.MonkeyPatch) -> None:
     """Not as the table below it; what is longer breaks between words."""

@@ -13,6 +13,7 @@ import numpy as np
 from rans.model.body import Body
 from rans.model.dynamics import Wrench, advance, held, wrench
 from rans.model.fields import Vec2, Vec3
+from rans.model.random import generator
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.reference.flight import rows_from_states, states_from_rows
@@ -92,7 +93,7 @@ def disturbance_checks(craft: Spacecraft, seed: int, count: int) -> list[Check]:
     states, commands = random_states(craft.dimension, seed, count), gentle_commands(craft, seed, count)
     split = 2 if craft.dimension == 2 else 3
     scale = np.array([0.5] * split + [0.1] * (craft.degrees_of_freedom - split))
-    pushes = scale * np.random.default_rng(seed).uniform(-1, 1, (count, craft.degrees_of_freedom))
+    pushes = scale * generator(seed).uniform(-1, 1, (count, craft.degrees_of_freedom))
     force, torque = pushes[:, :split].T, pushes[:, split:].T
     acting = Wrench(Vec2(*force), torque[0]) if split == 2 else Wrench(Vec3(*force), Vec3(*torque))
     timing = Timing(substeps=VALIDATION_SUBSTEPS[craft.dimension])
@@ -149,6 +150,6 @@ def _wrenches(craft: Spacecraft, commands: np.ndarray) -> np.ndarray:
 
 def _commands(craft: Spacecraft, seed: int, count: int) -> np.ndarray:
     """Random commands (N, thrusters): on/off in the even rows, anywhere between in the odd ones."""
-    commands = np.random.default_rng(seed).random((count, len(craft.thrusters)))
+    commands = generator(seed).random((count, len(craft.thrusters)))
     commands[::2] = commands[::2] > 0.5
     return commands

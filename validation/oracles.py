@@ -20,6 +20,7 @@ from rans.flight import fly
 from rans.model.body import Body
 from rans.model.dynamics import PlanarState, SpatialState, Wrench, advance
 from rans.model.fields import Heading, Quat, Vec2, Vec3, map_leaves
+from rans.model.random import generator
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.reference.nozzles import told
@@ -43,7 +44,7 @@ def oracle_checks(craft: Spacecraft, seed: int, count: int) -> list[Check]:
 
 def _fresnel_checks(craft: Spacecraft, seed: int, count: int) -> list[Check]:
     """Random force and torque, spinning up by 0.2 to 2 rad/s^2, each constant in the body for 5 s."""
-    start, random = random_states(2, seed, count), np.random.default_rng(seed)
+    start, random = random_states(2, seed, count), generator(seed)
     body = Body.of(craft)
     spin_up = random.uniform(0.2, 2.0, count) * random.choice((-1.0, 1.0), count)
     push = random.uniform(-1.0, 1.0, count) + 1j * random.uniform(-1.0, 1.0, count)
@@ -90,7 +91,7 @@ def spinning_up(start: PlanarState, push: Any, spin_up: Any, duration: float) ->
 
 def _top_checks(craft: Spacecraft, seed: int, count: int) -> list[Check]:
     """Tumbling without torque, about skew axes, from spins in the plane of least and largest moment."""
-    random = np.random.default_rng(seed)
+    random = generator(seed)
     moments = np.linalg.eigvalsh(np.array(craft.inertia)) * _SPLIT
     axes = Rotation.from_rotvec([0.5, -0.8, 0.3]).as_matrix()
     inertia = axes @ np.diag(moments) @ axes.T

@@ -10,7 +10,7 @@ import numpy as np
 from rans.model.body import Body
 from rans.model.dynamics import AnyState, PlanarState, SpatialState, held
 from rans.model.fields import Heading, Quat, leaves, unflatten, wrap
-from rans.model.random import Random, seed_words
+from rans.model.random import Random, generator, seed_words
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.tasks.base import UNITS
@@ -42,7 +42,7 @@ def gentle_commands(craft: Spacecraft, seed: int, count: int) -> np.ndarray:
     All are scaled down for a spacecraft that would spin up faster than `_GENTLE`: the equations are
     linear in the torque, and step sizes are for spacecraft that tasks can be solved with.
     """
-    commands = np.random.default_rng(seed).random((count, len(craft.thrusters)))
+    commands = generator(seed).random((count, len(craft.thrusters)))
     commands[::2] = commands[::2] > 0.5
     size = craft.dimension
     moments = np.array([[craft.inertia[2][2]]]) if size == 2 else np.array(craft.inertia)
@@ -71,7 +71,7 @@ class Restless:
     name = "restless"
 
     def __init__(self, craft: Spacecraft, seed: int, share: float = 0.5) -> None:
-        self._random, self._share = np.random.default_rng(seed), share
+        self._random, self._share = generator(seed), share
         self._by_quarters = craft.actuators.is_continuous and share > 0.0
         columns, size = np.array(craft.wrench_map), craft.dimension
         moments = np.array([[craft.inertia[2][2]]]) if size == 2 else np.array(craft.inertia)

@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from types import FrameType
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from tyro.conf import Positional, UseAppendAction, arg
@@ -30,6 +31,9 @@ from rans.terminal import Terminal
 if TYPE_CHECKING:
     from rans.fast.learn.config import TrainConfig
     from rans.fast.learn.trainer import Trainer
+
+_GENTLE = 30.0
+"""Most seconds that an iteration may go on after Ctrl-C."""
 
 
 @dataclass(frozen=True)
@@ -232,19 +236,27 @@ def _keys(table: dict[str, Any], place: str = "") -> Iterator[str]:
 
 
 class StopGently:
-    """Within it Ctrl-C asks for a stop after this iteration; a second one interrupts at once."""
+    """Within it Ctrl-C asks for a stop after this iteration; a second one interrupts, as does a long wait.
+
+    What is lost then is the iteration: any that took longer than seconds left a checkpoint.
+    """
 
     asked = False
 
     def __enter__(self) -> StopGently:
-        self._before = {s: signal.signal(s, self._ask) for s in (signal.SIGINT, signal.SIGTERM)}
+        heard = signal.SIGINT, signal.SIGTERM, signal.SIGALRM
+        self._before = {number: signal.signal(number, self._ask) for number in heard}
         return self
 
     def __exit__(self, *_: object) -> None:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
         for number, handler in self._before.items():
             signal.signal(number, handler)
 
-    def _ask(self, *_: object) -> None:
-        if self.asked:
-            raise KeyboardInterrupt
-        self.asked = True
+    def _ask(self, number: int, frame: FrameType | None) -> None:
+        if not self.asked:
+            self.asked = True
+            signal.setitimer(signal.ITIMER_REAL, _GENTLE)
+            return
+        interrupt = self._before[signal.SIGINT]  # which knows where it has to wait
+        (interrupt if callable(interrupt) else signal.default_int_handler)(number, frame)

@@ -40,6 +40,12 @@ def seed_words(seed: int) -> tuple[int, int]:
     return low, high
 
 
+def generator(seed: int) -> np.random.Generator:
+    """NumPy's, of any seed that `seed_words` takes."""
+    seed_words(seed)
+    return np.random.default_rng(seed % 2**64)
+
+
 def hash4(a: Field, b: Field, c: Field, d: Field) -> tuple[Field, ...]:
     """Four random 32-bit words from four counters, each an int32 field with wrap-around arithmetic.
 

@@ -189,7 +189,8 @@ def _evidence(assurance: Assurance) -> Section:
     return Section("What it is of", (
         "SHA-256 of everything that decides how a flight ends. The same command on the same code counts the "
         "same flights."
-        + (f" assurance.json lists {listed:,} of {failed:,} failed flights by number." if failed else "")),
+        + (f" The JSON file beside it lists {listed:,} of {failed:,} failed flights by number."
+           if failed else "")),
         [Table(("what", "SHA-256"), rows)])
 
 

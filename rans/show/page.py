@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from numbers import Number
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,6 +26,11 @@ class Table:
     columns: Sequence[str]
     rows: Sequence[Sequence[Any]]
     caption: str = ""
+
+    def numeric(self, k: int) -> bool:
+        """Whether a column holds numbers, which stand right; a dash stands where its column does."""
+        return all(row[k] is None or (isinstance(row[k], Number) and not isinstance(row[k], bool))
+                   for row in self.rows) and bool(self.rows)
 
 
 @dataclass(frozen=True)

@@ -14,10 +14,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 from matplotlib.transforms import Bbox
 
-from rans.show.panels import GREY, INK, LINES, STYLE
+from rans.show.panels import BLUE, GREY, INK, LINES, STYLE
 
 _SVG, _LINK = "http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink"
-_DARK = {INK: "#e4e7eb", LINES: "#3a4552", GREY: "#a3afbd"}
+_DARK = {INK: "#e4e7eb", LINES: "#3a4552", GREY: "#a3afbd", BLUE: "#2a8fd6"}
 """Inks, and what they are where readers like dark pages."""
 _GROUND = ":root{color-scheme:light dark}"
 _PANEL = re.compile(r"panel((?: -?[\d.]+){4})")

@@ -119,7 +119,7 @@ def _encode(file: Path, size: tuple[int, int], ending: str, frames: Iterator[Ima
 
     logging.getLogger("imageio_ffmpeg").setLevel(logging.ERROR)
     writer = imageio_ffmpeg.write_frames(str(file), size, fps=_RATE[ending], macro_block_size=1,
-                                         **_ENCODER[ending])
+                                         ffmpeg_log_level="error", **_ENCODER[ending])
     with contextlib.closing(writer):  # also after Ctrl-C: FFmpeg ends, and the draft is removed
         writer.send(None)
         for frame in frames:

@@ -74,6 +74,7 @@ def test_interrupted_it_still_writes(tmp_path: Path, monkeypatch: pytest.MonkeyP
     (["lqr:go-to-pose-2d", "--output", "/dev/null/x"], "cannot write into /dev/null/x: Not a directory"),
     (["lqr:go-to-pose-2d", "--with", "lqr", "pid"], "no controller named 'pid'"),
     (["lqr:go-to-pose-2d", "--episodes", "0"], "--episodes must be >= 1 and < 2^31, got 0"),
+    (["lqr:go-to-pose-2d", "--seed", "18446744073709551616"], "rans: the seed must be a whole number"),
     (["lqr:go-to-pose-2d", "--front", "--positions", "1"], "--positions must be >= 2, the ends of the knob"),
     (["lqr:go-to-pose-2d", "--front", "--budget", "nan"], "--budget must be >= 0 s, got nan"),
 ])

@@ -5,6 +5,7 @@ import os
 import re
 import shlex
 import signal
+import time
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +14,8 @@ import stable_baselines3
 import torch
 from torch import Tensor
 
-from rans.cli import main
-from rans.cli.train import Train, compile_in_this_process
+from rans.cli import main, train
+from rans.cli.train import StopGently, Train, compile_in_this_process
 from rans.fast.learn.config import to_table
 from rans.fast.learn.run_folder import RunFolder, read_config
 from tests.fast.training import weights
@@ -195,6 +196,28 @@ def test_a_signal_stops_it_gently() -> None:
     config.write_text(config.read_text().replace("1000000000", str(steps + 128)))
     assert main(shlex.split(match[1])) == 0
     assert RunFolder(run).metrics()[-1]["steps"] == steps + 128
+
+
+def _iterate_for_ever() -> None:
+    with StopGently() as stop:
+        signal.raise_signal(signal.SIGINT)
+        assert stop.asked
+        for _ in range(1000):  # a signal just before a long sleep would wait for its end
+            time.sleep(PATIENCE / 1000)
+
+
+def test_an_iteration_that_does_not_end_is_interrupted(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(train, "_GENTLE", 0.05)
+    before = signal.getsignal(signal.SIGALRM)
+    with pytest.raises(KeyboardInterrupt):
+        _iterate_for_ever()
+    assert signal.getsignal(signal.SIGALRM) is before
+
+
+def test_one_that_ends_leaves_no_alarm() -> None:
+    with StopGently():
+        signal.raise_signal(signal.SIGTERM)
+    assert signal.getitimer(signal.ITIMER_REAL) == (0.0, 0.0)
 
 
 @pytest.mark.usefixtures("undrawn")

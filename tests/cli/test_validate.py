@@ -60,6 +60,10 @@ def test_restless_flights_of_valves_that_pulse(monkeypatch: pytest.MonkeyPatch) 
     assert not all(check.passed for check in LAYERS["flights"](scope) if isinstance(check, Check))
 
 
+def test_a_seed_below_zero_is_a_seed() -> None:
+    assert main(["validate", "--quick", "--layer", "commands", "--seed", "-1"]) == 0
+
+
 def test_an_unknown_layer_is_one_sentence(capsys) -> None:
     assert main(["validate", "--layer", "crust"]) == 2
     said = capsys.readouterr().err

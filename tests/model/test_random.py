@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from scipy import stats
 
-from rans.model.random import Random, seed_words
+from rans.errors import ConfigError
+from rans.model.random import Random, generator, seed_words
 
 FALSE_ALARM = 1e-6
 COUNT = 20_000
@@ -25,3 +27,13 @@ def test_spins_in_space_have_every_rate_and_axis() -> None:
     assert stats.kstest(rates, stats.uniform(0.0, 0.7).cdf).pvalue > FALSE_ALARM
     for component in spins / rates:  # of a point on the sphere: uniform, after Archimedes
         assert stats.kstest(component, stats.uniform(-1.0, 2.0).cdf).pvalue > FALSE_ALARM
+
+
+def test_generators_take_every_seed_that_scenarios_take() -> None:
+    drawn = {seed: tuple(generator(seed).integers(2**32, size=4)) for seed in (-(2**63), -1, 0, 1, 2**64 - 1)}
+    assert drawn[0] == tuple(np.random.default_rng(0).integers(2**32, size=4))
+    assert drawn[-1] == drawn[2**64 - 1]  # the same 64 bits
+    assert len(set(drawn.values())) == 4
+    for wrong in (2**64, -(2**63) - 1, 1.0):
+        with pytest.raises(ConfigError, match="the seed must be a whole number of at most 64 bits"):
+            generator(wrong)  # type: ignore[arg-type]

@@ -43,6 +43,12 @@ def test_headings_are_headings_and_numbers_stand_right() -> None:
     assert '<td>a</td><td class="number">1.5</td>' in html
 
 
+def test_a_dash_stands_where_its_column_does() -> None:
+    table = Table(("text", "number", "nothing"), [("1 of 2", 1.5, None), (None, None, None), ("a", 2, None)])
+    assert [table.numeric(k) for k in range(3)] == [False, True, True]
+    assert "<td>–</td><td class=\"number\">–</td>" in Page("x", [Section("s", tables=[table])]).html()  # noqa: RUF001
+
+
 def test_numbers_as_texts() -> None:
     assert [show(x) for x in (1234.5678, float("inf"), None, "text", 7)] == [
         "1235", "never", "–", "text", "7"]  # noqa: RUF001

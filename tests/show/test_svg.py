@@ -54,6 +54,7 @@ def test_dark_pages_have_light_inks_and_no_ground() -> None:
     assert rule is not None
     assert '[style*="fill: #1f2933"]{fill:#e4e7eb!important}' in rule[1]
     assert 'style="fill: #1f2933"' in text  # there is something that it applies to
+    assert '[style*="stroke: #0072b2"]{stroke:#2a8fd6!important' in rule[1]  # thin lines of it are dim there
     assert "fill: #ffffff" not in text
     assert text.count("prefers-color-scheme") == 1
     assert all("prefers-color-scheme" in panel for panel in panels(text))

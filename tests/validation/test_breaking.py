@@ -28,7 +28,7 @@ from validation.breaking.__main__ import Breaking, Tally
 from validation.breaking.cases import file_case, folder_case, line_case, tiny, trained, under
 from validation.breaking.damage import damaged_bytes, damaged_text
 from validation.breaking.steps import extreme
-from validation.breaking.trial import Outcome, ran
+from validation.breaking.trial import Outcome, apart, ran
 
 
 def test_tiny(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -95,10 +95,52 @@ def test_every_way_to_end_is_seen(name: str, tmp_path: Path, monkeypatch: pytest
     assert (found.ended, found.faults) == (ending, faults)
 
 
+@pytest.mark.parametrize("line", ["list", "evaluate nobody", "train --seed x", "list --help", "report x/y"])
+def test_a_fork_says_what_a_process_started_from_nothing_says(line: str, tmp_path: Path) -> None:
+    command = line.split()
+    fork, fresh = (ran(command, tmp_path, fresh=how) for how in (None, ""))
+    assert (fork.ended, fork.out, fork.err) == (fresh.ended, fresh.out, fresh.err)
+    assert fork.out + fork.err
+    assert (fork.fresh, fresh.fresh) == (False, True)
+
+
+def test_limits_and_what_is_asked_for_reach_a_process_started_from_nothing(tmp_path: Path) -> None:
+    seen = ("import os, resource, sys; print(os.getcwd(), resource.getrlimit(resource.RLIMIT_AS)[0], "
+            "sys.stdin.read(), 'torch' in sys.modules, sys.argv[1:])")
+    told = ran(("list", "--json"), tmp_path, fresh=seen)
+    assert told.out.startswith(f"{tmp_path} {8 * 2**30}  False ['list', '--json']\n{{")
+    assert told.ended == "done"
+    assert ran(("list",), tmp_path, fresh="raise SystemExit(7)").ended == "died"
+
+
+def test_one_started_from_nothing_that_hangs_is_seen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(trial, "LEAVE", 0.3)
+    deaf = "import signal, time; signal.signal(2, signal.SIG_IGN); time.sleep(60)"
+    assert ran(("list",), tmp_path, patience=1.0, fresh=deaf).ended == "hang"
+
+
+def test_what_this_process_lets_another_do_leaves_nothing_here() -> None:
+    apart(os.environ.__setitem__, "RANS_LEFT", "1")
+    assert "RANS_LEFT" not in os.environ
+    with pytest.raises(AssertionError, match="ended with 7"):
+        apart(sys.exit, 7)
+
+
+def test_a_share_is_started_from_nothing(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    def noted(command: tuple[str, ...], *_: Any, fresh: str | None) -> Outcome:
+        return Outcome(command, "done", 0.0, "", "", fresh is not None)
+
+    monkeypatch.setattr(campaign, "ran", noted)
+    for share, least, most in ((0.0, 0, 0), (0.2, 4, 16), (1.0, 40, 40)):
+        trial = Breaking(fresh=share)._trial("files", tmp_path)
+        found = [trial(number, _new(tmp_path / f"{share}-{number}"))[0][0].fresh for number in range(40)]
+        assert least <= sum(found) <= most
+
+
 def test_a_fault_fails_and_is_told(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
                                    tmp_path: Path) -> None:
     broken = Outcome(("list", "odd.toml"), "traceback", 0.1, "", "Traceback")
-    monkeypatch.setattr(campaign, "ran", lambda *_: broken)
+    monkeypatch.setattr(campaign, "ran", lambda *_, **__: broken)
     assert Breaking(files=1, lines=0, folders=0, kills=0, disks=0, steps=0).run() == 1
     assert "files:0 traceback: list odd.toml" in capsys.readouterr().err
     tally = Tally()
@@ -154,7 +196,8 @@ def test_commands_that_take_conditions_get_them() -> None:
 
 
 def test_trainings_take_place_under_them(tmp_path: Path) -> None:
-    one = trained(tmp_path / "one", tiny("harsh"))
+    one = tmp_path / "one"
+    trained(one, tiny("harsh"))
     assert read_config(one / "config.json").conditions == load_conditions("harsh")
     assert read_config(one / "config.json").ppo.privileged_critic
 

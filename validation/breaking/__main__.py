@@ -2,7 +2,7 @@
 
 Every case follows from its number. Demanded: no traceback, no hang, no number that is silently none, and
 agents that were killed or ran out of disk end bit for bit as those that were not. One case again, with what
-it says: ``--only files:137``.
+it says: ``--only files:137``. Most processes are forks: what those cannot find, `trial` says.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _MANY = 10
 """More cases than this, and what most commands load is loaded once, before."""
 _HEAVY = ("pydrake.multibody.plant", "rans.evaluation.compare.run", "rans.evaluation.fly.judge",
           "rans.show.report", "rans.show.view", "rans.deploy.export", "rans.optimal.control.lqr",
-          "rans.reference.plant")
+          "rans.reference.plant", "scipy.optimize", "matplotlib.backends.backend_svg")
 Trial = Callable[[int, Path], tuple[list[Outcome], list[str]]]
 """A case of a number, in an empty folder, to outcomes and what else is wrong."""
 _KINDS = "files", "lines", "folders", "kills", "disks"
@@ -46,6 +46,8 @@ class Tally:
     """What was tried of one kind, and what came of it."""
 
     tried: int = 0
+    fresh: int = 0
+    """Commands whose processes were started from nothing."""
     endings: dict[str, int] = field(default_factory=dict)
     faults: list[dict[str, Any]] = field(default_factory=list)
     seconds: float = 0.0
@@ -54,6 +56,7 @@ class Tally:
         """One case."""
         self.tried += 1
         for one in outcomes:
+            self.fresh += one.fresh
             self.endings[one.ended] = self.endings.get(one.ended, 0) + 1
         self.faults += [
             {"case": number, "command": list(one.command), "fault": fault, "said": one.err[-2000:]}
@@ -83,6 +86,8 @@ class Breaking:
     """Names of conditions ("" for none): every case that can flies and trains under one of them."""
     first: int = 0
     """Number of the first case of each kind."""
+    fresh: float = 0.2
+    """Share of cases whose commands are started from nothing, not forked: of kills and disks all are."""
     only: str = ""
     """KIND:NUMBER of the one case to run, and to tell all about."""
     patience: float = 20.0
@@ -94,7 +99,8 @@ class Breaking:
         """Print the table; 0 if nothing broke."""
         torch.set_num_threads(1)
         if self.files + self.lines + self.folders > _MANY:
-            for name in _HEAVY:
+            commands = importlib.import_module("rans.cli").COMMANDS  # from above, as in `cases`
+            for name in (*_HEAVY, *(f"rans.cli.{one}" for one in commands)):
                 importlib.import_module(name)
         kind, _, number = self.only.partition(":")
         with tempfile.TemporaryDirectory() as place:
@@ -150,7 +156,8 @@ class Breaking:
         def commands(number: int, case: Path) -> tuple[list[Outcome], list[str]]:
             world = _world(number, worlds)
             asked = under(world, prepares[world](number, case))
-            return [ran(one, case, self.patience) for one in asked], []
+            fresh = "" if random.Random(f"fresh {number}").random() < self.fresh else None
+            return [ran(one, case, self.patience, fresh=fresh) for one in asked], []
 
         return commands
 

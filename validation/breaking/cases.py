@@ -21,7 +21,7 @@ from rans.model.timing import Timing
 from rans.pretrained import pretrained_names
 from rans.tasks import TASKS, GoToPose
 from validation.breaking.damage import damaged_bytes, damaged_text
-from validation.breaking.trial import Command
+from validation.breaking.trial import Command, apart
 
 TINY = TrainConfig("go-to-pose", GoToPose(), "floating-platform",
                    PPOSettings(n_envs=16, n_steps=8, batch_size=64, n_epochs=2, layers=(16, 16)),
@@ -52,13 +52,12 @@ def under(conditions: str, commands: Sequence[Command]) -> Sequence[Command]:
     return [changed(words) for words in commands] if conditions else commands
 
 
-def trained(folder: Path, config: TrainConfig = TINY) -> Path:
-    """A run folder after a short training that was stopped before its end."""
+def trained(folder: Path, config: TrainConfig = TINY) -> None:
+    """Make a run folder by a short training that is stopped before its end."""
     run = RunFolder(folder)
     run.begin(config, "rans train")
     asked = iter(range(10**9))
     Trainer([config], run.spacecraft(), run).train(lambda _: None, lambda: next(asked) >= 3)
-    return folder
 
 
 def _shipped(kind: str) -> list[str]:
@@ -225,4 +224,7 @@ def runs_to_damage(folder: Path, conditions: str = "") -> list[Path]:
     """A run in the plane, and one in space with a memory."""
     plane = tiny(conditions)
     space = dataclasses.replace(plane, spacecraft="free-flyer", ppo=plane.ppo if conditions else _HISTORY)
-    return [trained(folder / "plane", plane), trained(folder / "space", space)]
+    runs = {folder / "plane": plane, folder / "space": space}
+    for run, config in runs.items():
+        apart(trained, run, config)
+    return list(runs)

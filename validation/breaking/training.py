@@ -14,15 +14,16 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from rans.fast.learn import trainer
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.saved import AGENT
 from validation.breaking.cases import tiny
 from validation.breaking.trial import Limit, Outcome, ran
 
-_STEPS = 32 * 128
+_STEPS = 64 * 128
 """Long enough for many moments, short enough for many trainings."""
 _PATIENCE = 120.0
+_OFTEN = "from rans.fast.learn import trainer; trainer._CHECKPOINT_SECONDS = 0.0"
+"""Checkpoints after every iteration, so that there is much to be killed in."""
 
 
 @dataclass(frozen=True)
@@ -44,11 +45,6 @@ class Left(NamedTuple):
     """Of metrics."""
 
 
-def often() -> None:
-    """In the child: checkpoints after every iteration, so that there is much to be killed in."""
-    trainer._CHECKPOINT_SECONDS = 0.0
-
-
 def whole(folder: Path, conditions: str = "") -> Left:
     """What a training that nothing happens to leaves."""
     outcome = _train(folder, "whole", conditions)
@@ -56,12 +52,12 @@ def whole(folder: Path, conditions: str = "") -> Left:
     return left(folder / "whole")
 
 
-def _train(folder: Path, name: str, conditions: str = "", limit: Limit = often,
+def _train(folder: Path, name: str, conditions: str = "", limit: Limit = lambda: None,
            kill_after: float | None = None) -> Outcome:
     """One go at the training in a run folder, begun or continued."""
     if not (folder / name / "config.json").exists():
         RunFolder(folder / name).begin(replace(tiny(conditions), total_timesteps=_STEPS), "rans train")
-    return ran(("train", "--resume", name), folder, _PATIENCE, limit, kill_after)
+    return ran(("train", "--resume", name), folder, _PATIENCE, limit, kill_after, _OFTEN)
 
 
 def left(run: Path) -> Left:
@@ -114,7 +110,7 @@ def _small(folder: Path, kilobytes: int) -> Iterator[tuple[Path, Limit]]:
     mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", size, "tmpfs", str(folder)], capture_output=True,
                              check=False).returncode == 0
     try:
-        yield folder, often if mounted else lambda: _bounded(1024 * kilobytes)
+        yield folder, (lambda: None) if mounted else lambda: _bounded(1024 * kilobytes)
     finally:
         if mounted:
             # Lazily: what was killed a moment ago may still be leaving.
@@ -123,5 +119,4 @@ def _small(folder: Path, kilobytes: int) -> Iterator[tuple[Path, Limit]]:
 
 def _bounded(most: int) -> None:
     """No file longer than that; what asks for more fails as on a full disk."""
-    often()
     resource.setrlimit(resource.RLIMIT_FSIZE, (most, most))

@@ -1,7 +1,16 @@
-"""One command in a process of its own, and whether it ended as a command should."""
+"""One command in a process of its own, and whether it ended as a command should.
+
+Most are forks of the campaign, which has loaded what they need and run nothing: they have arguments, folder,
+output, limits and signals of their own, and spare the second of loading. A fork cannot find what goes wrong
+while modules are loaded, with several threads of torch before a command has set their number, with another
+order of sets (Python draws one for each process), with output that is not UTF-8, on the way out of the
+process (`rans_command.run`), or in the seconds that a command says it took. Processes started from nothing
+can: a share of all cases, and every training that is killed or runs out of disk.
+"""
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import resource
 import signal
@@ -13,6 +22,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import rans_command
 from rans_command import main
 
 _MEMORY = 8 * 2**30
@@ -21,6 +31,8 @@ _LONGEST = 30_000
 """Characters of an error: more is no sentence."""
 LEAVE = 90.0
 """Time to end after Ctrl-C, s: processes beside the command finish the job that they are at."""
+_START = "import sys, rans_command; sys.argv[0] = 'rans'; rans_command.run()"
+"""What the installed command does."""
 _CODES = {0: "done", 1: "failed", 2: "refused", 130: "interrupted", -signal.SIGINT: "interrupted"}
 
 Command = Sequence[str]
@@ -38,6 +50,8 @@ class Outcome:
     seconds: float
     out: str
     err: str
+    fresh: bool = False
+    """Whether its process was started from nothing."""
 
     @property
     def faults(self) -> list[str]:
@@ -53,8 +67,8 @@ class Outcome:
 
 
 def ran(command: Command, folder: Path, patience: float = 20.0, limit: Limit = lambda: None,
-        kill_after: float | None = None) -> Outcome:
-    """Run a command in a folder.
+        kill_after: float | None = None, fresh: str | None = None) -> Outcome:
+    """Run a command in a folder, in a fork or, after the Python source ``fresh``, started from nothing.
 
     After so much patience, s, it hears Ctrl-C, as from somebody who has seen enough; one that has not ended
     `LEAVE` later hangs. With ``kill_after`` it is killed (SIGKILL) after so many seconds instead.
@@ -64,7 +78,7 @@ def ran(command: Command, folder: Path, patience: float = 20.0, limit: Limit = l
     with warnings.catch_warnings(action="ignore"):  # Python 3.12 warns of threads beside a fork
         child = os.fork()
     if child == 0:
-        _child(command, folder, out, err, limit)
+        _child(command, folder, out, err, limit, fresh)
     ended = _waited(child, patience if kill_after is None else kill_after)
     if ended is None and kill_after is None:
         _signal(child, signal.SIGINT)
@@ -76,7 +90,16 @@ def ran(command: Command, folder: Path, patience: float = 20.0, limit: Limit = l
         ended = os.waitstatus_to_exitcode(status)
     said, wrong = (file.read_text("utf-8", "replace") if file.exists() else "" for file in (out, err))
     name = _named(ended, hung and kill_after is None, wrong)
-    return Outcome(command, name, time.monotonic() - started, said, wrong)
+    return Outcome(command, name, time.monotonic() - started, said, wrong, fresh is not None)
+
+
+def apart(function: Callable[..., object], *arguments: object) -> None:
+    """Call a function in a fork, so that this process has done nothing that later ones would inherit."""
+    process = multiprocessing.get_context("fork").Process(target=function, args=arguments)
+    with warnings.catch_warnings(action="ignore"):
+        process.start()
+    process.join()
+    assert process.exitcode == 0, f"{function.__name__} ended with {process.exitcode}"
 
 
 def _named(code: int, hung: bool, err: str) -> str:
@@ -87,11 +110,12 @@ def _named(code: int, hung: bool, err: str) -> str:
     return _CODES.get(code, "died")
 
 
-def _child(command: Command, folder: Path, out: Path, err: Path, limit: Limit) -> None:
+def _child(command: Command, folder: Path, out: Path, err: Path, limit: Limit, fresh: str | None) -> None:
     """Never returns."""
     code = 70
     try:
         os.setsid()
+        os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
         for number, file in ((1, out), (2, err)):
             os.dup2(os.open(file, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), number)
         sys.stdout, sys.stderr = (os.fdopen(number, "w", encoding="utf-8") for number in (1, 2))
@@ -99,6 +123,8 @@ def _child(command: Command, folder: Path, out: Path, err: Path, limit: Limit) -
         signal.signal(signal.SIGINT, signal.default_int_handler)
         resource.setrlimit(resource.RLIMIT_AS, (_MEMORY, _MEMORY))
         limit()
+        if fresh is not None:
+            _start(command, fresh)
         sys.argv = ["rans", *command]
         code = main()
     except SystemExit as end:  # of a command line that is none
@@ -111,6 +137,16 @@ def _child(command: Command, folder: Path, out: Path, err: Path, limit: Limit) -
             sys.stderr.flush()
         finally:  # where nothing can be written either: this process must not go on as its parent
             os._exit(code)
+
+
+def _start(command: Command, before: str) -> None:
+    """Become a process that has loaded nothing yet, and looks for modules where this one found the command.
+
+    What limits this one limits that one too.
+    """
+    places = [str(Path(rans_command.__file__).parent), *filter(None, [os.environ.get("PYTHONPATH")])]
+    os.execve(sys.executable, [sys.executable, "-P", "-c", f"{before}\n{_START}", *command],
+              os.environ | {"PYTHONPATH": os.pathsep.join(places)})
 
 
 def _waited(child: int, seconds: float) -> int | None:

@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from rans.model.random import generator
+
 Score = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """Of standard normal numbers (D, N) and numbers (N,) int32 of episodes: (N,), from 1 on an event happens."""
 
@@ -87,7 +89,7 @@ class Rare:
 
 def rare(score: Score, dimensions: int, count: int, seed: int) -> Rare:
     """The probability of an event by a sample of so many, and a tenth as many in each round before it."""
-    random = np.random.default_rng(seed)
+    random = generator(seed)
     tilt, learning = learnt(score, dimensions, max(_FEWEST, count // 10), random)
     return estimated(score, tilt, count, learning, random)
 

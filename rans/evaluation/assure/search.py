@@ -21,6 +21,7 @@ from rans.fast.learn.network import Network
 from rans.fast.verdicts import Failure
 from rans.flight import Controller, Flight
 from rans.model.conditions import BodyConditions, Conditions, ThrusterConditions
+from rans.model.random import generator
 
 _LARGEST = 2.0
 """Size up to which it is looked for."""
@@ -125,7 +126,7 @@ def searched(world: str, conditions: Conditions, controller: Controller, network
     chances = Chances.of(setup._replace(conditions=sized(conditions)))
     device = next(iter(network.tensors.values())).device
     score, largest = chances.scores(network, device), min(_LARGEST, room(conditions))
-    found = smallest(score, len(chances.places), largest, np.random.default_rng(seed), told)
+    found = smallest(score, len(chances.places), largest, generator(seed), told)
     return Searched(world, largest, _ROUNDS * _COUNT, len(found),
                     _confirmed(chances, conditions, controller, found[:_CANDIDATES]))
 

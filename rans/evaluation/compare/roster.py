@@ -18,6 +18,7 @@ from rans.evaluation.fly.tuned import tuned
 from rans.fast.learn.run_folder import RunFolder
 from rans.files import read_json
 from rans.model.conditions import Conditions
+from rans.model.random import seed_words
 from rans.pretrained import pretrained_folder
 from rans.scenario import EVALUATION_SEED
 from rans.tasks.go_to_pose_priced import Positions
@@ -35,6 +36,7 @@ def contest_of(spec: str, episodes: int, seed: int = EVALUATION_SEED, engine: En
     """
     if episodes < 1:
         raise ConfigError(f"--episodes must be at least 1, got {episodes}.")
+    seed_words(seed)  # which refuses a wrong one: else every contestant would
     run = _single(spec, contestant(spec)).under(conditions)
     craft, task, timing, world = run.judged
     return Contest(craft, task, timing, seed, episodes, engine, world)

@@ -7,6 +7,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from rans.environment import dense
 from rans.errors import ConfigError
 from rans.fast.engine import Engine
 from rans.files import first_line
@@ -32,7 +33,7 @@ class Actions:
             ConfigError: they have another shape or kind, or the craft's actuators cannot follow them.
         """
         try:
-            given = torch.as_tensor(actions, device=self._engine.device).detach()
+            given = torch.as_tensor(dense(actions), device=self._engine.device)
         except (TypeError, ValueError, RuntimeError) as error:
             raise ConfigError(f"actions must be numbers, got {type(actions).__name__}: {first_line(error)}."
                               ) from error

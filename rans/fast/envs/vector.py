@@ -16,7 +16,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from torch import Tensor
 
-from rans.environment import action_space, checked_render_mode, choose, observation_space
+from rans.environment import action_space, checked_render_mode, choose, dense, observation_space
 from rans.errors import ConfigError, brief, checked
 from rans.fast.engine import Engine
 from rans.fast.envs.actions import Actions
@@ -188,7 +188,7 @@ class SpacecraftVectorEnv(VectorEnv[Tensor, Tensor, Tensor]):
             raise ConfigError('the option "reset_mask" of reset is for AutoresetMode.DISABLED, after a first '
                               "reset and without a seed.")
         try:
-            mask = torch.as_tensor(options["reset_mask"], device=self.device)
+            mask = torch.as_tensor(dense(options["reset_mask"]), device=self.device)
         except (TypeError, ValueError, RuntimeError) as error:
             raise ConfigError(f"reset_mask must be {self.num_envs} of True and False, got "
                               f"{brief(options['reset_mask'])}.") from error
