@@ -50,10 +50,14 @@ def main(arguments: list[str] | None = None) -> int:
     except OverflowError as error:
         return _end(f"rans: a number is too large to compute with: {error}.", 2)
     except (MemoryError, RuntimeError) as error:  # torch has its own for a GPU, and a sentence for a CPU
-        if not (isinstance(error, MemoryError) or type(error).__name__ == "OutOfMemoryError"
+        name, line = type(error).__name__, first_line(error)
+        if (isinstance(error, MemoryError) or name == "OutOfMemoryError"
                 or "DefaultCPUAllocator: can't allocate memory" in str(error)):
-            raise
-        return _end(f"rans: out of memory, fewer at once may do: {first_line(error)}.", 2)
+            return _end(f"rans: out of memory, fewer at once may do: {line}.", 2)
+        if name == "InductorError" and line.startswith("ImportError: "):
+            return _end(f"rans: torch's compiler cannot load what it has kept: {line}. The usual cause is a "
+                        "process that writes it, or was ended as it did: try again, or delete that file.", 2)
+        raise
 
 
 def check_count(option: str, value: int | None) -> None:

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import pytest
 import torch
+from torch._inductor.exc import InductorError
 
 from rans import cli
 from rans.cli import COMMANDS, main
@@ -155,6 +156,9 @@ def test_a_misspelt_option_is_told_the_near_ones(capsys: pytest.CaptureFixture[s
     (ConfigError("\x1b[31m" + "x" * 10**7), 2,
      "rans: \\x1b[31m" + "x" * (2000 - 11) + " ... (10,000,011 characters)\n"),
     (MemoryError("no 373 GiB"), 2, "rans: out of memory, fewer at once may do: no 373 GiB.\n"),
+    (InductorError(ImportError("kept/c.main.so: file too short"), None), 2,
+     "rans: torch's compiler cannot load what it has kept: ImportError: kept/c.main.so: file too short. The "
+     "usual cause is a process that writes it, or was ended as it did: try again, or delete that file.\n"),
     (KeyboardInterrupt(), 130, "\nrans: interrupted; what was written is kept.\n"),
 ])
 def test_ends_with_a_sentence(error: BaseException, code: int, said: str, monkeypatch: pytest.MonkeyPatch,
