@@ -45,7 +45,7 @@ def test_platform_has_tuned_opponents() -> None:
 def test_does_not_fit_another_setup(change: dict[str, object]) -> None:
     assert tuned("switching", SETUP) is not None
     assert tuned("switching", SETUP._replace(**change)) is None
-    assert tuned("mpc", SETUP) is None
+    assert tuned("mpc-observer", SETUP) is None
 
 
 def test_fits_other_starts_and_lengths() -> None:
