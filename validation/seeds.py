@@ -126,9 +126,12 @@ def _judged(spec: str, starts: int, flights: int) -> dict[str, float]:
 
 
 def _on_gpu(number: int) -> dict[str, str]:
-    """The environment of one training: of several GPUs it sees one."""
+    """The environment of one training: of the GPUs that this process sees it sees one."""
     count = torch.cuda.device_count()
-    return os.environ | ({"CUDA_VISIBLE_DEVICES": str(number % count)} if count > 1 else {})
+    if count < 2:
+        return dict(os.environ)
+    seen = os.environ.get("CUDA_VISIBLE_DEVICES", ",".join(map(str, range(count)))).split(",")
+    return os.environ | {"CUDA_VISIBLE_DEVICES": seen[number % count]}
 
 
 if __name__ == "__main__":

@@ -10,21 +10,32 @@ import rans
 from rans.errors import RansError
 from rans.files import read_json
 from rans.scenario import SELECTION_SEED
-from validation.seeds import Seeds, judged
+from validation.seeds import Seeds, _on_gpu, judged
 
 
 def test_trains_from_every_seed_and_judges_each(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     options = "--device", "cpu", "--total-timesteps", "20000"
     asked = Seeds("go-to-position", options, (3,), at_once=1, starts=4, flights=4, output=tmp_path)
     assert asked.run() == 0
-    reached = tmp_path / "go-to-position-seed3" / "checkpoint.safetensors"
-    before = reached.read_bytes()
+    told = tmp_path / "go-to-position-seed3" / "metrics.jsonl"
+    before = told.read_bytes()
     assert asked.run() == 0  # again: nothing is left to train
-    assert reached.read_bytes() == before
+    assert told.read_bytes() == before
     assert read_json(tmp_path / "go-to-position-seed3" / "config.json")["seed"] == 3
     found = read_json(tmp_path / "go-to-position.json")
-    assert found["runs"] == {"go-to-position-seed3": judged(reached.parent, 4, 4)}
+    assert found["runs"] == {"go-to-position-seed3": judged(told.parent, 4, 4)}
     assert "go-to-position-seed3" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(("given", "count", "shown"), [
+    (None, 2, ["0", "1", "0"]), ("5,7", 2, ["5", "7", "5"]), ("3", 1, ["3"] * 3), (None, 0, [None] * 3)])
+def test_trainings_take_the_gpus_by_turns(given: str | None, count: int, shown: list[str | None],
+                                          monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("CUDA_VISIBLE_DEVICES", raising=False)
+    if given is not None:
+        monkeypatch.setenv("CUDA_VISIBLE_DEVICES", given)
+    monkeypatch.setattr("torch.cuda.device_count", lambda: count)
+    assert [_on_gpu(number).get("CUDA_VISIBLE_DEVICES") for number in range(3)] == shown
 
 
 def test_a_training_that_fails_names_its_log(tmp_path: Path) -> None:

@@ -68,7 +68,7 @@ def test_what_everybody_knows_and_cost(contest: Contest) -> None:
     assert (idle.knows, idle.tuning) == ("observation", "not known")
     beside = simple_controller("mpc", contest)
     assert (beside.name, beside.knows) == ("MPC", "state, exact model")
-    assert beside.tuning == "none: default settings"
+    assert beside.tuning == "tuned: 16 settings on 256 starts"
 
 
 def test_the_cost_of_an_agent_is_that_on_its_card(contest: Contest, monkeypatch: pytest.MonkeyPatch,
