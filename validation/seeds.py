@@ -19,7 +19,7 @@ import numpy as np
 import torch
 from tyro.conf import Positional
 
-from rans.errors import RansError
+from rans.errors import ConfigError, RansError
 from rans.evaluation.compare.contest import Contest, Contestant, Entry
 from rans.evaluation.fly.agent import Agent
 from rans.evaluation.fly.contestants import contestant, judged_separately
@@ -58,8 +58,13 @@ class Seeds:
         """Train, judge, print and write.
 
         Raises:
+            ConfigError: there is nothing to train, or nothing to judge by.
             RansError: a training ended otherwise than it should; its log is named.
         """
+        if not self.seeds or min(self.at_once, self.starts, self.flights) < 1:
+            raise ConfigError("--seeds must name at least one, and --at-once, --starts and --flights must be "
+                              f">= 1, got {len(self.seeds)} seeds, {self.at_once}, {self.starts} and "
+                              f"{self.flights}.")
         self.output.mkdir(parents=True, exist_ok=True)
         with ThreadPoolExecutor(self.at_once) as pool:
             runs = list(pool.map(self._trained, range(len(self.seeds)), self.seeds))

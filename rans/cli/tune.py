@@ -20,6 +20,7 @@ class Tune:
 
     Each flies from the same starts of a seed that no report uses. The result is used by every command that
     flies this controller with this spacecraft, task and rate from here on, if it is run in the same folder.
+    Ctrl-C ends the search with the best so far.
     """
 
     controller: Annotated[str, Positional, arg(metavar="CONTROLLER")]

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 import rans
-from rans.errors import RansError
+from rans.errors import ConfigError, RansError
 from rans.files import read_json
 from rans.scenario import SELECTION_SEED
 from validation.seeds import Seeds, _on_gpu, judged
@@ -42,6 +43,13 @@ def test_a_training_that_fails_names_its_log(tmp_path: Path) -> None:
     with pytest.raises(RansError, match=r"seed0 ended with 2: .*seed0\.log says why"):
         Seeds("go-to-pose", ("--device", "nowhere"), (0,), output=tmp_path).run()
     assert "nowhere" in (tmp_path / "go-to-pose-seed0.log").read_text()
+
+
+@pytest.mark.parametrize("wrong", [{"seeds": ()}, {"at_once": 0}, {"starts": 0}, {"flights": -1}])
+def test_refuses_to_do_nothing(wrong: dict[str, Any], tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="must name at least one"):
+        Seeds("go-to-pose", output=tmp_path / "new", **wrong).run()
+    assert not (tmp_path / "new").exists()
 
 
 def test_judges_as_an_evaluation_does() -> None:
