@@ -101,13 +101,15 @@ def leaves(tree: Any) -> tuple[Field, ...]:
 
 
 def _gather(tree: Any, found: list[Field]) -> None:
+    if tree is None:
+        return
     if isinstance(tree, tuple):
         for branch in tree:
             _gather(branch, found)
     elif hasattr(type(tree), "__match_args__"):  # a dataclass: `dataclasses.fields` takes twice as long
         for name in type(tree).__match_args__:
             _gather(getattr(tree, name), found)
-    elif tree is not None:
+    else:
         found.append(tree)
 
 

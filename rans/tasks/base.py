@@ -5,7 +5,7 @@ from __future__ import annotations
 import operator
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import reduce
 from typing import ClassVar
 
@@ -115,8 +115,8 @@ class SingleTask(Prices, Task):
 
     def tolerances(self) -> dict[str, float]:
         """The settings named after a quantity, such as "position_tolerance"."""
-        return {name.removesuffix("_tolerance"): value for name, value in vars(self).items()
-                if name.endswith("_tolerance")}
+        return {one.name.removesuffix("_tolerance"): getattr(self, one.name) for one in fields(self)
+                if one.name.endswith("_tolerance")}
 
 
 def sight(task: Task, state: State, goal: State) -> Sight:
