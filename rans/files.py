@@ -213,7 +213,7 @@ def environment() -> dict[str, str]:
     torch = sys.modules.get("torch")  # for those who have loaded it
     gpu = torch.cuda.get_device_name() if torch is not None and torch.cuda.is_available() else "none"
     system = f"{platform.system()} {platform.machine()}"
-    return {**{name: _version(name) for name in _PACKAGES}, "revision": git_revision(),
+    return {**{name: package_version(name) for name in _PACKAGES}, "revision": git_revision(),
             "python": platform.python_version(), "system": system, "processor": _processor(),
             "cores": str(os.cpu_count()), "gpu": gpu}
 
@@ -233,7 +233,8 @@ def git_revision() -> str:
     return result.stdout.strip() or "unknown"
 
 
-def _version(package: str) -> str:
+def package_version(package: str) -> str:
+    """Of what is installed; who runs a copy of the sources may not have installed `rans` itself."""
     try:
         return version(package)
     except PackageNotFoundError:

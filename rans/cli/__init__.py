@@ -72,9 +72,9 @@ def check_count(option: str, value: int | None) -> None:
 
 def _run(arguments: list[str]) -> int:
     if arguments == ["--version"]:
-        from importlib.metadata import version
+        from rans.files import package_version
 
-        print(f"rans {version('rans')}")
+        print(f"rans {package_version('rans')}")
         return 0
     for word in arguments:
         if any(unicodedata.category(c) == "Cc" and c not in "\n\t" for c in word):  # which tyro would repeat

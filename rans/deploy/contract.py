@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import math
 from dataclasses import replace
-from importlib.metadata import version
 from typing import Any
 
 import numpy as np
@@ -17,7 +16,7 @@ from rans.evaluation.fly.protocols import Setup
 from rans.fast.learn.architecture import Duty
 from rans.fast.learn.config import TrainConfig, to_table
 from rans.fast.learn.network import Network
-from rans.files import git_revision
+from rans.files import git_revision, package_version
 from rans.model.spacecraft import Spacecraft
 from rans.tasks.derived import example
 
@@ -83,7 +82,7 @@ def contract(name: str, config: TrainConfig, craft: Spacecraft, spacecraft_text:
         "valid": f"least and largest of {seen.shape[1]} flights of {seen.shape[0]} periods from the starts "
                  "of training: the agent was not tried beyond",
         "units": {"control_period": "s", "position": "m", "force": "N"},
-        "revision": git_revision(), "rans": version("rans")}
+        "revision": git_revision(), "rans": package_version("rans")}
 
 
 def _thruster(craft: Spacecraft, at: int) -> dict[str, Any]:

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import json
 import shutil
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 import numpy as np
@@ -108,3 +108,14 @@ def test_what_cannot_be_exported_is_one_sentence(run: Path, shipped: Path, tmp_p
     (bare / "policy.zip").unlink()
     with pytest.raises(ConfigError, match=r"has no policy\.zip yet"):
         export(bare, tmp_path / "again")
+
+
+def test_a_copy_of_the_sources_that_is_not_installed(run: Path, tmp_path: Path,
+                                                     monkeypatch: pytest.MonkeyPatch) -> None:
+    def unknown(package: str) -> str:
+        raise PackageNotFoundError(package)
+
+    monkeypatch.setattr("rans.files.version", unknown)
+    export(run, tmp_path / "first", episodes=2)
+    assert json.loads((tmp_path / "first" / "contract.json").read_text())["rans"] == "not installed"
+    assert rans.__version__ == "not installed"
