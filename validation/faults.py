@@ -29,6 +29,7 @@ from rans.optimal.certificate.hull import Health, least_settling, settling_set
 from rans.optimal.certificate.lattice import Lattice
 from rans.processes import submitted
 from rans.scenario import EVALUATION_SEED, Scenario, draws, each, scenarios
+from rans.terminal import Terminal, table
 from validation.batch import Rows, flown, study
 from validation.markdown import Table
 
@@ -190,20 +191,18 @@ def _number(value: float | None) -> str:
 def main() -> None:
     """Print the table, medians and 95 % quantiles of where unheld ones end."""
     import tyro
-    from rich.console import Console
-    from rich.table import Table
 
     for name, found in tyro.cli(Faults).run().items():
-        table = Table("fault", "held, %", "settling, s", "over its bound", "certified", "lost, %",
-                      "distance, m", "speed, m/s", "spin, rad/s", title=name)
+        rows = []
         for row, x in found.items():
-            held = x["held"]
-            over = [f"{x[key]:.2f}" if key in x else "" for key in ("over least", "over certified")]
-            table.add_row(row, f"{held['value']:.2f} ({held['low']:.2f} to {held['high']:.2f})",
-                          f"{x['settling time']:.1f}", *over,
-                          f"{x['lost']:.1f}", *(f"{x[key][0]:.2g}, {x[key][1]:.2g}"
-                                                for key in ("distance", "speed", "spin")))
-        Console().print(table)
+            held, ends = x["held"], (f"{low:.2g}, {high:.2g}" for low, high in
+                                     (x["distance"], x["speed"], x["spin"]))
+            rows.append((row, f"{held['value']:.2f} ({held['low']:.2f} to {held['high']:.2f})",
+                         f"{x['settling time']:.1f}", _number(x.get("over least")),
+                         _number(x.get("over certified")), f"{x['lost']:.1f}", *ends))
+        Terminal(room=150).print(table(name, (
+            "fault", "held, %", "settling, s", "over its bound", "certified", "lost, %", "distance, m",
+            "speed, m/s", "spin, rad/s"), rows))
 
 
 if __name__ == "__main__":
