@@ -94,7 +94,11 @@ _STEADY: dict[str, dict[str, Any]] = {
     "go-to-position": {"fine_weight": 1.0, "rest_position": 0.02, "rest_spin": 0.05, "thrust_weight": 0.12},
     "track-velocity": _TRACKED, "track-velocity-heading": _TRACKED}
 """Of the other tasks, however the world is."""
+_STEADY_IN_SPACE = {task: {**settings, "within_weight": 6.0} if settings is _TRACKED else settings
+                    for task, settings in _STEADY.items()}
 _PRICED_LATE = Ramp("thrust_weight", 0.02, 5_000_000, 625_000, "geometric")
+_STAYED = Ramp("verge_weight", 0.5, 31_250_000, 12_500_000, "geometric")
+"""Who has learnt to arrive is asked to stay."""
 _TWIST = {**_VELOCITY, "fine_spin_weight": 1.0, "fine_spin_scale": 0.01}
 _EVERY = {
     "go_to_position": GoToPosition(fine_weight=0.5, rest_position=0.007, rest_spin=0.03, thrust_weight=0.05),
@@ -140,8 +144,7 @@ RECIPES: dict[str, Recipe] = {
         "go-to-pose", _PLATFORM,
         {**_LOOSE, "arrived_weight": 6.0, "arrived_fine_weight": 2.0, "arrived_thrust_weight": 0.5,
          "arrived_squarings": 3, "verge_weight": 40.0, "thrust_weight": 0.25},
-        replace(_INFORMED, reward_scale=0.05), 12_500_000,
-        (_PRICED_LATE, Ramp("verge_weight", 0.5, 31_250_000, 12_500_000, "geometric")), robust,
+        replace(_INFORMED, reward_scale=0.05), 60_000_000, (_PRICED_LATE, _STAYED), robust,
         _ADAPTIVE_LARGE, 1_800_000_000),
     **{f"{task}-2d-robust": Recipe(
         task, _PLATFORM, settings, replace(_INFORMED, symmetric=TASKS[task].symmetric), 10_000_000,
@@ -174,13 +177,12 @@ RECIPES: dict[str, Recipe] = {
         failures=Failures(0.25, looks=10, flights=300_000)),
     "go-to-pose-3d-quiet": Recipe(
         "go-to-pose", _FLYER,
-        {"fine_weight": 1.5, "arrived_weight": 10.0, "arrived_fine_weight": 4.0, "arrived_squarings": 3,
+        {"fine_weight": 3.0, "arrived_weight": 10.0, "arrived_fine_weight": 8.0, "arrived_squarings": 3,
          "arrived_thrust_weight": 1.0, "rest_position": 0.01, "rest_attitude": 0.02, "thrust_weight": 0.15,
          "spin_weight": 0.1, "verge_weight": 30.0},
         replace(_SOON, layers=_WIDE, reward_scale=0.05), 62_500_000,
         (Ramp("thrust_weight", 0.04, 12_000_000, shape="geometric"),
-         Ramp("verge_weight", 0.5, 31_250_000, 12_500_000, "geometric")), large=_SOON_LARGE,
-        large_timesteps=1_900_000_000),
+         _STAYED), large={**_SOON_LARGE, "layers": (512, 512)}, large_timesteps=2_600_000_000),
     "go-to-pose-3d-robust": Recipe(
         "go-to-pose", _FLYER, {**_LOOSE, "thrust_weight": 0.1}, replace(_INFORMED, layers=_WIDE), 10_000_000,
         (_PRICED_LATE,), robust,
@@ -188,8 +190,8 @@ RECIPES: dict[str, Recipe] = {
     **{f"{task}-3d-robust": Recipe(
         task, _FLYER, settings, replace(_INFORMED, symmetric=TASKS[task].symmetric, layers=_WIDE), 10_000_000,
         (_PRICED_LATE,), robust, *((_ADAPTIVE_LARGE, 400_000_000) if task == "go-to-position" else
-                                   (_SOON_LARGE, 1_500_000_000)), _COARSE)
-        for task, settings in _STEADY.items()},
+                                   (_SOON_LARGE, 2_500_000_000)), _COARSE)
+        for task, settings in _STEADY_IN_SPACE.items()},
     "go-to-pose-3d-faults": Recipe(
         "go-to-pose", _FLYER, {**_LOOSE, "thrust_weight": 0.06}, replace(_INFORMED, layers=_WIDE), 12_000_000,
         (_PRICED_LATE,), failing,
