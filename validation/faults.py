@@ -18,9 +18,9 @@ from tyro.conf import Positional
 
 from rans.episode import Episode, World
 from rans.evaluation.compare.bounds import Amounts, Event
-from rans.evaluation.fly.protocols import Setup
 from rans.fast.learn.network import Network
 from rans.files import read_json
+from rans.flight import Setup
 from rans.model.conditions import Conditions, FaultChoice, FaultConditions, FaultKind
 from rans.model.faults import fault_sets
 from rans.model.spacecraft import Spacecraft

@@ -21,17 +21,11 @@ from rans.fast.learn.selection import likeliest
 from rans.fast.step import Place
 from rans.fast.threads import one_thread
 from rans.fast.verdicts import Tally, Verdicts
-from rans.model.conditions import Conditions
+from rans.flight import Setup
 from rans.model.fields import Field
 from rans.model.random import Draws, seed_words
-from rans.model.spacecraft import Spacecraft
-from rans.model.timing import Timing
 from rans.model.trace import UNTRACEABLE
 from rans.processes import processors, submitted
-from rans.tasks.base import Task
-
-Given = tuple[Spacecraft, Task, Timing, Conditions | None]
-"""What flies, what for, how long and under which conditions: a `rans.evaluation.fly.protocols.Setup`."""
 
 BATCH = {"cpu": 4096, "cuda": 2**20}
 """Flights stepped together: what a processor's caches hold, and what keeps a GPU busy."""
@@ -61,7 +55,7 @@ class Flights:
         ConfigError: there is no such device here.
     """
 
-    def __init__(self, network: Network, setup: Given, device: str | torch.device = "cpu",
+    def __init__(self, network: Network, setup: Setup, device: str | torch.device = "cpu",
                  listed: int = LISTED, products: Products = "bf16x3", generated: bool = True) -> None:
         craft, task, timing, conditions = self._setup = setup
         self._place = place = Place.of(device, torch.float32, None)
@@ -195,13 +189,3 @@ def _processors() -> int:
 def _parts(first: int, count: int, size: int) -> list[tuple[int, int]]:
     """First number and count of every part of at most so many scenarios."""
     return [(begin, min(size, first + count - begin)) for begin in range(first, first + count, size)]
-
-
-def fly_many(network: Network, setup: Given, first: int, count: int, seed: int,
-             device: str | torch.device = "cpu") -> Verdicts:
-    """What becomes of scenarios ``first`` to ``first + count - 1`` of a seed, see `Flights`.
-
-    Raises:
-        ConfigError: see `Flights` and `Flights.fly`.
-    """
-    return Flights(network, setup, device).fly(first, count, seed)

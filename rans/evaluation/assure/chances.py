@@ -17,12 +17,12 @@ import torch
 from scipy.special import ndtr
 
 from rans.episode import World, step
-from rans.evaluation.fly.protocols import Setup
 from rans.fast.flights import BATCH
 from rans.fast.learn.network import Network
 from rans.fast.learn.selection import likeliest
 from rans.fast.step import Place
 from rans.fast.verdicts import last_fifth
+from rans.flight import Setup
 from rans.model.conditions import bounds
 from rans.model.fields import Field, finite, floor, leaves, where
 from rans.model.random import Draws, Random

@@ -10,9 +10,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from rans.evaluation.fly.protocols import Setup
 from rans.fast.verdicts import Failure, last_fifth
-from rans.flight import Controller, Flight, fly
+from rans.flight import Controller, Flight, Setup, fly
 from rans.model.fields import finite, leaves, map_leaves
 from rans.model.random import Draws, seed_words
 from rans.scenario import Scenario

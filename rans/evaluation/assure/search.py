@@ -16,10 +16,9 @@ from rans.errors import ConfigError
 from rans.evaluation.assure.chances import Chances, Chosen, Sized, sized
 from rans.evaluation.assure.rare import numbers
 from rans.evaluation.assure.replay import Judge, ending, failures, flown, has_drake, picked, worst_errors
-from rans.evaluation.fly.protocols import Setup
 from rans.fast.learn.network import Network
 from rans.fast.verdicts import Failure
-from rans.flight import Controller, Flight
+from rans.flight import Controller, Flight, Setup
 from rans.model.conditions import BodyConditions, Conditions, ThrusterConditions
 from rans.model.random import generator
 

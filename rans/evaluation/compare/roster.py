@@ -13,10 +13,10 @@ from rans.evaluation.fly.contestants import contestant, controller_name
 from rans.evaluation.fly.controllers import CONTROLLERS, controller, is_user_policy
 from rans.evaluation.fly.judge import EngineName
 from rans.evaluation.fly.knob import without_knob
-from rans.evaluation.fly.protocols import Setup
 from rans.evaluation.fly.tuned import tuned
 from rans.fast.learn.run_folder import RunFolder
 from rans.files import read_json
+from rans.flight import Setup
 from rans.model.conditions import Conditions
 from rans.model.random import seed_words
 from rans.pretrained import pretrained_folder

@@ -10,8 +10,8 @@ import numpy as np
 from rans.errors import ConfigError
 from rans.evaluation.compare.contest import Contest, Contestant, Entry
 from rans.evaluation.fly.controllers import CONTROLLERS
-from rans.evaluation.fly.protocols import Setup
 from rans.evaluation.fly.tuned import Tuned, arguments, defaults, task_name
+from rans.flight import Setup
 from rans.model.spacecraft_file import to_toml
 from rans.scenario import TUNING_SEED
 

@@ -8,7 +8,8 @@ from pathlib import Path
 from rans.errors import ConfigError, brief, meant
 from rans.evaluation.fly.agent import Agent, LoadedRun, load_agent
 from rans.evaluation.fly.controllers import CONTROLLERS, controller, is_user_policy, user_policy
-from rans.evaluation.fly.protocols import ProtocolName, Setup, under_protocol
+from rans.evaluation.fly.protocols import ProtocolName, under_protocol
+from rans.flight import Setup
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.pretrained import pretrained_folder, pretrained_names

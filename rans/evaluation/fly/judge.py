@@ -12,8 +12,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from rans.errors import RansError
-from rans.evaluation.fly.protocols import Setup
-from rans.flight import Controller, Flight, fly
+from rans.flight import Controller, Flight, Setup, fly
 from rans.model.fields import map_leaves
 from rans.processes import submitted
 from rans.scenario import draws, scenarios

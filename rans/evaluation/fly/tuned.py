@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from rans.errors import ConfigError
-from rans.evaluation.fly.protocols import Setup
 from rans.files import read_json, write_json
+from rans.flight import Setup
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import to_toml
 from rans.tasks import TASKS, Task

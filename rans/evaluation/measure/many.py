@@ -7,9 +7,9 @@ from collections.abc import Iterator
 
 from scipy.stats import binomtest
 
-from rans.evaluation.fly.protocols import Setup
 from rans.evaluation.measure.aggregate import Metric, Metrics
 from rans.fast.verdicts import Failure, Sums, Verdicts
+from rans.flight import Setup
 
 _NORMAL_95 = 1.959964
 """97.5 % quantile of the standard normal distribution."""

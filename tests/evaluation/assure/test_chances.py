@@ -17,9 +17,9 @@ from rans.evaluation.assure.replay import drawing, flown, worst_errors
 from rans.evaluation.assure.search import drew, room, smallest
 from rans.evaluation.fly.agent import Agent, LoadedRun
 from rans.evaluation.fly.contestants import contestant
-from rans.evaluation.fly.protocols import Setup
 from rans.fast.step import Place
 from rans.fast.verdicts import Failure
+from rans.flight import Setup
 from rans.model.conditions import BodyConditions, Conditions, SensorsConditions
 from rans.model.conditions_file import load_conditions
 from rans.model.fields import leaves
