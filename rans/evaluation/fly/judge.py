@@ -14,8 +14,9 @@ import numpy as np
 from rans.errors import RansError
 from rans.flight import Controller, Flight, Setup, fly
 from rans.model.fields import map_leaves
+from rans.model.random import Draws
 from rans.processes import submitted
-from rans.scenario import draws, scenarios
+from rans.scenario import drawn, draws
 
 EngineName = Literal["fast", "drake"]
 
@@ -85,15 +86,19 @@ def _work(seed: int, first: int, count: int) -> Flown:
 
 def _flown(controller: Controller, setup: Setup, engine: EngineName, seed: int, first: int,
            count: int) -> Flown:
-    craft, task, timing, conditions = setup
-    starts, own = scenarios(task, craft, seed, count, first), draws(seed, count, first)
-    if engine == "fast":
-        flight = fly(craft, task, controller, starts, timing, conditions=conditions, draws=own)
-    else:
-        from rans.reference.flight import fly_in_drake
-
-        flight = fly_in_drake(craft, task, controller, starts, timing, conditions=conditions, draws=own)
+    flight = fly_drawn(controller, setup, draws(seed, count, first), engine)
     return Flown(flight, getattr(controller, "failures", 0))
+
+
+def fly_drawn(controller: Controller, setup: Setup, own: Draws, engine: EngineName = "fast") -> Flight:
+    """The N episodes that draw like this, in this process; ``own.first`` are their numbers, (N,)."""
+    craft, task, timing, conditions = setup
+    starts = drawn(task, craft, own)
+    if engine == "fast":
+        return fly(craft, task, controller, starts, timing, conditions=conditions, draws=own)
+    from rans.reference.flight import fly_in_drake
+
+    return fly_in_drake(craft, task, controller, starts, timing, conditions=conditions, draws=own)
 
 
 def _joined(parts: list[Flown]) -> Flown:
