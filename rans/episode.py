@@ -134,8 +134,8 @@ class World:
         change it; None: as designed.
         """
         shut = (0,) * len(self.craft.thrusters)
-        new = self.recalled(Episode(start, goal, body, None, (start,) * self._memory.states, None, clock,
-                                    (shut,) * self.remembered), draws)
+        new = self.recalled(Episode(start, goal, body, past=(start,) * self._memory.states, clock=clock,
+                                    commands=(shut,) * self.remembered), draws)
         sensors = None if new.case is None else new.case.sensors
         if sensors is None or sensors.dropout is None:
             return new

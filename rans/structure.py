@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import tomllib
-from dataclasses import fields, is_dataclass
+from dataclasses import Field, fields, is_dataclass
 from functools import partial
 from typing import Any, Literal, TypeVar, get_args, get_origin
 
@@ -15,6 +15,11 @@ from rans.errors import ConfigError, RansError, brief, meant
 T = TypeVar("T")
 Range = float | tuple[float, float]
 """A number, or the least and the largest of a uniform distribution."""
+
+
+def is_range(setting: Field[Any]) -> bool:
+    """Whether a dataclass's field, whose annotation is a text, holds a `Range`, or perhaps none."""
+    return str(setting.type) in ("Range", "Range | None")
 
 
 def read_toml(text: str) -> dict[str, Any]:

@@ -26,12 +26,12 @@ from rans.flight import Setup
 from rans.model.conditions import bounds
 from rans.model.fields import Field, finite, floor, leaves, where
 from rans.model.random import Draws, Random
+from rans.model.sensors import PER_STEP
 from rans.processes import processors
+from rans.structure import is_range
 
 Slot = tuple[int, int]
 """A uniform number by the block that it is drawn from and its place in it."""
-_PER_STEP = 2**25
-"""The first block of what is drawn in every step (`rans.episode`)."""
 _UNSIZED = ("count", "share", "time", "slow_period")
 """Ranges that say which trouble comes or when, not how much of it."""
 
@@ -56,7 +56,7 @@ def sized(conditions: Any) -> Any:
         value, usual = getattr(conditions, one.name), getattr(perfect, one.name)
         if is_dataclass(value):
             changed[one.name] = sized(value)
-        elif "Range" in str(one.type) and value != usual and one.name not in _UNSIZED:
+        elif is_range(one) and value != usual and one.name not in _UNSIZED:
             changed[one.name] = Sized.of(value, usual)
     return replace(conditions, **changed)
 
@@ -72,7 +72,7 @@ class Chosen(Draws):
 
     def random(self, dimension: Any, number: Field, block: Field = 0) -> Random:
         """See `Draws.random`."""
-        if isinstance(block, int) and block < _PER_STEP:
+        if isinstance(block, int) and block < PER_STEP:
             return _Given(self, dimension, number, block)
         return super().random(dimension, number, block)
 
