@@ -62,6 +62,15 @@ def load_task(name: str | Task) -> Task:
     return name if isinstance(name, Task) else TASKS[named("task", name, Task)]()
 
 
+def registered_name(task: Task) -> str | None:
+    """The name of a task's class in `TASKS`; None where it has none.
+
+    >>> registered_name(GoToPose())
+    'go-to-pose'
+    """
+    return next((name for name in TASKS if TASKS[name] is type(task)), None)
+
+
 def gymnasium_ids(name: str) -> tuple[str, str]:
     """Gymnasium ids of the task of this name in the plane and in space, without loading it.
 
@@ -75,5 +84,5 @@ def gymnasium_ids(name: str) -> tuple[str, str]:
 __all__ = [
     "TASKS", "GoToPose", "GoToPosePriced", "GoToPosition", "MultiTask", "SingleTask", "Task", "TrackTwist",
     "TrackVelocity", "TrackVelocityHeading", "Transition", "gymnasium_ids", "load_task", "observation",
-    "observation_columns", "observation_width",
+    "observation_columns", "observation_width", "registered_name",
 ]

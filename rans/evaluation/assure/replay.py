@@ -101,9 +101,10 @@ def replays(controller: Controller, setup: Setup, seed: int, numbers: Mapping[Fa
         own = drawing(seed, [kinds[k][0] for k in chosen])
         told["drake"] = failures(fly_drawn(controller, setup, own, "drake"))
     inside = np.asarray(flight.task.reached(flight.states, flight.goals))[-last_fifth(len(flight.commands)):]
-    found = [Replayed(*kinds[k], {judge: some[at] for judge, some in told.items()}, float(excess[k]),
-                      {name: float(x[k]) for name, x in largest.items()}, float(1.0 - inside[:, k].mean()),
-                      ending(flight, k)) for at, k in enumerate(chosen)]
+    found = [Replayed(*kinds[k], again={judge: some[at] for judge, some in told.items()},
+                      excess=float(excess[k]), errors={name: float(x[k]) for name, x in largest.items()},
+                      outside=float(1.0 - inside[:, k].mean()), ending=ending(flight, k))
+             for at, k in enumerate(chosen)]
     return Replays(found, picked(flight, chosen), len(kinds), sum(one is not None for one in again))
 
 

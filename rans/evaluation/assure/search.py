@@ -177,10 +177,12 @@ def _confirmed(chances: Chances, conditions: Conditions, controller: Controller,
         again["drake"] = failures(fly_drawn(controller, chances.setup, own, "drake"))
     at = next((k for k, kind in enumerate(again.get("drake", again["numpy"])) if kind is not None), 0)
     best = still[at]
-    return Breaking(conditions, found[best].size, {judge: kinds[at] for judge, kinds in again.items()},
-                    float(worst_errors(flight)[0][best]), ending(flight, best),
-                    drew(chances, _draws(chances, [found[best]])), ndtr(found[best].z).tolist(),
-                    found[best].number, picked(flight, [best]))
+    return Breaking(
+        conditions=conditions, size=found[best].size,
+        again={judge: kinds[at] for judge, kinds in again.items()},
+        excess=float(worst_errors(flight)[0][best]), ending=ending(flight, best),
+        drew=drew(chances, _draws(chances, [found[best]])), units=ndtr(found[best].z).tolist(),
+        number=found[best].number, flight=picked(flight, [best]))
 
 
 def _draws(chances: Chances, some: list[Candidate]) -> Chosen:
