@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import os
-import pickle
 from collections.abc import Callable, Generator, Iterator, Sequence
-from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
 
 import numpy as np
 import torch
 
 from rans.episode import Episode, Outcome, World, step
-from rans.errors import ConfigError, RansError, brief
+from rans.errors import ConfigError, brief
 from rans.fast.cpu_flights import CpuFlights
 from rans.fast.kernels.flight import FlightKernel, Products
 from rans.fast.kernels.flight_program import trace_flight
@@ -25,7 +23,7 @@ from rans.flight import Setup
 from rans.model.fields import Field
 from rans.model.random import Draws, seed_words
 from rans.model.trace import UNTRACEABLE
-from rans.processes import processors, submitted
+from rans.processes import deaths_told, processors, submitted
 
 BATCH = {"cpu": 4096, "cuda": 2**20}
 """Flights stepped together: what a processor's caches hold, and what keeps a GPU busy."""
@@ -118,12 +116,10 @@ class Flights:
     def _divided(self, parts: Sequence[tuple[int, int]], seed: int) -> Iterator[Verdicts]:
         """By one process a processor: threads would wait for Python's lock."""
         jobs = [(*part, seed) for part in parts]
-        given = pickle.dumps((self._network, self._setup, self.listed))  # torch would share tensors by files
-        with submitted(_work, jobs, min(len(jobs), _processors()), _load, (given,)) as futures:
-            try:
-                yield from (future.result() for future in futures)
-            except BrokenProcessPool as error:
-                raise RansError("a process that flew died; the usual cause is too little memory.") from error
+        given = self._network, self._setup, self.listed
+        workers = min(len(jobs), _processors())
+        with submitted(_work, jobs, workers, _load, given) as futures, deaths_told("flew"):
+            yield from (future.result() for future in futures)
 
     def _stepped(self, words: tuple[int, int], numbers: np.ndarray) -> Verdicts:
         """One batch, step by step."""
@@ -171,9 +167,8 @@ _given: list[Flights] = []
 """In each worker process."""
 
 
-def _load(given: bytes) -> None:
+def _load(network: Network, setup: Setup, listed: int) -> None:
     torch.set_num_threads(1)  # one process per processor
-    network, setup, listed = pickle.loads(given)
     _given[:] = [Flights(network, setup, listed=listed)]
 
 
