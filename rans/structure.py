@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import tomllib
+from collections.abc import Iterator, Mapping
 from dataclasses import Field, fields, is_dataclass
 from functools import partial
 from typing import Any, Literal, TypeVar, get_args, get_origin
@@ -30,6 +31,15 @@ def read_toml(text: str) -> dict[str, Any]:
         return table
     except (ValueError, RecursionError) as error:
         raise ConfigError(f"this is not valid TOML: {error}.") from error
+
+
+def entries(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Every entry of a nested table, with its name from the top: ppo.gamma."""
+    for name, value in table.items():
+        if isinstance(value, Mapping):
+            yield from entries(value, f"{prefix}{name}.")
+        else:
+            yield f"{prefix}{name}", value
 
 
 def structure(table: Any, cls: type[T], where: str) -> T:

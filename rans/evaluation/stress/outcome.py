@@ -13,7 +13,7 @@ from rans.evaluation.measure.statistics import Estimate, share
 from rans.flight import Flight
 
 WANTED = 0.99
-"""Share of episodes from which a trouble counts as mastered (issue 16's, and `rans.show.report`'s)."""
+"""Share of episodes from which a trouble counts as mastered, and a task as solved (`rans.show.report`)."""
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 import casadi as ca
 import numpy as np
 
-from rans.errors import ConfigError, checked
+from rans.errors import checked, whole
 from rans.model.body import Body
 from rans.model.dynamics import PlanarState, SpatialState, State, advance, wrench
 from rans.model.fields import Field, Heading, Quat, Vec2, Vec3, atan2, cos, leaves, map_leaves, sin, sqrt
@@ -42,9 +42,7 @@ class Settings:
 
     def __post_init__(self) -> None:
         for key in ("horizon", "iterations"):
-            value = getattr(self, key)
-            if not isinstance(value, int) or isinstance(value, bool) or value < 1:
-                raise ConfigError(f"MPC: {key} must be a whole number >= 1, got {value!r}.")
+            whole(f"MPC: {key}", getattr(self, key))
 
 
 _WEIGHTS, _DEADBAND, _SETTINGS = Weights(), Deadband(), Settings()
