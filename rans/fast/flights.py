@@ -16,7 +16,7 @@ from rans.fast.kernels.flight import FlightKernel, Products
 from rans.fast.kernels.flight_program import trace_flight
 from rans.fast.learn.network import Network
 from rans.fast.learn.selection import likeliest
-from rans.fast.step import Place
+from rans.fast.step import Backend
 from rans.fast.threads import one_thread
 from rans.fast.verdicts import Tally, Verdicts
 from rans.flight import Setup
@@ -56,9 +56,9 @@ class Flights:
     def __init__(self, network: Network, setup: Setup, device: str | torch.device = "cpu",
                  listed: int = LISTED, products: Products = "bf16x3", generated: bool = True) -> None:
         craft, task, timing, conditions = self._setup = setup
-        self._place = place = Place.of(device, torch.float32, None)
-        self.device, self.listed = place.device, listed
-        self.world = World(craft, task, timing, place.nodes, conditions)
+        self._backend = backend = Backend.of(device, torch.float32, None)
+        self.device, self.listed = backend.device, listed
+        self.world = World(craft, task, timing, backend.nodes, conditions)
         self._network = Network(network.architecture, {
             name: x.to(self.device, torch.float32) for name, x in network.tensors.items()})
         self._whole = self._made(products) if generated else None
@@ -141,23 +141,23 @@ class Flights:
 
         As fields (N,) of the device: the episodes acted in, and what that gave.
         """
-        world, place, network = self.world, self._place, self._network
-        draws = Draws(*words, place.put(numbers, torch.int32), 0, place.fields)
-        clock = place.put(np.zeros_like(numbers), torch.int32)
+        world, backend, network = self.world, self._backend, self._network
+        draws = Draws(*words, backend.put(numbers, torch.int32), 0, backend.fields)
+        clock = backend.put(np.zeros_like(numbers), torch.int32)
         now = world.begin(*world.scenario(clock, draws), clock, draws)
         memory = network.blank(len(numbers))
         for _ in range(world.timing.episode_steps):
             seen = self._seen(world.observe(now, draws), len(numbers))
             command, memory = likeliest(network, seen, memory)
             columns = command.T.contiguous()
-            outcome = step(world, now, tuple(columns.numpy() if place.on_numpy else columns), draws)
+            outcome = step(world, now, tuple(columns.numpy() if backend.on_numpy else columns), draws)
             yield now, outcome
             now = outcome.episode
 
     def _seen(self, columns: tuple[Field, ...], count: int) -> torch.Tensor:
         """Observations (N, width); columns that are the same for all are numbers or of one element."""
         rows = torch.empty((len(columns), count), dtype=torch.float32, device=self.device)
-        into = rows.numpy() if self._place.on_numpy else rows
+        into = rows.numpy() if self._backend.on_numpy else rows
         for row, column in enumerate(columns):
             into[row] = column
         return rows.T

@@ -21,7 +21,7 @@ from rans.evaluation.measure import metrics
 from rans.fast import flights as module
 from rans.fast.cpu_flights import CpuFlights
 from rans.fast.flights import Flights
-from rans.fast.step import Place
+from rans.fast.step import Backend
 from rans.fast.verdicts import QUANTITIES, Failure, Verdicts
 from rans.flight import Setup
 from rans.model.actuators import Throttle
@@ -104,7 +104,7 @@ def test_stepping_on_torch_is_stepping_on_numpy() -> None:
     """As on a GPU, where nothing is compiled."""
     network, given = policy(PLATFORM, history=1), setup(PLATFORM, conditions=EFFECTS["body"])
     numpy, torches = (Flights(network, given, generated=False) for _ in range(2))
-    torches._place = Place(torch.device("cpu"), torch.float32)
+    torches._backend = Backend(torch.device("cpu"), torch.float32)
     alike(torches.fly(0, COUNT, 5), numpy.fly(0, COUNT, 5), different=2, share=1e-3)
 
 

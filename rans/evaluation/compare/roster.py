@@ -21,7 +21,7 @@ from rans.model.conditions import Conditions
 from rans.model.random import seed_words
 from rans.pretrained import pretrained_folder
 from rans.scenario import EVALUATION_SEED
-from rans.tasks.go_to_pose_priced import Positions
+from rans.tasks.go_to_pose_priced import KnobPositions
 
 _OBSERVATION = "observation"
 _MODEL = "state, exact model"
@@ -45,7 +45,7 @@ def contest_of(spec: str, episodes: int, seed: int = EVALUATION_SEED, engine: En
 def _single(spec: str, run: LoadedRun) -> LoadedRun:
     """The same, if it has one task; without a knob, if that is held."""
     parts = run.task.parts()
-    if isinstance(parts, Positions):
+    if isinstance(parts, KnobPositions):
         raise ConfigError(f"{spec} has a knob: hold it, as in {spec}#0.5, or let it turn with --front.")
     if first := next(iter(parts)):
         raise ConfigError(f"{spec} knows several tasks: pick one, as in {spec}#{first}.")
@@ -78,7 +78,7 @@ def enlisted(specs: Sequence[str], contest: Contest, trust: bool = False) -> dic
 def turned(spec: str, count: int) -> list[str]:
     """An agent whose knob nobody holds, with its knob at so many positions; others as they are."""
     try:
-        has_knob = not controller_name(spec) and isinstance(contestant(spec).task.parts(), Positions)
+        has_knob = not controller_name(spec) and isinstance(contestant(spec).task.parts(), KnobPositions)
     except RansError:
         has_knob = False  # `enlisted` tells what is wrong with it
     return [f"{spec}#{k / (count - 1):g}" for k in range(count)] if has_knob else [spec]

@@ -20,7 +20,7 @@ from rans.model.dynamics import PlanarState, SpatialState, State, advance, wrenc
 from rans.model.fields import Field, Heading, Quat, Vec2, Vec3, atan2, cos, leaves, map_leaves, sin, sqrt
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
-from rans.optimal.control.regulator import Deadband, Made, Regulator, Weights
+from rans.optimal.control.regulator import Deadband, ModelBased, Regulator, Weights
 from rans.optimal.trajectory.allocation import Allocation, SigmaDelta
 from rans.optimal.trajectory.guess import rotation_vector
 from rans.scenario import scenario
@@ -50,7 +50,7 @@ _TINY = 1e-24
 """Added to squared lengths whose root is taken: it has no gradient at zero."""
 
 
-class MPC(Made):
+class MPC(ModelBased):
     """Plans the relaxed commands of the next seconds at every step and rounds the first to on/off.
 
     >>> rans.MPC("floating-platform", "go-to-position", settings=Settings(horizon=5))

@@ -15,7 +15,7 @@ from rans.model.dynamics import advance, wrench
 from rans.model.fields import map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
-from rans.optimal.control.regulator import Deadband, Made
+from rans.optimal.control.regulator import Deadband, ModelBased
 from rans.optimal.control.switching import Curve, Switching
 from rans.optimal.trajectory.allocation import Patterns
 from rans.tasks.base import Task
@@ -54,7 +54,7 @@ class Sampling:
 _CURVE, _DEADBAND, _DRAWS = Curve(thrust_weight=0.03), Deadband(), Sampling()
 
 
-class MPPI(Made):
+class MPPI(ModelBased):
     """Plans patterns of open thrusters for the next seconds by sampling, and flies the first of the best.
 
     >>> rans.MPPI("floating-platform", "go-to-pose", draws=Sampling(samples=64))

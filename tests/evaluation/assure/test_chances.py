@@ -19,7 +19,7 @@ from rans.evaluation.fly.agent import Agent, LoadedRun
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.judge import fly_drawn
 from rans.evaluation.measure.metrics import worst_errors
-from rans.fast.step import Place
+from rans.fast.step import Backend
 from rans.fast.verdicts import Failure
 from rans.flight import Setup
 from rans.model.conditions import BodyConditions, Conditions, SensorsConditions
@@ -73,8 +73,8 @@ def test_scores_are_the_largest_errors_of_the_last_fifth(run: LoadedRun, setup: 
     exact = worst_errors(fly_drawn(agent, setup, chances.draws(norm.cdf(z), number)))[0]
     # After 4 s all are still on their way: float32 has moved none by a thousandth.
     np.testing.assert_allclose(score, exact, rtol=1e-3)
-    place = Place(torch.device("cpu"), torch.float32)  # tensors, as on a GPU
-    tensors = chances._score(network, place, chances.draws(norm.cdf(z), number, None, place))
+    backend = Backend(torch.device("cpu"), torch.float32)  # tensors, as on a GPU
+    tensors = chances._score(network, backend, chances.draws(norm.cdf(z), number, None, backend))
     np.testing.assert_allclose(tensors, exact, rtol=1e-3)
 
 
