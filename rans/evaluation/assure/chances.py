@@ -21,6 +21,7 @@ from rans.fast.flights import BATCH
 from rans.fast.learn.network import Network
 from rans.fast.learn.selection import likeliest
 from rans.fast.step import Backend
+from rans.fast.threads import one_thread
 from rans.fast.verdicts import last_fifth
 from rans.flight import Setup
 from rans.model.conditions import bounds
@@ -159,13 +160,8 @@ class Chances:
             parts = [slice(k, k + batch) for k in range(0, len(number), batch)]
             jobs = [self.draws(ndtr(z[:, part]), number[part], size if size is None else size[part], backend)
                     for part in parts]
-            threads = torch.get_num_threads()
-            torch.set_num_threads(1)  # each of the workers' threads
-            try:
-                with ThreadPoolExecutor(workers) as pool:
-                    return np.concatenate([*pool.map(partial(self._score, network, backend), jobs)])
-            finally:
-                torch.set_num_threads(threads)
+            with one_thread(), ThreadPoolExecutor(workers) as pool:
+                return np.concatenate([*pool.map(partial(self._score, network, backend), jobs)])
 
         return score
 
