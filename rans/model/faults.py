@@ -54,6 +54,10 @@ def fault_sets(craft: Spacecraft, count: int, kind: FaultKind,
 
 
 @cache
+def _sets(craft: Spacecraft, count: int, kind: FaultKind, shares: tuple[float, ...]) -> tuple[FaultSet, ...]:
+    return tuple(fault_sets(craft, count, kind, shares))
+
+
 def sets_among(craft: Spacecraft, count: int, kind: FaultKind, shares: tuple[float, ...],
                recoverable: bool) -> tuple[tuple[int, ...], ...]:
     """The sets of so many thrusters that are recoverable, or those that are not.
@@ -61,7 +65,7 @@ def sets_among(craft: Spacecraft, count: int, kind: FaultKind, shares: tuple[flo
     Raises:
         ConfigError: there is none.
     """
-    found = tuple(one.thrusters for one in fault_sets(craft, count, kind, shares)
+    found = tuple(one.thrusters for one in _sets(craft, count, kind, shares)
                   if one.recoverable == recoverable)
     if not found:
         sort = "recoverable" if recoverable else "unrecoverable"
