@@ -16,7 +16,7 @@ from rans.model.conditions_file import load_conditions
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft, to_toml
 from rans.scenario import EVALUATION_SEED, scenarios
-from rans.tasks import TASKS, Task, load_task
+from rans.tasks import Task, load_task, registered_name
 
 if TYPE_CHECKING:
     from rans.evaluation.compare.bounds import Bound, Kind
@@ -30,9 +30,9 @@ if TYPE_CHECKING:
     from rans.optimal.trajectory.objectives import ObjectiveName
     from validation.checks import Study
 
-Craft = str | Path | Spacecraft
+SpacecraftLike = str | Path | Spacecraft
 """By name, TOML file or as such."""
-World = str | Path | Conditions
+ConditionsLike = str | Path | Conditions
 """The same of conditions."""
 _CRAFT = "floating-platform"
 
@@ -58,7 +58,7 @@ def load_agent(name: str | Path) -> LoadedRun:
 
 
 def evaluate(agent: str | Path | LoadedRun, *, episodes: int = 1024, seed: int = EVALUATION_SEED,
-             engine: EngineName = "fast", conditions: World | None = None,
+             engine: EngineName = "fast", conditions: ConditionsLike | None = None,
              protocol: ProtocolName = "own") -> Metrics:
     """Fly from fixed starts: metrics with 95 % intervals, as `rans evaluate` prints.
 
@@ -94,7 +94,7 @@ def evaluate(agent: str | Path | LoadedRun, *, episodes: int = 1024, seed: int =
 
 def compare(*contestants: str | Path, beside: str | Sequence[str] = ("lqr", "switching", "mpc", "optimal"),
             episodes: int = 128, certified: int = 4, seed: int = EVALUATION_SEED, engine: EngineName = "fast",
-            conditions: World | None = None, trust: bool = False,
+            conditions: ConditionsLike | None = None, trust: bool = False,
             workers: int | None = None) -> Comparison:
     """Fly agents, policies and simple controllers from the same starts, beside what is possible.
 
@@ -136,7 +136,7 @@ def compare(*contestants: str | Path, beside: str | Sequence[str] = ("lqr", "swi
     return found
 
 
-def optimal_trajectory(task: str | Task = "go-to-pose", spacecraft: Craft = _CRAFT, *,
+def optimal_trajectory(task: str | Task = "go-to-pose", spacecraft: SpacecraftLike = _CRAFT, *,
                        objective: ObjectiveName = "fuel", start: int = 0, seed: int = EVALUATION_SEED,
                        horizon: float | None = None, ending: Literal["exact", "set"] = "exact",
                        control_period: float = 0.2, intervals: int = 50, guesses: int = 1) -> Optimum:
@@ -170,7 +170,7 @@ def optimal_trajectory(task: str | Task = "go-to-pose", spacecraft: Craft = _CRA
     return replace(optima(craft, judged, wanted, one, guesses, workers=1)[0], start=start)
 
 
-def certify(task: str | Task = "go-to-pose", spacecraft: Craft = _CRAFT, *,
+def certify(task: str | Task = "go-to-pose", spacecraft: SpacecraftLike = _CRAFT, *,
             kind: Kind = "arrival", horizon: float | None = None, start: int = 0, seed: int = EVALUATION_SEED,
             control_period: float = 0.2, seconds: float = 20.0) -> Bound:
     """What no on/off controller can beat from one start: a proof, and the best that was found.
@@ -202,8 +202,8 @@ def certify(task: str | Task = "go-to-pose", spacecraft: Craft = _CRAFT, *,
     return bound(start, question(craft, judged, control_period, Event(kind, horizon), Effort(seconds), one))
 
 
-def validate(spacecraft: Craft = _CRAFT, *, quick: bool = False, layer: str | None = None,
-             conditions: World | None = None, seed: int = 0) -> Study:
+def validate(spacecraft: SpacecraftLike = _CRAFT, *, quick: bool = False, layer: str | None = None,
+             conditions: ConditionsLike | None = None, seed: int = 0) -> Study:
     """Check a spacecraft's motion against Drake and the laws of mechanics, layer by layer.
 
     >>> found = rans.validate("floating-platform", quick=True, layer="thrusters")
@@ -229,9 +229,9 @@ def validate(spacecraft: Craft = _CRAFT, *, quick: bool = False, layer: str | No
     return study(load_spacecraft(spacecraft), seed, quick, layer, conditions=met)
 
 
-def train(task: str | Task = "go-to-pose", spacecraft: Craft | None = None, *, seed: int = 0,
+def train(task: str | Task = "go-to-pose", spacecraft: SpacecraftLike | None = None, *, seed: int = 0,
           device: str | None = None, total_timesteps: int | None = None,
-          conditions: World | None = None, ppo: PPOSettings | None = None,
+          conditions: ConditionsLike | None = None, ppo: PPOSettings | None = None,
           run: str | Path | None = None,
           report: Callable[[dict[str, Any]], object] | None = None) -> LoadedRun:
     """Train an agent until it has solved its task, as `rans train`; on a CPU with one of torch's threads.
@@ -271,8 +271,8 @@ def train(task: str | Task = "go-to-pose", spacecraft: Craft | None = None, *, s
     return trained(folder)
 
 
-def _config(task: str | Task, spacecraft: Craft | None, device: str | None, ppo: PPOSettings | None,
-            conditions: World | None, **numbers: int | None) -> TrainConfig:
+def _config(task: str | Task, spacecraft: SpacecraftLike | None, device: str | None, ppo: PPOSettings | None,
+            conditions: ConditionsLike | None, **numbers: int | None) -> TrainConfig:
     """The training of a name, with what was given in the place of what it has."""
     from rans.fast.learn.recipes import training
 
@@ -288,11 +288,8 @@ def _config(task: str | Task, spacecraft: Craft | None, device: str | None, ppo:
 
 
 def _name(task: str | Task) -> str:
-    """The name of a task's class; `ConfigError` where it has none."""
+    """The name of a task's class, or MODULE:NAME."""
     if not isinstance(task, Task):
         return task
-    for name in TASKS:
-        if TASKS[name] is type(task):
-            return name
     kind = type(task)
-    return f"{kind.__module__}:{kind.__qualname__}"
+    return registered_name(task) or f"{kind.__module__}:{kind.__qualname__}"

@@ -18,14 +18,12 @@ from rans.model.conditions_file import load_conditions
 from rans.model.dynamics import State
 from rans.model.fields import leaves, map_leaves
 from rans.model.spacecraft import Spacecraft
-from rans.model.spacecraft_file import load_spacecraft
+from rans.model.spacecraft_file import USUAL, load_spacecraft
 from rans.model.timing import Timing
 from rans.scenario import Scenario, draws, scenario
 from rans.tasks import TASKS, Task
 from rans.tasks.derived import example, paid
 from rans.tasks.sight import Dimension
-
-_DEFAULT_CRAFT = {2: "floating-platform", 3: "free-flyer"}
 
 
 class Environment(gymnasium.Env[np.ndarray, np.ndarray]):
@@ -248,7 +246,7 @@ def choose(task_name: str, dimension: Dimension, spacecraft: str | Path | Spacec
     Raises:
         ConfigError: there is no such spacecraft or task, or it does not fit the environment.
     """
-    craft = _DEFAULT_CRAFT[dimension] if spacecraft is None else spacecraft
+    craft = USUAL[dimension] if spacecraft is None else spacecraft
     craft = load_spacecraft(craft)
     if craft.dimension != dimension:
         raise ConfigError(f"this environment is for spacecraft of dimension {dimension}, got {craft.name!r} "

@@ -134,12 +134,12 @@ class World:
         change it; None: as designed.
         """
         shut = (0,) * len(self.craft.thrusters)
-        new = self.recalled(Episode(start, goal, body, None, (start,) * self._memory.states, None, clock,
-                                    (shut,) * self.remembered), draws)
+        new = self.recalled(Episode(start, goal, body, past=(start,) * self._memory.states, clock=clock,
+                                    commands=(shut,) * self.remembered), draws)
         sensors = None if new.case is None else new.case.sensors
         if sensors is None or sensors.dropout is None:
             return new
-        return replace(new, reading=self._read(new, draws))
+        return replace(new, reading=self.read(new, draws))
 
     @cached_property
     def remembered(self) -> int:
@@ -177,10 +177,10 @@ class World:
 
     def sensed(self, episode: Episode, draws: Draws | None) -> Any:
         """The state as sensors tell it."""
-        return episode.reading if episode.reading is not None else self._read(episode, draws)
+        return episode.reading if episode.reading is not None else self.read(episode, draws)
 
-    def _read(self, episode: Episode, draws: Draws | None, last: Any = None) -> Any:
-        """What sensors tell now, with the reading before."""
+    def read(self, episode: Episode, draws: Draws | None, last: Any = None) -> Any:
+        """What sensors read anew; the last reading, if there was one, stands where they drop out."""
         case = episode.case
         if case is None or case.sensors is None or draws is None:
             return episode.state
@@ -210,7 +210,7 @@ def step(world: World, episode: Episode, command: Command, draws: Draws | None =
                       past=(episode.state, *episode.past)[:len(episode.past)],
                       commands=(command, *episode.commands)[:len(episode.commands)])
     if episode.reading is not None:
-        arrived = replace(arrived, reading=world._read(arrived, draws, episode.reading))
+        arrived = replace(arrived, reading=world.read(arrived, draws, episode.reading))
     previous = episode.commands[0] if episode.commands else command
     return Outcome(
         episode=arrived,

@@ -1,6 +1,7 @@
 """What can go wrong, as sentences a user can act on."""
 
 import difflib
+import math
 import sys
 from collections.abc import Callable, Iterable
 from numbers import Integral
@@ -59,6 +60,11 @@ def whole(what: str, value: object, least: int = 1) -> int:
     if isinstance(value, bool) or not isinstance(value, Integral) or not least <= int(value) < 2**31:
         raise ConfigError(f"{what} must be a whole number >= {least} and < 2^31, got {brief(value)}.")
     return int(value)
+
+
+def is_finite(value: object) -> bool:
+    """Whether this is a finite real number; a truth value is none."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
 def fits(value: object, condition: Callable[[Any], bool]) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -51,6 +51,17 @@ class Controller(Protocol):
         `rans.tasks.observation` orders it.
         """
         ...
+
+
+class Setup(NamedTuple):
+    """What flies, what for, how long and in which world."""
+
+    craft: Spacecraft
+    task: Task
+    """With the starts to fly from; agents are judged on those of ``task.for_evaluation()``."""
+    timing: Timing
+    conditions: Conditions | None = None
+    """What episodes do not promise; None: a perfect world."""
 
 
 @dataclass(frozen=True)

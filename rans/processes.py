@@ -11,9 +11,12 @@ import tempfile
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import resource_tracker
 from pathlib import Path
 from typing import Any, TypeVar
+
+from rans.errors import RansError
 
 Answer = TypeVar("Answer")
 
@@ -54,8 +57,20 @@ def submitted(function: Callable[..., Answer], jobs: Iterable[tuple[Any, ...]], 
 
 
 @contextlib.contextmanager
+def deaths_told(who: str) -> Iterator[None]:
+    """Within it a worker process that dies becomes a `RansError`, which says who that was."""
+    try:
+        yield
+    except BrokenProcessPool as error:
+        raise RansError(f"a process that {who} died; the usual cause is too little memory.") from error
+
+
+@contextlib.contextmanager
 def _pickled(prepare: Callable[..., object], arguments: tuple[Any, ...]) -> Iterator[Path]:
-    """In a file: what is large would keep this process waiting until the one that starts has read it."""
+    """In a file: what is large would keep this process waiting until the one that starts has read it.
+
+    And as a plain pickle: that of multiprocessing shares torch's tensors by files that stay open.
+    """
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "prepare"
         file.write_bytes(pickle.dumps((prepare, arguments)))

@@ -62,8 +62,8 @@ def scenario(task: Task, dimension: Dimension, seed: int, episode: int) -> Scena
     if not 0 <= episode < 2**31:
         raise ConfigError(f"the episode must be a whole number from 0 to {2**31 - 1}, got {episode}.")
     one = draws(seed, 1, episode)
-    drawn = Scenario(*task.sample(one.random(dimension, one.first)))
-    return map_leaves(lambda x: float(np.squeeze(x)), drawn)
+    found = Scenario(*task.sample(one.random(dimension, one.first)))
+    return map_leaves(lambda x: float(np.squeeze(x)), found)
 
 
 def batch(scenarios: Sequence[Scenario]) -> Scenario:
@@ -74,9 +74,13 @@ def batch(scenarios: Sequence[Scenario]) -> Scenario:
 
 def scenarios(task: Task, craft: Spacecraft, seed: int, count: int, first: int = 0) -> Scenario:
     """Scenarios ``first`` to ``first + count - 1`` of a seed as one batch of float64 arrays (N,)."""
-    all_ = draws(seed, count, first)
-    drawn = Scenario(*task.sample(all_.random(craft.dimension, all_.first)))
-    return map_leaves(lambda x: np.full(count, x, np.float64), drawn)
+    return drawn(task, craft, draws(seed, count, first))
+
+
+def drawn(task: Task, craft: Spacecraft, own: Draws) -> Scenario:
+    """The scenarios of N episodes that draw like this, as one batch of float64 arrays (N,)."""
+    found = Scenario(*task.sample(own.random(craft.dimension, own.first)))
+    return map_leaves(lambda x: np.full(len(own.first), x, np.float64), found)
 
 
 def each(starts: Scenario) -> Iterator[Scenario]:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import inspect
 import tomllib
-from dataclasses import fields, is_dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import Field, fields, is_dataclass
 from functools import partial
 from typing import Any, Literal, TypeVar, get_args, get_origin
 
@@ -17,6 +18,11 @@ Range = float | tuple[float, float]
 """A number, or the least and the largest of a uniform distribution."""
 
 
+def is_range(setting: Field[Any]) -> bool:
+    """Whether a dataclass's field, whose annotation is a text, holds a `Range`, or perhaps none."""
+    return str(setting.type) in ("Range", "Range | None")
+
+
 def read_toml(text: str) -> dict[str, Any]:
     """The table that a TOML text is; `ConfigError` if it is none."""
     try:
@@ -25,6 +31,15 @@ def read_toml(text: str) -> dict[str, Any]:
         return table
     except (ValueError, RecursionError) as error:
         raise ConfigError(f"this is not valid TOML: {error}.") from error
+
+
+def entries(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Every entry of a nested table, with its name from the top: ppo.gamma."""
+    for name, value in table.items():
+        if isinstance(value, Mapping):
+            yield from entries(value, f"{prefix}{name}.")
+        else:
+            yield f"{prefix}{name}", value
 
 
 def structure(table: Any, cls: type[T], where: str) -> T:

@@ -69,7 +69,12 @@ class Window:
             self._changed.notify_all()
 
 
-class _Handler(BaseHTTPRequestHandler):
+class _Quiet(BaseHTTPRequestHandler):
+    def log_message(self, format: str, *arguments: Any) -> None:
+        """Nobody wants to read of every request."""
+
+
+class _Handler(_Quiet):
     """Serves the page, and the film as a stream of pictures ("multipart/x-mixed-replace")."""
 
     def __init__(self, window: Window, *arguments: Any) -> None:
@@ -92,9 +97,6 @@ class _Handler(BaseHTTPRequestHandler):
         jpeg: bytes | None = b""
         while (jpeg := self._window.next(jpeg)) is not None:
             self.wfile.write(_PART % len(jpeg) + jpeg + b"\r\n")
-
-    def log_message(self, format: str, *arguments: Any) -> None:
-        """Nobody wants to read of every request."""
 
 
 class Served:
@@ -122,7 +124,7 @@ class Served:
         self.content, self.version = self._page().encode(), self.version + 1
 
 
-class _Page(BaseHTTPRequestHandler):
+class _Page(_Quiet):
     def __init__(self, served: Served, *arguments: Any) -> None:
         self._served = served
         super().__init__(*arguments)
@@ -137,9 +139,6 @@ class _Page(BaseHTTPRequestHandler):
         self.end_headers()
         with contextlib.suppress(ConnectionError):  # the page was closed
             self.wfile.write(content)
-
-    def log_message(self, format: str, *arguments: Any) -> None:
-        """Nobody wants to read of every request."""
 
 
 def open_browser(url: str) -> None:

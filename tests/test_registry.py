@@ -147,6 +147,13 @@ class Boundless(Unfinished):
     sample = sight = errors = reward = failed = cast(Any, None)
 
 
+@dataclass(frozen=True)
+class Strange(GoToPose):
+    """Nobody knows how to show or to bound its error."""
+
+    gap_tolerance: float = 0.1
+
+
 @dataclass(frozen=True, kw_only=True)
 class Demanding(GoToPose):
     """A setting of it has no default."""
@@ -162,6 +169,7 @@ def no_task() -> None:
     ("tests.test_registry:no_task", "a task must be a dataclass"),
     ("tests.test_registry:Unfinished", "Unfinished has no errors, failed, reward, sample, sight, which"),
     ("tests.test_registry:Boundless", "Boundless has no tolerances, which every task must have"),
+    ("tests.test_registry:Strange", "Strange has a tolerance of gap; errors can be of position, att"),
     ("tests.test_registry:Demanding", "the settings limit of Demanding have no defaults"),
 ])
 def test_what_is_no_task(name: str, said: str) -> None:

@@ -19,10 +19,9 @@ from rans.errors import ConfigError
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.follow import follow
 from rans.evaluation.fly.paths import LookAhead, find_path
-from rans.evaluation.fly.protocols import Setup
 from rans.evaluation.measure.metrics import samples
 from rans.files import environment, read_json, write_json
-from rans.flight import Controller, fly
+from rans.flight import Controller, Setup, fly
 from rans.scenario import EVALUATION_SEED, scenarios
 from rans.terminal import Terminal, table
 from validation.agent_rows import ROWS, Goal, Row

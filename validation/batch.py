@@ -14,12 +14,12 @@ from torch import Tensor
 from rans.errors import ConfigError
 from rans.evaluation.fly.agent import Agent
 from rans.evaluation.fly.contestants import contestant
-from rans.evaluation.fly.protocols import Setup
 from rans.evaluation.measure.statistics import share
 from rans.fast.engine import Engine
 from rans.fast.learn.network import Network
 from rans.fast.learn.selection import likeliest
 from rans.files import environment, write_json
+from rans.flight import Setup
 from rans.model.conditions import Conditions
 
 Rows = dict[str, dict[str, Any]]

@@ -11,17 +11,18 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from tyro.conf import Positional
 
 from rans.episode import Episode, World
 from rans.evaluation.compare.bounds import Amounts, Event
-from rans.evaluation.fly.protocols import Setup
 from rans.fast.learn.network import Network
 from rans.files import read_json
+from rans.flight import Setup
 from rans.model.conditions import Conditions, FaultChoice, FaultConditions, FaultKind
+from rans.model.dynamics import PlanarState
 from rans.model.faults import fault_sets
 from rans.model.spacecraft import Spacecraft
 from rans.optimal.certificate.certificate import Effort, least_time
@@ -115,8 +116,9 @@ def _certified(setup: Setup, scenario: Scenario, health: Health) -> float:
     dead = [i for i, pair in enumerate(zip(*health, strict=True)) if pair == (0.0, 0.0)]
     stuck = [i for i, leak in enumerate(health.leak) if leak == 1.0]
     within = settling_set(setup.craft, near["position"], near["attitude"], timing.control_period, health)
-    return least_time(Lattice(setup.craft, timing.control_period, dead, stuck), scenario.start, scenario.goal,
-                      timing.episode_steps, within, _EFFORT).lower
+    start, goal = cast("tuple[PlanarState, PlanarState]", (scenario.start, scenario.goal))
+    lattice = Lattice(setup.craft, timing.control_period, dead, stuck)
+    return least_time(lattice, start, goal, timing.episode_steps, within, _EFFORT).lower
 
 
 @dataclass(frozen=True)

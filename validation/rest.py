@@ -18,11 +18,11 @@ from torch import Tensor
 from tyro.conf import Positional
 
 from rans.evaluation.fly.contestants import judged_separately
-from rans.evaluation.fly.protocols import Setup
 from rans.fast.engine import Engine
 from rans.fast.learn.network import Network
 from rans.fast.learn.selection import likeliest
 from rans.files import read_json
+from rans.flight import Setup
 from rans.model.spacecraft import Spacecraft
 from rans.pretrained import pretrained_names
 from rans.scenario import EVALUATION_SEED

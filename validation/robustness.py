@@ -15,13 +15,12 @@ import numpy as np
 from tyro.conf import Positional
 
 from rans.evaluation.fly.controllers import controller
-from rans.evaluation.fly.protocols import Setup
 from rans.evaluation.measure.metrics import settling_times, solved
 from rans.fast.learn.network import Network
 from rans.fast.learn.troubles import TROUBLES
 from rans.fast.verdicts import last_fifth
 from rans.files import read_json
-from rans.flight import fly
+from rans.flight import Setup, fly
 from rans.model.conditions import BodyConditions, Conditions
 from rans.model.conditions_file import load_conditions
 from rans.scenario import EVALUATION_SEED, draws, scenarios

@@ -43,8 +43,8 @@ class Tune:
         """Print what was found and what it is worth."""
         from rans.evaluation.compare.tuning import ranges, tune
         from rans.evaluation.fly.controllers import CONTROLLERS
-        from rans.evaluation.fly.protocols import Setup
         from rans.evaluation.fly.tuned import OWN, defaults, file_name
+        from rans.flight import Setup
         from rans.model.spacecraft_file import load_spacecraft
         from rans.model.timing import Timing
         from rans.tasks import TASKS

@@ -12,11 +12,11 @@ import torch
 
 from rans.evaluation.fly.agent import Agent
 from rans.evaluation.fly.judge import flown
-from rans.evaluation.fly.protocols import Setup
 from rans.fast.learn.architecture import Duty
 from rans.fast.learn.config import TrainConfig, to_table
 from rans.fast.learn.network import Network
 from rans.files import git_revision, package_version
+from rans.flight import Setup
 from rans.model.spacecraft import Spacecraft
 from rans.tasks.derived import example
 

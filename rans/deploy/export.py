@@ -15,13 +15,14 @@ from rans.errors import ConfigError
 from rans.evaluation.fly.agent import load_agent
 from rans.evaluation.fly.contestants import contestant, judged_separately
 from rans.evaluation.fly.judge import flown
-from rans.evaluation.fly.protocols import ProtocolName, Setup, fitting_protocols
+from rans.evaluation.fly.protocols import ProtocolName, fitting_protocols
 from rans.evaluation.measure.aggregate import measure
 from rans.fast.learn.config import PPOSettings, to_table
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.policy import write_policy
 from rans.fast.saved import SavedPolicy, read_policy
 from rans.files import plain, read_json, write_json, write_text
+from rans.flight import Setup
 from rans.scenario import EVALUATION_SEED
 
 Form = Literal["sb3", "onnx", "numpy"]

@@ -105,7 +105,6 @@ class Processes:
         _collective(dist.broadcast_object_list, box, device=torch.device("cpu"))
         return box[0]
 
-
     def part(self, count: int) -> tuple[int, int]:
         """First of so many things that are this process's, and how many are."""
         first, end = (count * place // self.size for place in (self.rank, self.rank + 1))

@@ -18,7 +18,7 @@ from rans.errors import ConfigError, checked
 from rans.fast.distributed import ALONE, Processes
 from rans.fast.kernels.launch import Kernel
 from rans.fast.privileged import Known
-from rans.fast.step import Place, Step, divisible, holding, restore, snapshot, write
+from rans.fast.step import Backend, Step, divisible, holding, restore, snapshot, write
 from rans.fast.straight_step import stepping
 from rans.model.accuracy import chosen
 from rans.model.body import Body, in_memory
@@ -73,32 +73,32 @@ class Engine:
                  conditions: str | Path | Conditions | None = None, remember: bool = False) -> None:
         seeds = seed if isinstance(seed, Sequence) else [seed]
         num_envs = divisible(num_envs, len(seeds))
-        self._place = place = Place.of(device, dtype, compiled)
+        self._backend = backend = Backend.of(device, dtype, compiled)
         self.craft, self.task = craft, task = load_spacecraft(craft), load_task(task)
         self.timing = Timing() if timing is None else checked("timing", timing, Timing)
         conditions = None if conditions is None else load_conditions(conditions)
-        self.num_envs, self.dtype, self.device = num_envs, dtype, place.device
+        self.num_envs, self.dtype, self.device = num_envs, dtype, backend.device
         self.compiled = self.device.type == "cuda" if compiled is None else compiled
         self.processes, self.members, each = processes, len(seeds), num_envs // len(seeds)
-        self.layout = layout(task, craft.dimension)
+        self.layout, nominal = layout(task, craft.dimension), Body.of(craft)
         self.observation_width = self.layout.width
         """Columns of an observation."""
-        self.body = in_memory(body or Body.of(craft), Body.of(craft), num_envs, lambda x: place.put(x, dtype))
+        self.body = in_memory(body or nominal, nominal, num_envs, lambda x: backend.put(x, dtype))
         """What flies; fields (N,) of it may be written in place, which compiles nothing."""
         how = chosen(craft, self.timing, body) if conditions is None else self.timing
-        self._world = World(craft, task, how, place.nodes, conditions)
-        self.known = Known(self._world, self.body, torch.ones(num_envs, dtype=dtype, device=place.device))
+        self._world = World(craft, task, how, backend.nodes, conditions)
+        self.known = Known(self._world, self.body, torch.ones(num_envs, dtype=dtype, device=backend.device))
         """What `privileged` tells."""
         first = np.arange(num_envs) % each * processes.size + processes.rank
-        self._draws = draws = Draws(*place.words(seeds, each), place.put(first, torch.int32),
-                                    each * processes.size, place.fields)
+        self._draws = draws = Draws(*backend.words(seeds, each), backend.put(first, torch.int32),
+                                    each * processes.size, backend.fields)
         buffers = self._world, self.body, num_envs, draws
-        self.episode, self._kernel = place.episodes(*buffers, remember), None
+        self.episode, self._kernel = backend.episodes(*buffers, remember), None
         if generated and self.compiled and self.device.type == "cuda":
             self._kernel = Kernel.made(self._world, self.episode, draws, processes, dtype, self.members)
         if self._kernel is None:
-            self.episode = place.episodes(*buffers, remember=True)
-        self._step = stepping(place, self.compiled and self._kernel is None)
+            self.episode = backend.episodes(*buffers, remember=True)
+        self._step = stepping(backend, self.compiled and self._kernel is None)
         self.state, self.goal = self.episode.state, self.episode.goal
         """Of the running episodes; fields are what the next step overwrites, those that never vary floats."""
         self.reset(seeds)
@@ -124,7 +124,7 @@ class Engine:
         else:
             each = self.num_envs // self.members
             # Numbers go into memory without a copy from the CPU, which no CUDA graph could record.
-            words = self._place.words(seed, each) if isinstance(seed, Sequence) else seed_words(seed)
+            words = self._backend.words(seed, each) if isinstance(seed, Sequence) else seed_words(seed)
             write((self._draws.low, self._draws.high), words)
             write([now.clock], [0])
         begun = world.begin(*world.scenario(now.clock, self._draws), now.clock, self._draws, now.body)
@@ -141,7 +141,7 @@ class Engine:
         shape, clock = (everywhere // len(parts),), self.episode.clock
         steps = torch.cat([torch.randint(0, limit, shape, generator=own, dtype=torch.int32) for own in parts])
         clock -= self.timing.step(clock)
-        clock += self._place.put(self.processes.mine(steps), torch.int32)
+        clock += self._backend.put(self.processes.mine(steps), torch.int32)
 
     def privileged(self) -> Tensor:
         """What a simulator knows of every spacecraft and a robot does not, (N, p), see `Known`."""
@@ -152,7 +152,7 @@ class Engine:
         if self._kernel is not None:
             return self._kernel.observe()
         now = self._world.recalled(self.episode, self._draws)
-        return self._place.stack(self._world.observe(now, self._draws)).T
+        return self._backend.stack(self._world.observe(now, self._draws)).T
 
     def errors(self) -> dict[str, Tensor]:
         """The task's errors in the current state by name, each (N,)."""

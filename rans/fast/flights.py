@@ -3,35 +3,27 @@
 from __future__ import annotations
 
 import os
-import pickle
 from collections.abc import Callable, Generator, Iterator, Sequence
-from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
 
 import numpy as np
 import torch
 
 from rans.episode import Episode, Outcome, World, step
-from rans.errors import ConfigError, RansError, brief
+from rans.errors import ConfigError, brief
 from rans.fast.cpu_flights import CpuFlights
 from rans.fast.kernels.flight import FlightKernel, Products
 from rans.fast.kernels.flight_program import trace_flight
 from rans.fast.learn.network import Network
 from rans.fast.learn.selection import likeliest
-from rans.fast.step import Place
+from rans.fast.step import Backend
 from rans.fast.threads import one_thread
 from rans.fast.verdicts import Tally, Verdicts
-from rans.model.conditions import Conditions
+from rans.flight import Setup
 from rans.model.fields import Field
 from rans.model.random import Draws, seed_words
-from rans.model.spacecraft import Spacecraft
-from rans.model.timing import Timing
 from rans.model.trace import UNTRACEABLE
-from rans.processes import processors, submitted
-from rans.tasks.base import Task
-
-Given = tuple[Spacecraft, Task, Timing, Conditions | None]
-"""What flies, what for, how long and under which conditions: a `rans.evaluation.fly.protocols.Setup`."""
+from rans.processes import deaths_told, processors, submitted
 
 BATCH = {"cpu": 4096, "cuda": 2**20}
 """Flights stepped together: what a processor's caches hold, and what keeps a GPU busy."""
@@ -61,12 +53,12 @@ class Flights:
         ConfigError: there is no such device here.
     """
 
-    def __init__(self, network: Network, setup: Given, device: str | torch.device = "cpu",
+    def __init__(self, network: Network, setup: Setup, device: str | torch.device = "cpu",
                  listed: int = LISTED, products: Products = "bf16x3", generated: bool = True) -> None:
         craft, task, timing, conditions = self._setup = setup
-        self._place = place = Place.of(device, torch.float32, None)
-        self.device, self.listed = place.device, listed
-        self.world = World(craft, task, timing, place.nodes, conditions)
+        self._backend = backend = Backend.of(device, torch.float32, None)
+        self.device, self.listed = backend.device, listed
+        self.world = World(craft, task, timing, backend.nodes, conditions)
         self._network = Network(network.architecture, {
             name: x.to(self.device, torch.float32) for name, x in network.tensors.items()})
         self._whole = self._made(products) if generated else None
@@ -124,12 +116,10 @@ class Flights:
     def _divided(self, parts: Sequence[tuple[int, int]], seed: int) -> Iterator[Verdicts]:
         """By one process a processor: threads would wait for Python's lock."""
         jobs = [(*part, seed) for part in parts]
-        given = pickle.dumps((self._network, self._setup, self.listed))  # torch would share tensors by files
-        with submitted(_work, jobs, min(len(jobs), _processors()), _load, (given,)) as futures:
-            try:
-                yield from (future.result() for future in futures)
-            except BrokenProcessPool as error:
-                raise RansError("a process that flew died; the usual cause is too little memory.") from error
+        given = self._network, self._setup, self.listed
+        workers = min(len(jobs), _processors())
+        with submitted(_work, jobs, workers, _load, given) as futures, deaths_told("flew"):
+            yield from (future.result() for future in futures)
 
     def _stepped(self, words: tuple[int, int], numbers: np.ndarray) -> Verdicts:
         """One batch, step by step."""
@@ -151,23 +141,23 @@ class Flights:
 
         As fields (N,) of the device: the episodes acted in, and what that gave.
         """
-        world, place, network = self.world, self._place, self._network
-        draws = Draws(*words, place.put(numbers, torch.int32), 0, place.fields)
-        clock = place.put(np.zeros_like(numbers), torch.int32)
+        world, backend, network = self.world, self._backend, self._network
+        draws = Draws(*words, backend.put(numbers, torch.int32), 0, backend.fields)
+        clock = backend.put(np.zeros_like(numbers), torch.int32)
         now = world.begin(*world.scenario(clock, draws), clock, draws)
         memory = network.blank(len(numbers))
         for _ in range(world.timing.episode_steps):
             seen = self._seen(world.observe(now, draws), len(numbers))
             command, memory = likeliest(network, seen, memory)
             columns = command.T.contiguous()
-            outcome = step(world, now, tuple(columns.numpy() if place.on_numpy else columns), draws)
+            outcome = step(world, now, tuple(columns.numpy() if backend.on_numpy else columns), draws)
             yield now, outcome
             now = outcome.episode
 
     def _seen(self, columns: tuple[Field, ...], count: int) -> torch.Tensor:
         """Observations (N, width); columns that are the same for all are numbers or of one element."""
         rows = torch.empty((len(columns), count), dtype=torch.float32, device=self.device)
-        into = rows.numpy() if self._place.on_numpy else rows
+        into = rows.numpy() if self._backend.on_numpy else rows
         for row, column in enumerate(columns):
             into[row] = column
         return rows.T
@@ -177,9 +167,8 @@ _given: list[Flights] = []
 """In each worker process."""
 
 
-def _load(given: bytes) -> None:
+def _load(network: Network, setup: Setup, listed: int) -> None:
     torch.set_num_threads(1)  # one process per processor
-    network, setup, listed = pickle.loads(given)
     _given[:] = [Flights(network, setup, listed=listed)]
 
 
@@ -195,13 +184,3 @@ def _processors() -> int:
 def _parts(first: int, count: int, size: int) -> list[tuple[int, int]]:
     """First number and count of every part of at most so many scenarios."""
     return [(begin, min(size, first + count - begin)) for begin in range(first, first + count, size)]
-
-
-def fly_many(network: Network, setup: Given, first: int, count: int, seed: int,
-             device: str | torch.device = "cpu") -> Verdicts:
-    """What becomes of scenarios ``first`` to ``first + count - 1`` of a seed, see `Flights`.
-
-    Raises:
-        ConfigError: see `Flights` and `Flights.fly`.
-    """
-    return Flights(network, setup, device).fly(first, count, seed)

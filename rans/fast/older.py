@@ -76,10 +76,12 @@ def architecture(archive: zipfile.ZipFile, craft: Spacecraft, task: Task) -> Arc
     rows, privileged = len(tensors["action_net.bias"]), int(_number(said, "privileged"))
     nominal = tuple(relative(Body.of(craft), craft)) if "'nominal': (" in said else ()
     return Architecture(
-        seen, rows if continuous else rows // 2, _layers(tensors), _word(said, "activation"),
-        _number(said, "zoom"), symmetries(craft) if "'symmetries': Symmetries(" in said else None,
-        "'bf16': True" in said, continuous, int(_number(said, "history")), (), int(_number(said, "units")),
-        privileged, nominal if privileged else (), bounds=example(task, craft.dimension).bounds())
+        layout=seen, thrusters=rows if continuous else rows // 2, layers=_layers(tensors),
+        activation=_word(said, "activation"), zoom=_number(said, "zoom"),
+        symmetries=symmetries(craft) if "'symmetries': Symmetries(" in said else None,
+        bf16="'bf16': True" in said, continuous=continuous, history=int(_number(said, "history")),
+        units=int(_number(said, "units")), privileged=privileged, nominal=nominal if privileged else (),
+        bounds=example(task, craft.dimension).bounds())
 
 
 def _layers(tensors: dict[str, Tensor]) -> tuple[int, ...]:

@@ -103,15 +103,15 @@ def field_dtype(device: torch.device, dtype: torch.dtype = torch.float32,
 
 
 @dataclass(frozen=True)
-class Place:
-    """Where fields lie: in NumPy's arrays, or in torch's tensors on a device."""
+class Backend:
+    """The library that fields are of: NumPy, or torch with its tensors on a device."""
 
     device: torch.device
     fields: Any
     """Their floating dtype, see `field_dtype`."""
 
     @classmethod
-    def of(cls, device: str | torch.device, dtype: torch.dtype, compiled: bool | None) -> Place:
+    def of(cls, device: str | torch.device, dtype: torch.dtype, compiled: bool | None) -> Backend:
         """Of fields of this dtype, see `field_dtype`.
 
         Raises:

@@ -16,7 +16,8 @@ from torch import Tensor
 
 from rans.episode import Episode, World
 from rans.fast.kernels.program import Program, Shape, Store, trace
-from rans.fast.step import Place, Step, step_arrays, step_tensors
+from rans.fast.step import Backend, Step, step_arrays, step_tensors
+from rans.model.faults import sets_among
 from rans.model.random import Draws
 from rans.model.trace import UNTRACEABLE, Symbol
 
@@ -108,11 +109,13 @@ class ArrayStep:
         return self._straight(action) if self._straight else step_arrays(world, episode, action, draws)
 
 
-def stepping(place: Place, compiled: bool) -> Callable[[World, Episode, Tensor, Draws], Step]:
-    """What steps the episodes of one engine there."""
+def stepping(backend: Backend, compiled: bool) -> Callable[[World, Episode, Tensor, Draws], Step]:
+    """What steps the episodes of one engine."""
     if compiled:  # and only then: importing torch's compilers takes seconds
+        # Linear programmes, which the compiler cannot trace; their answer is the same in every step.
+        torch.compiler.assume_constant_result(sets_among)
         return torch.compile(step_tensors, fullgraph=True, dynamic=False)
-    return ArrayStep() if place.on_numpy else step_tensors
+    return ArrayStep() if backend.on_numpy else step_tensors
 
 
 def _everywhere(program: Program) -> Iterator[Store]:

@@ -17,8 +17,8 @@ import numpy as np
 from rans.errors import ConfigError, brief
 from rans.model.body import Body
 from rans.model.conditions import Conditions, Range, largest
+from rans.model.drawn_faults import Fault, drawn_fault
 from rans.model.dynamics import Wrench
-from rans.model.failures import Fault, drawn_fault
 from rans.model.fields import Field, floor, map_leaves, sin, where
 from rans.model.random import Draws, Random
 from rans.model.sensors import Sensors, drawn_sensors
@@ -157,6 +157,12 @@ def examples(conditions: Conditions, craft: Spacecraft, steps: int) -> Case:
     return draw(conditions, craft, Body.of(craft), steps, numbers, Draws(0, 0, numbers, 0, np.float64))
 
 
+_STREAMS = {"body": 1, "thrusters": 2, "fault": 3, "lag": 4, "hold": 5, "push": 6, "swing": 7, "kicks": 8,
+            "sensors": 16, "mixture": 17}
+"""Of 256 blocks of random numbers each; start and goal have the first, kicks have eight. A number that was
+given stays: else agents would meet other episodes under the same seed."""
+
+
 def draw(conditions: Conditions, craft: Spacecraft, base: Body, steps: int, number: Field,
          draws: Draws) -> Case:
     """One episode's case.
@@ -169,23 +175,22 @@ def draw(conditions: Conditions, craft: Spacecraft, base: Body, steps: int, numb
         number: of the episode.
         draws: random numbers.
     """
-    def random(stream: int) -> Random:
-        return draws.random(craft.dimension, number, stream * 256)
+    def random(stream: str, k: int = 0) -> Random:
+        return draws.random(craft.dimension, number, (_STREAMS[stream] + k) * 256)
 
     if conditions.others:
-        conditions = conditions.met(random(17).unit())
-    body = _body(conditions, base, random(1), random(2))
+        conditions = conditions.met(random("mixture").unit())
+    body, pushes = _body(conditions, base, random("body"), random("thrusters")), conditions.disturbances
     return Case(
-        number,
-        body,
-        drawn_fault(conditions.faults, craft, body, random(3)),
-        _lag(conditions, random(4)),
-        _hold(conditions, random(5)),
-        _push(conditions.disturbances.force, conditions.disturbances.torque, random(6)),
-        _swing(conditions, random(7)),
-        tuple(_kick(conditions, steps, random(8 + k)) for k in range(conditions.disturbances.kicks)),
-        drawn_sensors(conditions.sensors, random(16)),
-    )
+        number=number,
+        body=body,
+        fault=drawn_fault(conditions.faults, craft, body, random("fault")),
+        lag=_lag(conditions, random("lag")),
+        hold=_hold(conditions, random("hold")),
+        push=_push(pushes.force, pushes.torque, random("push")),
+        swing=_swing(conditions, random("swing")),
+        kicks=tuple(_kick(conditions, steps, random("kicks", k)) for k in range(pushes.kicks)),
+        sensors=drawn_sensors(conditions.sensors, random("sensors")))
 
 
 def _body(conditions: Conditions, base: Body, random: Random, thrusters: Random) -> Body:

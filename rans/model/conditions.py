@@ -12,11 +12,11 @@ from dataclasses import dataclass, field, fields, is_dataclass, replace
 from itertools import accumulate
 from typing import Any, Literal, NamedTuple, get_args
 
-from rans.errors import ConfigError, checked, fits, one_of
+from rans.errors import ConfigError, checked, fits, is_finite, one_of
 from rans.model.fields import Field, where
 from rans.model.spacecraft import Spacecraft
 from rans.shown import Settings
-from rans.structure import Range
+from rans.structure import Range, is_range
 
 FaultKind = Literal["dead", "stuck-open", "stuck", "weak"]
 """Never open; always open; always open by a share; open by a share of what it is told."""
@@ -247,9 +247,9 @@ def _check(conditions: Any, place: str) -> None:
         value, name = getattr(conditions, one.name), place + one.name
         if str(one.type).endswith("Conditions"):
             _check(checked(name, value, globals()[str(one.type)]), name + ".")
-        elif "Range" in str(one.type) and value is not None:
+        elif is_range(one) and value is not None:
             pair = bounds(value)
-            numbers = len(pair) == 2 and all(_is_number(x) for x in pair)
+            numbers = len(pair) == 2 and all(map(is_finite, pair))
             _require(numbers and 0 <= pair[0] <= pair[1], name, value,
                      "a number >= 0, or the least and the largest of two")
 
@@ -261,7 +261,7 @@ def _check_alike(one: Any, other: Any, place: str) -> None:
         if is_dataclass(here):
             _check_alike(here, there, name + ".")
         elif name not in ("description", "weight", "others"):
-            free = "Range" in str(known.type) and (here is None) == (there is None)
+            free = is_range(known) and (here is None) == (there is None)
             _require(free or here == there, f"others: {name}", there, f"as in the first, {here!r}")
 
 
@@ -272,7 +272,7 @@ def _mixed(parts: Sequence[Any], ends: Sequence[float], chance: Field) -> Any:
         values = [getattr(part, one.name) for part in parts]
         if is_dataclass(values[0]):
             changed[one.name] = _mixed(values, ends, chance)
-        elif "Range" in str(one.type) and any(value != values[0] for value in values):
+        elif is_range(one) and any(value != values[0] for value in values):
             pairs = [bounds(value) for value in values]
             low, high = (piecewise(column, ends, chance) for column in zip(*pairs, strict=True))
             least, most = min(pair[0] for pair in pairs), max(pair[1] for pair in pairs)
@@ -289,10 +289,6 @@ def piecewise(values: Sequence[float], ends: Sequence[float], chance: Field) -> 
             result = where(chance >= end, zero + value, result)
         last = value
     return result
-
-
-def _is_number(x: Any) -> bool:
-    return isinstance(x, int | float) and not isinstance(x, bool) and math.isfinite(x)
 
 
 def _require(holds: Any, name: str, value: object, bound: str) -> None:

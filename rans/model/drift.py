@@ -10,15 +10,14 @@ that neglects 0.025 rad, or 1.4 degrees, in 25 s.
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, TypeVar
 
-from rans.errors import ConfigError
+from rans.errors import ConfigError, is_finite
 from rans.model.fields import Field, Heading, Quat, Vec2, Vec3, at_least, cos, sin, sqrt
 
-Vector = TypeVar("Vector", Vec2, Vec3)
+AnyVector = TypeVar("AnyVector", Vec2, Vec3)
 
 
 class Drift(ABC):
@@ -31,7 +30,7 @@ class Drift(ABC):
     are carried. A drift of which this does not hold is linear: it leaves a point at rest at W's origin."""
 
     @abstractmethod
-    def carry(self, p: Vector, v: Vector, t: Field) -> tuple[Vector, Vector]:
+    def carry(self, p: AnyVector, v: AnyVector, t: Field) -> tuple[AnyVector, AnyVector]:
         """Position (m) and velocity (m/s) in W after a time (s): a number, or a CasADi symbol."""
 
 
@@ -42,7 +41,7 @@ class FreeFlight(Drift):
     name: ClassVar[str] = "free-flight"
     straight: ClassVar[bool] = True
 
-    def carry(self, p: Vector, v: Vector, t: Field) -> tuple[Vector, Vector]:
+    def carry(self, p: AnyVector, v: AnyVector, t: Field) -> tuple[AnyVector, AnyVector]:
         """Along a straight line."""
         return p + v.scale(t), v
 
@@ -62,11 +61,11 @@ class UniformGravity(Drift):
 
     def __post_init__(self) -> None:
         given = self.acceleration
-        if not isinstance(given, tuple) or len(given) not in (2, 3) or not all(map(_finite, given)):
+        if not isinstance(given, tuple) or len(given) not in (2, 3) or not all(map(is_finite, given)):
             raise ConfigError("the acceleration of uniform gravity must be two (plane) or three (space) "
                               f"finite numbers in m/s^2, got {given!r}.")
 
-    def carry(self, p: Vector, v: Vector, t: Field) -> tuple[Vector, Vector]:
+    def carry(self, p: AnyVector, v: AnyVector, t: Field) -> tuple[AnyVector, AnyVector]:
         """Along a parabola.
 
         Raises:
@@ -97,11 +96,11 @@ class ClohessyWiltshire(Drift):
     straight: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
-        if not _finite(self.mean_motion) or self.mean_motion <= 0:
+        if not is_finite(self.mean_motion) or self.mean_motion <= 0:
             raise ConfigError("the mean motion of a Clohessy-Wiltshire frame must be a finite number > 0 "
                               f"rad/s, got {self.mean_motion!r}; without an orbit it is free flight.")
 
-    def carry(self, p: Vector, v: Vector, t: Field) -> tuple[Vector, Vector]:
+    def carry(self, p: AnyVector, v: AnyVector, t: Field) -> tuple[AnyVector, AnyVector]:
         """Along the closed form, without 1 - cos, which would lose digits in short times."""
         n = self.mean_motion
         s, half = _sine(n * t), _sine(0.5 * n * t)
@@ -123,10 +122,6 @@ FREE = FreeFlight()
 def _sine(angle: Field) -> Field:
     """A plain number of a plain number: NumPy's own would make float64 of float32 arrays."""
     return float(sin(angle)) if isinstance(angle, float) else sin(angle)
-
-
-def _finite(x: Any) -> bool:
-    return isinstance(x, int | float) and not isinstance(x, bool) and math.isfinite(x)
 
 
 def step_goal(goal: Any, drift: Drift, duration: Field) -> Any:

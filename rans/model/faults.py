@@ -19,6 +19,7 @@ import numpy as np
 
 from rans.errors import ConfigError
 from rans.model.conditions import FaultKind
+from rans.model.fields import Field
 from rans.model.spacecraft import Spacecraft
 
 _LEAST = 1e-6
@@ -53,6 +54,10 @@ def fault_sets(craft: Spacecraft, count: int, kind: FaultKind,
 
 
 @cache
+def _sets(craft: Spacecraft, count: int, kind: FaultKind, shares: tuple[float, ...]) -> tuple[FaultSet, ...]:
+    return tuple(fault_sets(craft, count, kind, shares))
+
+
 def sets_among(craft: Spacecraft, count: int, kind: FaultKind, shares: tuple[float, ...],
                recoverable: bool) -> tuple[tuple[int, ...], ...]:
     """The sets of so many thrusters that are recoverable, or those that are not.
@@ -60,7 +65,7 @@ def sets_among(craft: Spacecraft, count: int, kind: FaultKind, shares: tuple[flo
     Raises:
         ConfigError: there is none.
     """
-    found = tuple(one.thrusters for one in fault_sets(craft, count, kind, shares)
+    found = tuple(one.thrusters for one in _sets(craft, count, kind, shares)
                   if one.recoverable == recoverable)
     if not found:
         sort = "recoverable" if recoverable else "unrecoverable"
@@ -70,9 +75,14 @@ def sets_among(craft: Spacecraft, count: int, kind: FaultKind, shares: tuple[flo
     return found
 
 
-def failed(kind: FaultKind, share: float) -> tuple[float, float]:
-    """Gain and leak of a thruster that fails in this way, see `rans.model.body.Body`."""
-    return {"dead": (0.0, 0.0), "stuck-open": (0.0, 1.0), "stuck": (0.0, share), "weak": (share, 0.0)}[kind]
+def failed(kind: FaultKind, share: Field, none: Field = 0.0, full: Field = 1.0) -> tuple[Field, Field]:
+    """Gain and leak of a thruster that fails in this way, see `rans.model.body.Body`.
+
+    For fields that may be of another kind elsewhere, no thrust and full thrust are fields too.
+    """
+    ways: dict[FaultKind, tuple[Field, Field]] = {
+        "dead": (none, none), "stuck-open": (none, full), "stuck": (none, share), "weak": (share, none)}
+    return ways[kind]
 
 
 def margin(craft: Spacecraft, lost: Sequence[int], gain: float = 0.0, leak: float = 0.0) -> float:

@@ -26,6 +26,7 @@ from rans.model.fields import (
     sqrt,
     where,
 )
+from rans.structure import Range
 
 
 def seed_words(seed: int) -> tuple[int, int]:
@@ -126,12 +127,12 @@ class Random:
         """Uniform between two bounds."""
         return low + (high - low) * self.unit()
 
-    def within(self, values: float | tuple[float, float]) -> Field:
+    def within(self, values: Range) -> Field:
         """Uniform between the bounds of a range; a number for itself, for which one is drawn in vain."""
         u = self.unit()
         return values[0] + (values[1] - values[0]) * u if isinstance(values, tuple) else values
 
-    def whole(self, values: float | tuple[float, float]) -> Field:
+    def whole(self, values: Range) -> Field:
         """A whole number, each within a range as likely as the next, as a real."""
         u = self.unit()
         return values[0] + floor((values[1] - values[0] + 1.0) * u) if isinstance(values, tuple) else values
@@ -145,11 +146,11 @@ class Random:
         self._spare = radius * sin(angle)
         return radius * cos(angle)
 
-    def vector(self, length: float | tuple[float, float]) -> Vec2 | Vec3:
+    def vector(self, length: Range) -> Vec2 | Vec3:
         """A vector in any direction whose length is within a range."""
         return self.direction().scale(self.within(length))
 
-    def turn(self, size: float | tuple[float, float]) -> Field:
+    def turn(self, size: Range) -> Field:
         """A turn about z either way, or a vector about any axis, whose size is within a range."""
         if self.dimension == 3:
             return self.vector(size)

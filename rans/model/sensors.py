@@ -45,8 +45,8 @@ def drawn_sensors(given: SensorsConditions, random: Random) -> Sensors | None:
     return result if largest(given.delay) >= 1 or len(leaves(result)) > 1 else None
 
 
-_FIRST = 2**25
-"""The first block of random numbers that sensors draw, behind all that is drawn once an episode."""
+PER_STEP = 2**25
+"""The first block of the random numbers of every step, which sensors draw: behind those of an episode."""
 
 
 def reading(states: Sequence[State], sensors: Sensors, random: Callable[[int], Random],
@@ -59,7 +59,7 @@ def reading(states: Sequence[State], sensors: Sensors, random: Callable[[int], R
         random: gives the random numbers of a block in this control period.
         last: the reading before, which stands where one drops out; None: there was none.
     """
-    state, streams = states[0], [random(_FIRST + quantity * 4) for quantity in range(4)]
+    state, streams = states[0], [random(PER_STEP + quantity * 4) for quantity in range(4)]
     for age, old in enumerate(states[1:], 1):
         late = sensors.delay >= age
         state = map_leaves(lambda new, old, late=late: where(late, old, new), state, old)

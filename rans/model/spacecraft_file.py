@@ -51,6 +51,10 @@ SPACECRAFT = Registry("spacecraft", "rans.spacecraft", {
 """Every spacecraft that has a name."""
 
 
+USUAL: dict[int, str] = {2: "floating-platform", 3: "free-flyer"}
+"""Who flies where none is named, by dimension."""
+
+
 def spacecraft_names() -> list[str]:
     """Names of the spacecraft that come with the package, and of those that others installed.
 

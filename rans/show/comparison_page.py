@@ -75,7 +75,7 @@ def _summary(comparison: Comparison) -> Section:
     made = [[e.name, e.contestant.knows, e.contestant.tuning] for e in comparison.entries]
     found = [Table(("score", *board), rows, "Scores over all starts"),
              Table(("contestant", "knows", "tuning"), made, "What it took")] if rows else []
-    return Section("Contestants", TEXT, found, (), findings)
+    return Section("Contestants", TEXT, found, findings=findings)
 
 
 def _front(comparison: Comparison, front: Front) -> Section:
@@ -98,7 +98,7 @@ def _plane(comparison: Comparison) -> Section:
             "eye.") if comparison.certified_starts() else ""
     picture = Picture.of(figures.plane(comparison),
                          "Time and thrust-time to the goal set, with 95 % intervals.")
-    return Section("Time and thrust", text, (), [picture])
+    return Section("Time and thrust", text, pictures=[picture])
 
 
 def _gaps(comparison: Comparison) -> Iterator[Section]:
@@ -131,7 +131,7 @@ def _starts(comparison: Comparison) -> Section:
     chosen = dict.fromkeys((ranking[(len(ranking) - 1) // 2], ranking[-1]))
     pictures = [Picture.of(figures.side_by_side([*_flights(comparison, k)]), f"Start {k}.") for k in chosen]
     text = f"The median and the slowest start of {comparison.entries[0].name}, everybody side by side."
-    return Section("Paths", text, (), pictures)
+    return Section("Paths", text, pictures=pictures)
 
 
 def _flights(comparison: Comparison, k: int) -> Iterator[tuple[str, Flight, int]]:
@@ -159,7 +159,7 @@ def _returns(comparison: Comparison) -> Section:
                  f"{counted(len(known), 'start')}; 100 % is its relaxed optimum from there, which may "
                  "throttle; the mean of the former over the mean of the latter.")
     picture = Picture.of(figures.shares_and_latency(tables.scoreboard(comparison)), f"{title}.")
-    return Section(title, text, (), [picture])
+    return Section(title, text, pictures=[picture])
 
 
 def _differences(comparison: Comparison) -> Iterator[Section]:

@@ -11,11 +11,12 @@ from typing import Any
 
 from rans.errors import ConfigError, counted
 from rans.evaluation.measure.aggregate import COLUMNS, Metrics
+from rans.evaluation.stress.outcome import WANTED
 from rans.files import number, read_json, read_json_lines, read_text
 from rans.show.figures import learning_curve
 from rans.show.page import Finding, Page, Picture, Section, Table, header, named, show
 
-SOLVED_SHARE = 99.0
+SOLVED_SHARE = 100.0 * WANTED
 """Share of episodes, %, from which a task counts as solved."""
 
 _KEY_METRICS = ("solved", "settling time", "failed", "position error", "attitude error", "duty")
@@ -79,7 +80,8 @@ def validation_section(study: Mapping[str, Any]) -> Section:
                         True if checks and not failed else None),
                 *(Finding(f"Not run: {one['name']}. {one['reason']}") for one in skipped)]
     return Section("Validation", f"{title}. Every value must stay within its tolerance.",
-                   [Table(columns, rows)], (), findings, [("checks within tolerance", within)], folded=True)
+                   [Table(columns, rows)], findings=findings, summary=[("checks within tolerance", within)],
+                   folded=True)
 
 
 def training_section(rows: Sequence[Mapping[str, Any]]) -> Section:
@@ -87,7 +89,7 @@ def training_section(rows: Sequence[Mapping[str, Any]]) -> Section:
     last = rows[-1]
     summary = [(what, form.format(last[key])) for key, what, form in _PROGRESS if key in last]
     picture = Picture.of(learning_curve(rows), "Success and return by term while training.")
-    return Section("Training", "", [Table(("at the end", "value"), summary)], [picture], (), summary)
+    return Section("Training", "", [Table(("at the end", "value"), summary)], [picture], summary=summary)
 
 
 def _sweep(picture: Path, sweep: Mapping[str, Any]) -> Section:
@@ -100,9 +102,10 @@ def _sweep(picture: Path, sweep: Mapping[str, Any]) -> Section:
     caption = "Success while training, and steps until solved; the best is orange."
     pictures = [Picture.of(read_text(picture), caption)] if picture.is_file() else []
     table = Table(("member", "seed", *varied, "solved", "steps", "success"), rows)
+    best = str(sweep["best"])
     return Section("Sweep", "", [table], pictures,
-                   [Finding(f"{solved} solved the task; the best is member {sweep['best']}.")],
-                   [("members that solved the task", solved), ("best member", str(sweep["best"]))])
+                   findings=[Finding(f"{solved} solved the task; the best is member {best}.")],
+                   summary=[("members that solved the task", solved), ("best member", best)])
 
 
 def evaluation_section(measured: Sequence[Metrics], pictures: Sequence[Picture] = ()) -> Section:
@@ -114,7 +117,7 @@ def evaluation_section(measured: Sequence[Metrics], pictures: Sequence[Picture] 
     findings = [Finding(f"{title}: {share:.1f} % solved; {SOLVED_SHARE:g} % are wanted.",
                         share >= SOLVED_SHARE) for title, share in shares]
     summary = [line for m in measured for line in _key_metrics(m)]
-    return Section("Evaluation", text, tables, pictures, findings, summary)
+    return Section("Evaluation", text, tables, pictures, findings=findings, summary=summary)
 
 
 def _key_metrics(measured: Metrics) -> Iterator[tuple[str, str]]:
@@ -128,8 +131,8 @@ def comparison_section(comparison: Mapping[str, Any]) -> Section:
     summary = [(str(row["contestant"]), _outcome(row)) for row in comparison.get("summary", [])]
     texts = [*comparison.get("notes", ()), *(f"{name} {outcome}." for name, outcome in summary)]
     findings = [*(Finding(text, False) for text in comparison["failures"]), *map(Finding, texts)]
-    return Section("Comparison", f"{comparison['title']}.", [Table(("contestant", "outcome"), summary)], (),
-                   findings, summary, "compare.html")
+    return Section("Comparison", f"{comparison['title']}.", [Table(("contestant", "outcome"), summary)],
+                   findings=findings, summary=summary, link="compare.html")
 
 
 def stress_section(stress: Mapping[str, Any]) -> Section:
@@ -138,8 +141,8 @@ def stress_section(stress: Mapping[str, Any]) -> Section:
             for name, world in stress["worlds"].items() if world["size"] is None
             for who, found in world["contestants"].items()]
     findings = [Finding(text, False) for text in stress["failures"]]
-    return Section("Stress", f"{stress['title']}.", [Table(("conditions", "held"), rows)], (), findings, rows,
-                   "stress.html")
+    return Section("Stress", f"{stress['title']}.", [Table(("conditions", "held"), rows)],
+                   findings=findings, summary=rows, link="stress.html")
 
 
 def _outcome(row: Mapping[str, Any]) -> str:

@@ -8,7 +8,7 @@ from typing import Any
 
 from rans.errors import ConfigError, named
 from rans.registry import Registry
-from rans.tasks.base import SingleTask, Task, observation
+from rans.tasks.base import UNITS, SingleTask, Task, observation
 from rans.tasks.derived import observation_columns, observation_width
 from rans.tasks.go_to_pose import GoToPose
 from rans.tasks.go_to_pose_priced import GoToPosePriced
@@ -28,8 +28,13 @@ def _checked(found: Any) -> type[Any]:
             if field.default is field.default_factory is dataclasses.MISSING]
     if bare:
         raise ConfigError(f"the settings {', '.join(bare)} of {found.__name__} have no defaults.")
-    if issubclass(found, SingleTask) and not found().tolerances():
-        raise ConfigError(f"{found.__name__} has no tolerances, which every task must have.")
+    if issubclass(found, SingleTask):
+        quantities = found().tolerances().keys()
+        if not quantities:
+            raise ConfigError(f"{found.__name__} has no tolerances, which every task must have.")
+        if unknown := sorted(quantities - UNITS.keys()):
+            raise ConfigError(f"{found.__name__} has a tolerance of {', '.join(unknown)}; errors can be of "
+                              f"{', '.join(UNITS)}.")
     return found
 
 
@@ -62,6 +67,15 @@ def load_task(name: str | Task) -> Task:
     return name if isinstance(name, Task) else TASKS[named("task", name, Task)]()
 
 
+def registered_name(task: Task) -> str | None:
+    """The name of a task's class in `TASKS`; None where it has none.
+
+    >>> registered_name(GoToPose())
+    'go-to-pose'
+    """
+    return next((name for name in TASKS if TASKS[name] is type(task)), None)
+
+
 def gymnasium_ids(name: str) -> tuple[str, str]:
     """Gymnasium ids of the task of this name in the plane and in space, without loading it.
 
@@ -75,5 +89,5 @@ def gymnasium_ids(name: str) -> tuple[str, str]:
 __all__ = [
     "TASKS", "GoToPose", "GoToPosePriced", "GoToPosition", "MultiTask", "SingleTask", "Task", "TrackTwist",
     "TrackVelocity", "TrackVelocityHeading", "Transition", "gymnasium_ids", "load_task", "observation",
-    "observation_columns", "observation_width",
+    "observation_columns", "observation_width", "registered_name",
 ]

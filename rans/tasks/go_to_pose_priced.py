@@ -47,7 +47,7 @@ class GoToPosePriced(GoToPose):
 
     def parts(self) -> Mapping[str, GoToPosePriced]:
         """Every position of the knob; where it is held, nothing is left to name."""
-        return {"": self} if self.is_held else Positions(self)
+        return {"": self} if self.is_held else KnobPositions(self)
 
     @property
     def is_held(self) -> bool:
@@ -85,7 +85,7 @@ class GoToPosePriced(GoToPose):
 
 
 @dataclass(frozen=True)
-class Positions(Mapping[str, GoToPosePriced]):
+class KnobPositions(Mapping[str, GoToPosePriced]):
     """A task with its knob held: five positions to go through, and any other to pick, such as "0.3"."""
 
     task: GoToPosePriced

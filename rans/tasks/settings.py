@@ -10,7 +10,8 @@ from typing import Any, TypeVar
 
 from rans.errors import ConfigError
 
-Settings = TypeVar("Settings")
+Tree = TypeVar("Tree")
+"""A task, or any nested dataclasses and tuples of numbers."""
 
 
 def check_settings(task: Any) -> None:
@@ -39,7 +40,7 @@ def check_settings(task: Any) -> None:
                           "episodes would fail as they begin.")
 
 
-def map_settings(function: Callable[..., Any], *tasks: Settings, checked: bool = False) -> Settings:
+def map_settings(function: Callable[..., Any], *tasks: Tree, checked: bool = False) -> Tree:
     """The first of some tasks of one class with other numbers in its settings.
 
     The function is given a setting's name and the number that each task has there, and returns what to put

@@ -22,6 +22,8 @@ class Tracking(SingleTask):
 
     within_weight: float = 0.0
     """Weight of being within all tolerances: for agents that should not leave them to gain elsewhere."""
+    fail_spin: float = 6.0
+    """An episode fails beyond this rate, rad/s."""
 
     def within(self, errors: dict[str, Field]) -> dict[str, Field]:
         """The term of it, if it has a weight."""
@@ -29,6 +31,10 @@ class Tracking(SingleTask):
             return {}
         shares = (errors[name] / bound for name, bound in self.tolerances().items())
         return {"within": within(*shares, squarings=_SQUARINGS) * self.within_weight}
+
+    def failed(self, state: State, goal: State) -> Field:
+        """Spinning too fast; there is no place to leave."""
+        return speed(state.spin()) > self.fail_spin
 
 
 @dataclass(frozen=True)
@@ -62,8 +68,6 @@ class TrackVelocity(Tracking):
     """Angular speed at which the stillness reward has fallen to 1/e, rad/s."""
     velocity_tolerance: float = 0.05
     """Velocity error that counts as reached, m/s."""
-    fail_spin: float = 6.0
-    """An episode fails beyond this rate, rad/s."""
 
     flag = 2
     symmetric = False
@@ -90,10 +94,6 @@ class TrackVelocity(Tracking):
                 "fine": nearness(velocity, self.fine_scale) * self.fine_weight,
                 "stillness": nearness(spin, self.stillness_scale) * self.stillness_weight,
                 **self.within(errors), **self.prices(transition)}
-
-    def failed(self, state: State, goal: State) -> Field:
-        """Spinning too fast; there is no place to leave."""
-        return speed(state.spin()) > self.fail_spin
 
 
 @dataclass(frozen=True)
@@ -140,8 +140,6 @@ class TrackTwist(Tracking):
     spin_tolerance: float = 0.35
     """Spin error that counts as reached, rad/s: more than q, so that a single pulse may correct the
     velocity (original system's evaluations: 0.3)."""
-    fail_spin: float = 6.0
-    """An episode fails beyond this rate, rad/s."""
 
     flag = 3
     symmetric = False
@@ -170,10 +168,6 @@ class TrackTwist(Tracking):
                 **({"fine rotation": nearness(spin, self.fine_spin_scale) * self.fine_spin_weight}
                    if is_used(self.fine_spin_weight) else {}),
                 **self.within(errors), **self.prices(transition)}
-
-    def failed(self, state: State, goal: State) -> Field:
-        """Spinning too fast; there is no place to leave."""
-        return speed(state.spin()) > self.fail_spin
 
 
 @dataclass(frozen=True)
@@ -210,8 +204,6 @@ class TrackVelocityHeading(Tracking):
     """Velocity error that counts as reached, m/s."""
     attitude_tolerance: float = math.radians(5.0)
     """Attitude error that counts as reached, rad."""
-    fail_spin: float = 6.0
-    """An episode fails beyond this rate, rad/s."""
 
     flag = 4
 
@@ -239,10 +231,6 @@ class TrackVelocityHeading(Tracking):
                 "fine": nearness(velocity, self.fine_scale) * self.fine_weight,
                 "turn": nearness(angle, self.turn_scale) * self.turn_weight,
                 **self.within(errors), **self.prices(transition)}
-
-    def failed(self, state: State, goal: State) -> Field:
-        """Spinning too fast; there is no place to leave."""
-        return speed(state.spin()) > self.fail_spin
 
 
 def spin_difference(state: State, goal: State) -> tuple[Field, ...]:

@@ -22,12 +22,11 @@ from rans.deploy.export import Form, write_agent
 from rans.errors import ConfigError
 from rans.evaluation.fly.agent import Agent
 from rans.evaluation.fly.controllers import user_policy
-from rans.evaluation.fly.protocols import Setup
 from rans.fast.learn.config import PPOSettings
 from rans.fast.learn.network import Network
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.saved import SavedPolicy, read_policy
-from rans.flight import fly
+from rans.flight import Setup, fly
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.pretrained import pretrained_folder, pretrained_names

@@ -7,10 +7,10 @@ from typing import Any
 
 import torch
 
-from rans.fast.flights import Given
 from rans.fast.learn.architecture import Architecture
 from rans.fast.learn.network import Network
 from rans.fast.symmetry import symmetries
+from rans.flight import Setup
 from rans.model.conditions import Conditions
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
@@ -25,9 +25,9 @@ WIDE = GoToPose(spawn_distance=(0.3, 1.0), fail_distance=1.05, fail_spin=15.0, p
 """In `BRIEF` episodes random policies fail at it in every way, and succeed."""
 
 
-def setup(craft: Spacecraft, task: Task = WIDE, conditions: Conditions | None = None) -> Given:
+def setup(craft: Spacecraft, task: Task = WIDE, conditions: Conditions | None = None) -> Setup:
     """Brief flights."""
-    return craft, task, replace(BRIEF, substeps=1), conditions
+    return Setup(craft, task, replace(BRIEF, substeps=1), conditions)
 
 
 def policy(craft: Spacecraft, task: Task = WIDE, layers: tuple[int, ...] = (16, 32), sided: bool = True,

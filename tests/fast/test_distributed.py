@@ -18,7 +18,6 @@ from rans.cli import main
 from rans.errors import ConfigError, WorkerLost
 from rans.evaluation.assure.bounds import plan
 from rans.evaluation.assure.campaign import Campaign
-from rans.evaluation.fly.protocols import Setup
 from rans.fast.distributed import ALONE, Processes, join
 from rans.fast.engine import Engine
 from rans.fast.learn.architecture import Architecture
@@ -28,6 +27,7 @@ from rans.fast.learn.network import Network
 from rans.fast.learn.ppo import Learner, act
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.sweep import Sweep
+from rans.flight import Setup
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.tasks import TASKS

@@ -12,6 +12,7 @@ import torch
 
 from rans.fast.engine import Engine
 from rans.fast.step import Step
+from rans.model.conditions import Conditions, FaultConditions
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
@@ -20,10 +21,11 @@ from tests.fast import engines
 from tests.fast.engines import FLYER, NEAR, PLATFORM, SHORT, actions, both_crafts, run, torch_engine
 
 
-def compare(craft: Spacecraft, dtype: torch.dtype, tolerance: float, other: Any) -> None:
+def compare(craft: Spacecraft, dtype: torch.dtype, tolerance: float, other: Any,
+            conditions: Conditions | None = None) -> None:
     """Fly the same commands on NumPy and with another engine."""
     ours, theirs = (
-        make(craft, NEAR, 64, SHORT, seed=2, dtype=dtype) for make in (Engine, other))
+        make(craft, NEAR, 64, SHORT, seed=2, dtype=dtype, conditions=conditions) for make in (Engine, other))
     for action in actions(craft, 64, 45):
         a, b = ours.step(action), theirs.step(action)
         for name, x, y in zip(Step._fields, a, b, strict=True):
@@ -47,6 +49,13 @@ def test_numpy_and_torch_agree(craft: Spacecraft, dtype: torch.dtype, tolerance:
 @pytest.mark.filterwarnings("ignore:.*torch.jit.script_method:DeprecationWarning")
 def test_numpy_and_compiled_agree() -> None:
     compare(PLATFORM, torch.float64, 1e-12, torch_engine)  # tolerance as above
+
+
+def test_sets_of_thrusters_are_nothing_that_a_compiler_has_to_trace(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Which of them are recoverable is found by linear programmes, once for all steps."""
+    monkeypatch.setattr(torch, "compile", partial(torch.compile, backend="eager"))
+    faults = Conditions(faults=FaultConditions(count=1.0, among="recoverable"))
+    compare(PLATFORM, torch.float64, 1e-12, torch_engine, faults)  # tolerance as above
 
 
 def test_a_step_in_space_is_one_graph(monkeypatch: pytest.MonkeyPatch) -> None:

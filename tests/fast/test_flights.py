@@ -17,13 +17,13 @@ import torch
 from rans.errors import ConfigError, RansError
 from rans.evaluation.fly.agent import Agent
 from rans.evaluation.fly.judge import flown
-from rans.evaluation.fly.protocols import Setup
 from rans.evaluation.measure import metrics
 from rans.fast import flights as module
 from rans.fast.cpu_flights import CpuFlights
-from rans.fast.flights import Flights, fly_many
-from rans.fast.step import Place
+from rans.fast.flights import Flights
+from rans.fast.step import Backend
 from rans.fast.verdicts import QUANTITIES, Failure, Verdicts
+from rans.flight import Setup
 from rans.model.actuators import Throttle
 from rans.model.spacecraft import Spacecraft
 from rans.tasks import GoToPose
@@ -104,7 +104,7 @@ def test_stepping_on_torch_is_stepping_on_numpy() -> None:
     """As on a GPU, where nothing is compiled."""
     network, given = policy(PLATFORM, history=1), setup(PLATFORM, conditions=EFFECTS["body"])
     numpy, torches = (Flights(network, given, generated=False) for _ in range(2))
-    torches._place = Place(torch.device("cpu"), torch.float32)
+    torches._backend = Backend(torch.device("cpu"), torch.float32)
     alike(torches.fly(0, COUNT, 5), numpy.fly(0, COUNT, 5), different=2, share=1e-3)
 
 
@@ -113,11 +113,12 @@ def test_parts_add_up_to_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
     whole = Flights(network, given).fly(0, COUNT, 1)
     monkeypatch.setitem(module.BATCH, "cpu", 64)
     told: list[int] = []
-    parts = Flights(network, given).fly(0, COUNT, 1, told.append)
+    flights = Flights(network, given)
+    parts = flights.fly(0, COUNT, 1, told.append)
     assert sum(told) == COUNT
     assert len(told) == 5
     alike(parts, whole)
-    two = fly_many(network, given, 0, 100, 1) + fly_many(network, given, 100, COUNT - 100, 1)
+    two = flights.fly(0, 100, 1) + flights.fly(100, COUNT - 100, 1)
     alike(two, whole)
 
 

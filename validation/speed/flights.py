@@ -12,6 +12,7 @@ from rans.fast.kernels.flight import Products
 from rans.fast.learn.architecture import Architecture
 from rans.fast.learn.config import PPOSettings
 from rans.fast.learn.network import Network
+from rans.flight import Setup
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.tasks import GoToPose
@@ -39,7 +40,7 @@ def flight_rates(craft: Spacecraft, count: int, clock: Clock) -> Iterator[Measur
         given = Architecture.of(Engine(craft, _TASK, 1), settings)
         network = Network.stacked(given, [given.initial(0, _DUTY)[0]], torch.device("cpu"), torch.float32)
         for way in products:
-            flights = Flights(network, (craft, _TASK, Timing(), None), clock.device, products=way)
+            flights = Flights(network, Setup(craft, _TASK, Timing()), clock.device, products=way)
             seconds, warm_up = clock.time(lambda flights=flights: flights.fly(0, count, 0))
             (how,) = flights.fly(0, 1, 0).ways
             steps = count * flights.world.timing.episode_steps

@@ -67,7 +67,7 @@ def step_work(engine: Engine, remember: bool = True) -> StepWork:
     Raises:
         TypeError: the task's functions do more than arithmetic on fields.
     """
-    episode = engine.episode if remember else engine._place.episodes(
+    episode = engine.episode if remember else engine._backend.episodes(
         engine._world, engine.body, engine.num_envs, engine._draws, remember=False)
     program = trace(engine._world, episode, engine.dtype)
     symbols = list(ordered([program.ended, *(store.value for store in program.going())]))

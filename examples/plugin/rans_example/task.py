@@ -42,10 +42,6 @@ class KeepDistance(SingleTask):
         off = absolute((goal.p - state.p).norm() - self.distance)
         return {"position": off, "spin": speed(state.spin())}
 
-    def tolerances(self) -> dict[str, float]:
-        """See the settings."""
-        return {"position": self.position_tolerance}
-
     def reward(self, transition: Transition) -> dict[str, Field]:
         """exp(-error / scale), and as much for stillness."""
         off, spin = self.errors(transition.state, transition.goal).values()

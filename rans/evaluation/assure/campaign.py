@@ -12,11 +12,11 @@ from typing import Any
 
 from rans.errors import ConfigError
 from rans.evaluation.assure.bounds import Bound, Decision, Plan, lower, upper
-from rans.evaluation.fly.protocols import Setup
 from rans.fast.distributed import ALONE, Processes
 from rans.fast.flights import Flights
 from rans.fast.learn.network import Network
 from rans.fast.verdicts import Failure, Verdicts
+from rans.flight import Setup
 
 _PIECES = {"cpu": 2**17, "cuda": 2**26}
 """Flights of one of several processes between two moments at which all learn of all."""

@@ -17,21 +17,22 @@ import torch
 from scipy.special import ndtr
 
 from rans.episode import World, step
-from rans.evaluation.fly.protocols import Setup
 from rans.fast.flights import BATCH
 from rans.fast.learn.network import Network
 from rans.fast.learn.selection import likeliest
-from rans.fast.step import Place
+from rans.fast.step import Backend
+from rans.fast.threads import one_thread
 from rans.fast.verdicts import last_fifth
+from rans.flight import Setup
 from rans.model.conditions import bounds
 from rans.model.fields import Field, finite, floor, leaves, where
 from rans.model.random import Draws, Random
+from rans.model.sensors import PER_STEP
 from rans.processes import processors
+from rans.structure import is_range
 
 Slot = tuple[int, int]
 """A uniform number by the block that it is drawn from and its place in it."""
-_PER_STEP = 2**25
-"""The first block of what is drawn in every step (`rans.episode`)."""
 _UNSIZED = ("count", "share", "time", "slow_period")
 """Ranges that say which trouble comes or when, not how much of it."""
 
@@ -56,7 +57,7 @@ def sized(conditions: Any) -> Any:
         value, usual = getattr(conditions, one.name), getattr(perfect, one.name)
         if is_dataclass(value):
             changed[one.name] = sized(value)
-        elif "Range" in str(one.type) and value != usual and one.name not in _UNSIZED:
+        elif is_range(one) and value != usual and one.name not in _UNSIZED:
             changed[one.name] = Sized.of(value, usual)
     return replace(conditions, **changed)
 
@@ -72,7 +73,7 @@ class Chosen(Draws):
 
     def random(self, dimension: Any, number: Field, block: Field = 0) -> Random:
         """See `Draws.random`."""
-        if isinstance(block, int) and block < _PER_STEP:
+        if isinstance(block, int) and block < PER_STEP:
             return _Given(self, dimension, number, block)
         return super().random(dimension, number, block)
 
@@ -128,22 +129,22 @@ class Chances:
         return cls(setup, tuple(sorted(noted)))
 
     def draws(self, units: np.ndarray, number: np.ndarray, size: np.ndarray | None = None,
-              place: Place | None = None) -> Chosen:
+              backend: Backend | None = None) -> Chosen:
         """What N episodes draw with.
 
         Args:
             units: (D, N) in [0, 1), as many as there are places.
             number: (N,) int32 of the episodes, by which sensors draw.
             size: (N,) of the conditions, see `Chosen`.
-            place: where flights are stepped in float32; None: in NumPy, in float64.
+            backend: in which flights are stepped in float32; None: in NumPy, in float64.
         """
         units = np.minimum(units, 1.0 - 2.0**-24)
-        if place is None:
+        if backend is None:
             return Chosen(0, 0, number, 0, np.float64, dict(zip(self.places, units, strict=True)), size)
-        rows = [place.put(row, torch.float32) for row in units]
-        return Chosen(0, 0, place.put(number, torch.int32), 0, place.fields,
+        rows = [backend.put(row, torch.float32) for row in units]
+        return Chosen(0, 0, backend.put(number, torch.int32), 0, backend.fields,
                       dict(zip(self.places, rows, strict=True)),
-                      None if size is None else place.put(size, torch.float32))
+                      None if size is None else backend.put(size, torch.float32))
 
     def scores(self, network: Network, device: torch.device) -> Callable[..., np.ndarray]:
         """A function of standard normal numbers (D, N), numbers (N,) of episodes and sizes, (N,) or None.
@@ -152,37 +153,32 @@ class Chances:
         infinite where the task declared the flight failed or its state is not finite. The network is of one
         member on the device.
         """
-        place, batch = Place.of(device, torch.float32, None), BATCH[device.type]
-        workers = processors() if place.on_numpy else 1
+        backend, batch = Backend.of(device, torch.float32, None), BATCH[device.type]
+        workers = processors() if backend.on_numpy else 1
 
         def score(z: np.ndarray, number: np.ndarray, size: np.ndarray | None = None) -> np.ndarray:
             parts = [slice(k, k + batch) for k in range(0, len(number), batch)]
-            jobs = [self.draws(ndtr(z[:, part]), number[part], size if size is None else size[part], place)
+            jobs = [self.draws(ndtr(z[:, part]), number[part], size if size is None else size[part], backend)
                     for part in parts]
-            threads = torch.get_num_threads()
-            torch.set_num_threads(1)  # each of the workers' threads
-            try:
-                with ThreadPoolExecutor(workers) as pool:
-                    return np.concatenate([*pool.map(partial(self._score, network, place), jobs)])
-            finally:
-                torch.set_num_threads(threads)
+            with one_thread(), ThreadPoolExecutor(workers) as pool:
+                return np.concatenate([*pool.map(partial(self._score, network, backend), jobs)])
 
         return score
 
     @torch.no_grad()
-    def _score(self, network: Network, place: Place, draws: Chosen) -> np.ndarray:
+    def _score(self, network: Network, backend: Backend, draws: Chosen) -> np.ndarray:
         craft, task, timing, conditions = self.setup
-        world, steps = World(craft, task, timing, place.nodes, conditions), timing.episode_steps
+        world, steps = World(craft, task, timing, backend.nodes, conditions), timing.episode_steps
         clock = draws.first * 0
         zero, tolerances = draws.real(clock), task.tolerances()
         with np.errstate(all="ignore"):  # what fails may well overflow
             now = world.begin(*world.scenario(clock, draws), clock, draws)
             worst, failed, memory = zero, zero > 1.0, network.blank(len(zero))
             for t in range(steps):
-                seen = place.stack([zero + x for x in world.observe(now, draws)]).T
+                seen = backend.stack([zero + x for x in world.observe(now, draws)]).T
                 command, memory = likeliest(network, seen, memory)
                 columns = command.T.contiguous()
-                outcome = step(world, now, tuple(columns.numpy() if place.on_numpy else columns), draws)
+                outcome = step(world, now, tuple(columns.numpy() if backend.on_numpy else columns), draws)
                 now = outcome.episode
                 failed = failed | outcome.terminated | ~finite(*leaves(now.state))
                 if t >= steps - last_fifth(steps):

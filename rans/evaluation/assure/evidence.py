@@ -8,8 +8,8 @@ from pathlib import Path
 
 import rans
 from rans.evaluation.fly.contestants import agent_folder
-from rans.evaluation.fly.protocols import Setup
 from rans.fast.learn.run_folder import RunFolder
+from rans.flight import Setup
 from rans.model.conditions import Conditions
 from rans.model.conditions_file import conditions_text
 

@@ -5,17 +5,16 @@ from __future__ import annotations
 import importlib.util
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import reduce
 from typing import Any, Literal
 
 import numpy as np
 
-from rans.evaluation.fly.protocols import Setup
+from rans.evaluation.fly.judge import fly_drawn
+from rans.evaluation.measure.metrics import worst_errors
 from rans.fast.verdicts import Failure, last_fifth
-from rans.flight import Controller, Flight, fly
+from rans.flight import Controller, Flight, Setup
 from rans.model.fields import finite, leaves, map_leaves
 from rans.model.random import Draws, seed_words
-from rans.scenario import Scenario
 
 Judge = Literal["numpy", "drake"]
 
@@ -90,7 +89,7 @@ def replays(controller: Controller, setup: Setup, seed: int, numbers: Mapping[Fa
     kinds = [(number, kind) for kind, some in numbers.items() for number in some[:CANDIDATES]]
     if not kinds or not worst + sample:
         return Replays([], None)
-    flight = flown(controller, setup, drawing(seed, [number for number, _ in kinds]))
+    flight = fly_drawn(controller, setup, drawing(seed, [number for number, _ in kinds]))
     again, (excess, largest) = failures(flight), worst_errors(flight)
     chosen: list[int] = []
     for kind in numbers:
@@ -100,29 +99,18 @@ def replays(controller: Controller, setup: Setup, seed: int, numbers: Mapping[Fa
     told: dict[Judge, list[Failure | None]] = {"numpy": [again[k] for k in chosen]}
     if has_drake():
         own = drawing(seed, [kinds[k][0] for k in chosen])
-        told["drake"] = failures(flown(controller, setup, own, "drake"))
+        told["drake"] = failures(fly_drawn(controller, setup, own, "drake"))
     inside = np.asarray(flight.task.reached(flight.states, flight.goals))[-last_fifth(len(flight.commands)):]
-    found = [Replayed(*kinds[k], {judge: some[at] for judge, some in told.items()}, float(excess[k]),
-                      {name: float(x[k]) for name, x in largest.items()}, float(1.0 - inside[:, k].mean()),
-                      ending(flight, k)) for at, k in enumerate(chosen)]
+    found = [Replayed(*kinds[k], again={judge: some[at] for judge, some in told.items()},
+                      excess=float(excess[k]), errors={name: float(x[k]) for name, x in largest.items()},
+                      outside=float(1.0 - inside[:, k].mean()), ending=ending(flight, k))
+             for at, k in enumerate(chosen)]
     return Replays(found, picked(flight, chosen), len(kinds), sum(one is not None for one in again))
 
 
 def drawing(seed: int, numbers: Sequence[int]) -> Draws:
     """What these scenarios of a seed draw with."""
     return Draws(*seed_words(seed), np.array(numbers, dtype=np.int32), 0, np.float64)
-
-
-def flown(controller: Controller, setup: Setup, own: Draws, judge: Judge = "numpy") -> Flight:
-    """The N episodes that draw like this, of float64 arrays (N,)."""
-    craft, task, timing, conditions = setup
-    drawn = Scenario(*task.sample(own.random(craft.dimension, own.first)))
-    starts = map_leaves(lambda x: np.full(len(own.first), x, np.float64), drawn)
-    if judge == "numpy":
-        return fly(craft, task, controller, starts, timing, conditions=conditions, draws=own)
-    from rans.reference.flight import fly_in_drake
-
-    return fly_in_drake(craft, task, controller, starts, timing, conditions=conditions, draws=own)
 
 
 def picked(flight: Flight, episodes: Sequence[int]) -> Flight:
@@ -147,13 +135,6 @@ def failures(flight: Flight) -> list[Failure | None]:
                       [Failure.NOT_FINITE, Failure.TERMINATED, 0, Failure.LEFT, Failure.LATE],
                       Failure.UNSETTLED)
     return [Failure(kind) if kind else None for kind in kinds.tolist()]
-
-
-def worst_errors(flight: Flight) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """The largest error of the last fifth in tolerances, (N,), and the largest of each, (N,) SI."""
-    found, bounds, last = flight.errors(), flight.task.tolerances(), last_fifth(len(flight.commands))
-    worst = {name: np.nan_to_num(found[name][-last:].max(axis=0), nan=np.inf) for name in bounds}
-    return reduce(np.maximum, [worst[name] / bounds[name] for name in bounds]), worst
 
 
 def ending(flight: Flight, k: int) -> str:

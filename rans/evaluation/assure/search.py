@@ -15,11 +15,12 @@ from rans.episode import World
 from rans.errors import ConfigError
 from rans.evaluation.assure.chances import Chances, Chosen, Sized, sized
 from rans.evaluation.assure.rare import numbers
-from rans.evaluation.assure.replay import Judge, ending, failures, flown, has_drake, picked, worst_errors
-from rans.evaluation.fly.protocols import Setup
+from rans.evaluation.assure.replay import Judge, ending, failures, has_drake, picked
+from rans.evaluation.fly.judge import fly_drawn
+from rans.evaluation.measure.metrics import worst_errors
 from rans.fast.learn.network import Network
 from rans.fast.verdicts import Failure
-from rans.flight import Controller, Flight
+from rans.flight import Controller, Flight, Setup
 from rans.model.conditions import BodyConditions, Conditions, ThrusterConditions
 from rans.model.random import generator
 
@@ -166,20 +167,22 @@ def _confirmed(chances: Chances, conditions: Conditions, controller: Controller,
     """The smallest that fails again in NumPy, and in Drake if any of them does."""
     if not found:
         return None
-    flight = flown(controller, chances.setup, _draws(chances, found))
+    flight = fly_drawn(controller, chances.setup, _draws(chances, found))
     still = [k for k, kind in enumerate(failures(flight)) if kind is not None]
     if not still:
         return None
     again: dict[Judge, list[Failure | None]] = {"numpy": [failures(flight)[k] for k in still[:_DRAKE]]}
     if has_drake():
         own = _draws(chances, [found[k] for k in still[:_DRAKE]])
-        again["drake"] = failures(flown(controller, chances.setup, own, "drake"))
+        again["drake"] = failures(fly_drawn(controller, chances.setup, own, "drake"))
     at = next((k for k, kind in enumerate(again.get("drake", again["numpy"])) if kind is not None), 0)
     best = still[at]
-    return Breaking(conditions, found[best].size, {judge: kinds[at] for judge, kinds in again.items()},
-                    float(worst_errors(flight)[0][best]), ending(flight, best),
-                    drew(chances, _draws(chances, [found[best]])), ndtr(found[best].z).tolist(),
-                    found[best].number, picked(flight, [best]))
+    return Breaking(
+        conditions=conditions, size=found[best].size,
+        again={judge: kinds[at] for judge, kinds in again.items()},
+        excess=float(worst_errors(flight)[0][best]), ending=ending(flight, best),
+        drew=drew(chances, _draws(chances, [found[best]])), units=ndtr(found[best].z).tolist(),
+        number=found[best].number, flight=picked(flight, [best]))
 
 
 def _draws(chances: Chances, some: list[Candidate]) -> Chosen:

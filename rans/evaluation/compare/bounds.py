@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent.futures import as_completed
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
 from typing import Any, Literal, NamedTuple
 
@@ -16,7 +15,7 @@ import numpy as np
 from rich.table import Table
 
 from rans import terminal
-from rans.errors import ConfigError, RansError
+from rans.errors import ConfigError
 from rans.evaluation.measure.statistics import figure
 from rans.model.drift import FREE
 from rans.model.fields import leaves
@@ -26,7 +25,7 @@ from rans.optimal.certificate.certificate import Certificate, Effort, Unreachabl
 from rans.optimal.certificate.lattice import GoalSet, Lattice, check_period, pulse, rounded_up
 from rans.optimal.certificate.spatial import SpinLattice
 from rans.optimal.trajectory.arrival import aims
-from rans.processes import submitted
+from rans.processes import deaths_told, submitted
 from rans.scenario import Scenario
 from rans.tasks.base import Task
 
@@ -192,13 +191,10 @@ def bounds(questions: Sequence[Question], starts: Sequence[int], workers: int | 
         return
     with submitted(bound, jobs, workers, leaves, (jobs[0][1].scenario.start,)) as futures:
         numbers = {future: k for k, future in enumerate(futures)}
-        try:
+        with deaths_told("searched for bounds"):
             for future in as_completed(futures):
                 yield numbers[future], future.result()
                 progress()
-        except BrokenProcessPool as error:
-            raise RansError("a process that searched for bounds died; the usual cause is too little memory."
-                            ) from error
 
 
 @dataclass(frozen=True)

@@ -15,9 +15,8 @@ import numpy as np
 from rans.errors import ConfigError, counted
 from rans.evaluation.compare.bounds import REST_SPEED, REST_SPIN, Amounts, Event, whole_periods
 from rans.evaluation.fly.judge import EngineName, Flown, flown
-from rans.evaluation.fly.protocols import Setup
 from rans.evaluation.measure.metrics import final_errors, forces, returns, settling_times
-from rans.flight import Controller, Flight, fly
+from rans.flight import Controller, Flight, Setup, fly
 from rans.model.conditions import Conditions
 from rans.model.fields import map_leaves
 from rans.model.spacecraft import Spacecraft

@@ -13,15 +13,15 @@ from rans.evaluation.fly.contestants import contestant, controller_name
 from rans.evaluation.fly.controllers import CONTROLLERS, controller, is_user_policy
 from rans.evaluation.fly.judge import EngineName
 from rans.evaluation.fly.knob import without_knob
-from rans.evaluation.fly.protocols import Setup
 from rans.evaluation.fly.tuned import tuned
 from rans.fast.learn.run_folder import RunFolder
 from rans.files import read_json
+from rans.flight import Setup
 from rans.model.conditions import Conditions
 from rans.model.random import seed_words
 from rans.pretrained import pretrained_folder
 from rans.scenario import EVALUATION_SEED
-from rans.tasks.go_to_pose_priced import Positions
+from rans.tasks.go_to_pose_priced import KnobPositions
 
 _OBSERVATION = "observation"
 _MODEL = "state, exact model"
@@ -45,7 +45,7 @@ def contest_of(spec: str, episodes: int, seed: int = EVALUATION_SEED, engine: En
 def _single(spec: str, run: LoadedRun) -> LoadedRun:
     """The same, if it has one task; without a knob, if that is held."""
     parts = run.task.parts()
-    if isinstance(parts, Positions):
+    if isinstance(parts, KnobPositions):
         raise ConfigError(f"{spec} has a knob: hold it, as in {spec}#0.5, or let it turn with --front.")
     if first := next(iter(parts)):
         raise ConfigError(f"{spec} knows several tasks: pick one, as in {spec}#{first}.")
@@ -78,7 +78,7 @@ def enlisted(specs: Sequence[str], contest: Contest, trust: bool = False) -> dic
 def turned(spec: str, count: int) -> list[str]:
     """An agent whose knob nobody holds, with its knob at so many positions; others as they are."""
     try:
-        has_knob = not controller_name(spec) and isinstance(contestant(spec).task.parts(), Positions)
+        has_knob = not controller_name(spec) and isinstance(contestant(spec).task.parts(), KnobPositions)
     except RansError:
         has_knob = False  # `enlisted` tells what is wrong with it
     return [f"{spec}#{k / (count - 1):g}" for k in range(count)] if has_knob else [spec]

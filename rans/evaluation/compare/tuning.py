@@ -10,8 +10,8 @@ import numpy as np
 from rans.errors import ConfigError
 from rans.evaluation.compare.contest import Contest, Contestant, Entry
 from rans.evaluation.fly.controllers import CONTROLLERS
-from rans.evaluation.fly.protocols import Setup
 from rans.evaluation.fly.tuned import Tuned, arguments, defaults, task_name
+from rans.flight import Setup
 from rans.model.spacecraft_file import to_toml
 from rans.scenario import TUNING_SEED
 
@@ -63,8 +63,11 @@ def tune(name: str, setup: Setup, candidates: int, starts: int, price: float, co
         found.append((cost(Entry(Contestant(name, made, "", ""), flight, np.zeros(0)), price), settings))
         progress(1)
     least, best = min(found, key=lambda pair: pair[0])
-    return Tuned(name, task_name(task), dict(task.tolerances()), timing.control_period, to_toml(craft), best,
-                 len(found), starts, TUNING_SEED, price, {"default": found[0][0], "tuned": least}, command)
+    return Tuned(
+        controller=name, task=task_name(task), tolerances=dict(task.tolerances()),
+        control_period=timing.control_period, spacecraft=to_toml(craft), settings=best,
+        candidates=len(found), starts=starts, seed=TUNING_SEED, price=price,
+        costs={"default": found[0][0], "tuned": least}, command=command)
 
 
 def ranges(name: str) -> Ranges:

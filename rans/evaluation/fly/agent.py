@@ -10,13 +10,12 @@ import numpy as np
 import torch
 
 from rans.errors import ConfigError
-from rans.evaluation.fly.protocols import Setup
 from rans.fast.learn.architecture import paper_layout
 from rans.fast.learn.network import Network
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.selection import likeliest
 from rans.fast.saved import read_policy
-from rans.flight import Controller
+from rans.flight import Controller, Setup
 from rans.model.conditions import Conditions
 from rans.model.conditions_file import load_conditions
 from rans.model.spacecraft import Spacecraft

@@ -8,8 +8,9 @@ from pathlib import Path
 from rans.errors import ConfigError, brief, meant
 from rans.evaluation.fly.agent import Agent, LoadedRun, load_agent
 from rans.evaluation.fly.controllers import CONTROLLERS, controller, is_user_policy, user_policy
-from rans.evaluation.fly.protocols import ProtocolName, Setup, under_protocol
-from rans.model.spacecraft_file import load_spacecraft
+from rans.evaluation.fly.protocols import ProtocolName, under_protocol
+from rans.flight import Setup
+from rans.model.spacecraft_file import USUAL, load_spacecraft
 from rans.model.timing import Timing
 from rans.pretrained import pretrained_folder, pretrained_names
 from rans.tasks import TASKS
@@ -20,8 +21,6 @@ FORMS = (f"a run folder, pretrained:NAME, {', '.join(f'{name}:TASK-2d' for name 
 
 EVALUATIONS = Path("runs") / "evaluations"
 """Where results of contestants without a run folder of their own go."""
-
-_SPACECRAFT = {"2d": "floating-platform", "3d": "free-flyer"}
 
 
 def contestant(spec: str, protocol: ProtocolName = "own", lent: Setup | None = None,
@@ -131,11 +130,12 @@ def _named_setup(name: str, spec: str) -> Setup:
     """The setup behind "TASK-2d@SPACECRAFT"."""
     name, _, spacecraft = name.partition("@")
     task, _, dimension = name.rpartition("-")
-    if dimension not in _SPACECRAFT:
+    if dimension not in ("2d", "3d"):
         raise ConfigError(f"{spec!r} must say in how many dimensions, as in {spec.partition(':')[0]}:"
                           "go-to-pose-2d or -3d.")
-    craft = load_spacecraft(spacecraft or _SPACECRAFT[dimension])
-    if craft.dimension != int(dimension[0]):
+    axes = int(dimension[0])
+    craft = load_spacecraft(spacecraft or USUAL[axes])
+    if craft.dimension != axes:
         raise ConfigError(f"{spec!r} asks for {dimension}, but {craft.name} moves in {craft.dimension} "
                           "dimensions.")
     return Setup(craft, TASKS[task](), Timing())

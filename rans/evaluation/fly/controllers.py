@@ -13,10 +13,9 @@ from typing import Any
 import numpy as np
 
 from rans.errors import ConfigError, RansError
-from rans.evaluation.fly.protocols import Setup
 from rans.evaluation.fly.tuned import arguments, tuned
 from rans.files import first_line
-from rans.flight import Controller
+from rans.flight import Controller, Setup
 from rans.model.actuators import ON_OFF
 from rans.model.spacecraft import Spacecraft
 from rans.registry import Registry, from_here, resolve

@@ -12,9 +12,8 @@ from rich.table import Table
 from rans.errors import ConfigError
 from rans.evaluation.fly.judge import EngineName, flown
 from rans.evaluation.fly.paths import SPACING, LookAhead
-from rans.evaluation.fly.protocols import Setup
 from rans.evaluation.measure.metrics import Sample
-from rans.flight import Controller, Flight
+from rans.flight import Controller, Flight, Setup
 from rans.model.drift import Drift
 from rans.model.dynamics import State
 from rans.model.fields import Field

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import pickle
 from collections.abc import Callable
 from concurrent.futures import as_completed
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from rans.errors import RansError
-from rans.evaluation.fly.protocols import Setup
-from rans.flight import Controller, Flight, fly
+from rans.flight import Controller, Flight, Setup, fly
 from rans.model.fields import map_leaves
-from rans.processes import submitted
-from rans.scenario import draws, scenarios
+from rans.model.random import Draws
+from rans.processes import deaths_told, submitted
+from rans.scenario import drawn, draws
 
 EngineName = Literal["fast", "drake"]
 
@@ -57,14 +54,11 @@ def flown(controller: Controller, setup: Setup, seed: int, episodes: int, engine
         only = _flown(controller, setup, engine, *jobs[0])
         progress(episodes)
         return only
-    given = pickle.dumps((controller, setup, engine))  # torch would share tensors by open files
-    with submitted(_work, jobs, min(len(jobs), workers) if workers else None, _load, (given,)) as futures:
-        try:
+    with submitted(_work, jobs, min(len(jobs), workers) if workers else None, _load,
+                   (controller, setup, engine)) as futures:
+        with deaths_told(f"flew {controller.name}"):
             for done in as_completed(futures):
                 progress(done.result().flight.commands.shape[1])
-        except BrokenProcessPool as error:
-            raise RansError(f"a process that flew {controller.name} died; the usual cause is too little "
-                            "memory.") from error
         return _joined([future.result() for future in futures])
 
 
@@ -72,11 +66,11 @@ _given: list[Any] = []
 """Controller, setup and engine, in each worker process."""
 
 
-def _load(given: bytes) -> None:
+def _load(*given: Any) -> None:
     import torch
 
     torch.set_num_threads(1)  # one process per processor
-    _given[:] = pickle.loads(given)
+    _given[:] = given
 
 
 def _work(seed: int, first: int, count: int) -> Flown:
@@ -86,15 +80,19 @@ def _work(seed: int, first: int, count: int) -> Flown:
 
 def _flown(controller: Controller, setup: Setup, engine: EngineName, seed: int, first: int,
            count: int) -> Flown:
-    craft, task, timing, conditions = setup
-    starts, own = scenarios(task, craft, seed, count, first), draws(seed, count, first)
-    if engine == "fast":
-        flight = fly(craft, task, controller, starts, timing, conditions=conditions, draws=own)
-    else:
-        from rans.reference.flight import fly_in_drake
-
-        flight = fly_in_drake(craft, task, controller, starts, timing, conditions=conditions, draws=own)
+    flight = fly_drawn(controller, setup, draws(seed, count, first), engine)
     return Flown(flight, getattr(controller, "failures", 0))
+
+
+def fly_drawn(controller: Controller, setup: Setup, own: Draws, engine: EngineName = "fast") -> Flight:
+    """The N episodes that draw like this, in this process; ``own.first`` are their numbers, (N,)."""
+    craft, task, timing, conditions = setup
+    starts = drawn(task, craft, own)
+    if engine == "fast":
+        return fly(craft, task, controller, starts, timing, conditions=conditions, draws=own)
+    from rans.reference.flight import fly_in_drake
+
+    return fly_in_drake(craft, task, controller, starts, timing, conditions=conditions, draws=own)
 
 
 def _joined(parts: list[Flown]) -> Flown:

@@ -11,8 +11,7 @@ from rans.environment import Environment
 from rans.errors import ConfigError
 from rans.evaluation.fly.agent import LoadedRun
 from rans.evaluation.fly.controllers import controller
-from rans.evaluation.fly.protocols import Setup
-from rans.flight import Controller
+from rans.flight import Controller, Setup
 from rans.model.fields import map_leaves
 
 

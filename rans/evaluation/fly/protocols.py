@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import fields, replace
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Any, Literal, get_args
 
 from rans.errors import ConfigError, one_of
-from rans.model.conditions import Conditions
+from rans.flight import Setup
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
@@ -19,17 +19,6 @@ _STEPS = 250
 """50 s at 5 Hz (original system's evaluations)."""
 _START = (3.0, 4.0)
 """Distance of the starts, m (paper, section 4.1)."""
-
-
-class Setup(NamedTuple):
-    """What flies, what for and how long."""
-
-    craft: Spacecraft
-    task: Task
-    """Judge it on ``task.for_evaluation()``."""
-    timing: Timing
-    conditions: Conditions | None = None
-    """What episodes do not promise; None: a perfect world."""
 
 
 def under_protocol(protocol: ProtocolName, own: Setup) -> Setup:

@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from rans.errors import ConfigError
-from rans.evaluation.fly.protocols import Setup
 from rans.files import read_json, write_json
+from rans.flight import Setup
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import to_toml
-from rans.tasks import TASKS, Task
+from rans.tasks import Task, registered_name
 
 SHIPPED = Path(__file__).parents[2] / "data" / "controllers"
 """Those that come with RANS, a JSON file each."""
@@ -87,7 +87,7 @@ def file_name(name: str, craft: Spacecraft, task: Task) -> str:
 
 def task_name(task: Task) -> str:
     """In `TASKS`, or else its class's."""
-    return next((name for name in TASKS if TASKS[name] is type(task)), type(task).__name__)
+    return registered_name(task) or type(task).__name__
 
 
 def defaults(maker: Callable[..., Any], keys: Iterable[str]) -> dict[str, float]:

@@ -7,12 +7,10 @@ from collections.abc import Iterator
 
 from scipy.stats import binomtest
 
-from rans.evaluation.fly.protocols import Setup
 from rans.evaluation.measure.aggregate import Metric, Metrics
+from rans.evaluation.measure.statistics import NORMAL_95
 from rans.fast.verdicts import Failure, Sums, Verdicts
-
-_NORMAL_95 = 1.959964
-"""97.5 % quantile of the standard normal distribution."""
+from rans.flight import Setup
 
 
 def measure_many(verdicts: Verdicts, controller: str, setup: Setup) -> Metrics:
@@ -32,7 +30,7 @@ def _rows(found: Verdicts, period: float) -> Iterator[Metric]:
     yield _share("success", "solved", "within all tolerances at every step of the last fifth",
                  count - found.failed, count)
     yield _share("success", "settled", "enters all tolerances and stays", found.settled, count)
-    width = 0.5 * _NORMAL_95 / math.sqrt(count)
+    width = 0.5 * NORMAL_95 / math.sqrt(count)
     median, low, high = (period * found.settling_step(share) for share in (0.5, 0.5 - width, 0.5 + width))
     yield Metric("success", "settling time", "median time to enter and stay", "s", median, low, high)
     ended = found.failures[Failure.TERMINATED] + found.failures[Failure.NOT_FINITE]
@@ -54,5 +52,5 @@ def _share(group: str, name: str, meaning: str, successes: int, count: int) -> M
 
 
 def _mean(sums: Sums, factor: float) -> tuple[float, float, float]:
-    half = _NORMAL_95 * sums.error
+    half = NORMAL_95 * sums.error
     return factor * sums.mean, factor * (sums.mean - half), factor * (sums.mean + half)

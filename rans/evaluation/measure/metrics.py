@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from functools import reduce
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from rans.fast import verdicts
 from rans.flight import Flight
 from rans.model.accuracy import fastest
 from rans.model.dynamics import thrust
@@ -93,6 +95,16 @@ def final_errors(flight: Flight) -> dict[str, np.ndarray]:
     return {name: last_fifth(error).mean(axis=0) for name, error in flight.errors().items()}
 
 
+def worst_errors(flight: Flight) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """The largest error of the last fifth in tolerances, (N,), and the largest of each, (N,) SI units.
+
+    Infinite where a state is lost; of errors that have a tolerance.
+    """
+    found, bounds = flight.errors(), flight.task.tolerances()
+    worst = {name: np.nan_to_num(last_fifth(found[name]).max(axis=0), nan=np.inf) for name in bounds}
+    return reduce(np.maximum, [worst[name] / bounds[name] for name in bounds]), worst
+
+
 def returns(flight: Flight) -> np.ndarray:
     """Sum of the task's rewards of each full episode, (N,)."""
     return np.sum(list(flight.rewards().values()), axis=(0, 1))
@@ -105,7 +117,7 @@ def solved(flight: Flight) -> np.ndarray:
 
 def last_fifth(instants: np.ndarray) -> np.ndarray:
     """The end of an array whose first axis is the T + 1 instants."""
-    return instants[-max(1, (len(instants) - 1) // 5):]
+    return instants[-verdicts.last_fifth(len(instants) - 1):]
 
 
 def _success(flight: Flight) -> Iterator[Sample]:
@@ -173,7 +185,7 @@ def _motion(flight: Flight) -> Iterator[Sample]:
 
 def _effort(flight: Flight) -> Iterator[Sample]:
     opened = np.diff(flight.commands, axis=0, prepend=0.0).clip(min=0.0).sum(axis=(0, 2))
-    last = flight.commands[-max(1, len(flight.commands) // 5):]
+    last = flight.commands[-verdicts.last_fifth(len(flight.commands)):]
     for name, meaning, unit, values in (
             ("duty", "mean share of thrusters open (AAC)", "%", 100.0 * flight.commands.mean(axis=(0, 2))),
             ("duty at rest", "the same over the last fifth", "%", 100.0 * last.mean(axis=(0, 2))),

@@ -17,7 +17,7 @@ SEED = 0
 
 _TAILS = (0.025, 0.975)
 """Between these quantiles lie 95 %."""
-_NORMAL_95 = 1.959964
+NORMAL_95 = 1.959964
 """97.5 % quantile of the standard normal distribution."""
 
 
@@ -92,9 +92,9 @@ def share(successes: np.ndarray) -> Estimate:
 
     It has a width even at 0 and 1 (Wilson, JASA 22, 1927).
     """
-    value, count, z2 = float(np.mean(successes)), len(successes), _NORMAL_95**2
+    value, count, z2 = float(np.mean(successes)), len(successes), NORMAL_95**2
     centre, whole = value + z2 / (2 * count), 1 + z2 / count
-    half = _NORMAL_95 * math.sqrt(value * (1 - value) / count + z2 / (4 * count**2))
+    half = NORMAL_95 * math.sqrt(value * (1 - value) / count + z2 / (4 * count**2))
     return Estimate(value, max(0.0, (centre - half) / whole), min(1.0, (centre + half) / whole))
 
 

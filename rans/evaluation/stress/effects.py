@@ -11,9 +11,7 @@ from math import radians
 import numpy as np
 
 from rans.model.conditions import (
-    BodyConditions,
     Conditions,
-    DisturbanceConditions,
     FaultConditions,
     SensorConditions,
     SensorsConditions,
@@ -21,8 +19,6 @@ from rans.model.conditions import (
 )
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
-
-_Thrusters, _Body, _Sensors = ThrusterConditions, BodyConditions, SensorsConditions
 
 
 @dataclass(frozen=True)
@@ -70,24 +66,44 @@ def effects(craft: Spacecraft, timing: Timing) -> list[Effect]:
     Sizes reach beyond the ranges of `rans.fast.learn.troubles`, in which agents that knew one perfect world
     broke; pushes and turns are shares of what the strongest thruster gives, least on-times whole periods.
     """
-    valves = [Effect("Valves", "latency", "s", 0.0, (0.025, 0.05, 0.1, 0.2, 0.3), _latency),
-              Effect("Valves", "rise", "s", 0.0, (0.05, 0.1, 0.2, 0.4), _rise)]
+    return [*_of_valves(craft, timing), *_of_body(), *_disturbances(craft), *_readings()]
+
+
+def _only(part: str, name: str, unit: float = 1.0) -> Callable[[float], Conditions]:
+    """Worlds where one setting has the size, times its unit, and all else is perfect."""
+    def world(size: float) -> Conditions:
+        perfect = Conditions()
+        return replace(perfect, **{part: replace(getattr(perfect, part), **{name: size * unit})})
+
+    return world
+
+
+def _of_valves(craft: Spacecraft, timing: Timing) -> Iterator[Effect]:
+    yield Effect("Valves", "latency", "s", 0.0, (0.025, 0.05, 0.1, 0.2, 0.3), _only("thrusters", "latency"))
+    yield Effect("Valves", "rise", "s", 0.0, (0.05, 0.1, 0.2, 0.4), _only("thrusters", "rise"))
     if not craft.actuators.is_continuous:
         periods = tuple(round(k * timing.control_period, 6) for k in (2, 3, 4, 5))
-        valves.append(Effect("Valves", "least on-time", "s", timing.control_period, periods, _least_on))
-    return [*valves, Effect("Valves", "thrust of each off by", "%", 0.0, (10.0, 25.0, 50.0, 75.0), _thrust),
-            Effect("Valves", "one thruster weaker by", "%", 0.0, (25.0, 50.0, 75.0, 100.0), _weak),
-            *_of_body(), *_disturbances(craft), *_readings()]
+        yield Effect("Valves", "least on-time", "s", timing.control_period, periods,
+                     _only("thrusters", "least_on"))
+    yield Effect("Valves", "thrust of each off by", "%", 0.0, (10.0, 25.0, 50.0, 75.0), _uneven)
+    yield Effect("Valves", "one thruster weaker by", "%", 0.0, (25.0, 50.0, 75.0, 100.0), _weak)
+
+
+def _uneven(percent: float) -> Conditions:
+    return Conditions(thrusters=ThrusterConditions(thrust=(1.0 - percent / 100.0, 1.0 + percent / 100.0)))
+
+
+def _weak(percent: float) -> Conditions:
+    return Conditions(faults=FaultConditions(count=1.0, kinds=("weak",), share=1.0 - percent / 100.0))
 
 
 def _of_body() -> Iterator[Effect]:
     more, less = (1.25, 1.5, 2.0, 3.0), (0.8, 0.65, 0.5, 0.35)
-    for name, factors in (("more mass", more), ("less mass", less)):
-        yield Effect("Body", name, "times", 1.0, factors, lambda x: Conditions(_Body(mass=x)))
-    for name, factors in (("more inertia", more), ("less inertia", less)):
-        yield Effect("Body", name, "times", 1.0, factors, lambda x: Conditions(_Body(inertia=x)))
-    yield Effect("Body", "centre of mass", "cm", 0.0, (1.0, 2.0, 3.0, 5.0, 8.0),
-                 lambda x: Conditions(_Body(centre=x / 100.0)))
+    for quantity in ("mass", "inertia"):
+        for name, factors in ((f"more {quantity}", more), (f"less {quantity}", less)):
+            yield Effect("Body", name, "times", 1.0, factors, _only("body", quantity))
+    centre = _only("body", "centre", 0.01)
+    yield Effect("Body", "centre of mass", "cm", 0.0, (1.0, 2.0, 3.0, 5.0, 8.0), centre)
 
 
 def _disturbances(craft: Spacecraft) -> Iterator[Effect]:
@@ -96,49 +112,20 @@ def _disturbances(craft: Spacecraft) -> Iterator[Effect]:
                      for part in (wrenches[:, :size], wrenches[:, size:]))
     for name, unit, most in (("force", "N", force), ("torque", "N m", torque)):
         sizes = tuple(float(f"{share * most:.2g}") for share in (0.1, 0.2, 0.3, 0.5, 0.7) if most > 0.0)
-        yield Effect("Disturbances", name, unit, 0.0, sizes, partial(_pushed, name))
+        yield Effect("Disturbances", name, unit, 0.0, sizes, _only("disturbances", name))
 
 
 def _readings() -> Iterator[Effect]:
-    yield Effect("Readings", "readings late by", "periods", 0.0, (1.0, 2.0, 3.0), _old)
-    lengths, angles = (1.0, 2.0, 3.0, 5.0), (1.0, 2.0, 3.0, 5.0)
-    for quantity, unit, sizes, factor in (
-            ("position", "cm", lengths, 0.01), ("attitude", "degrees", angles, radians(1.0)),
-            ("velocity", "cm/s", lengths, 0.01), ("spin", "degrees/s", angles, radians(1.0))):
+    yield Effect("Readings", "readings late by", "periods", 0.0, (1.0, 2.0, 3.0), _only("sensors", "delay"))
+    sizes = (1.0, 2.0, 3.0, 5.0)
+    for quantity, unit, factor in (("position", "cm", 0.01), ("attitude", "degrees", radians(1.0)),
+                                   ("velocity", "cm/s", 0.01), ("spin", "degrees/s", radians(1.0))):
         yield Effect("Readings", f"noise of {quantity}", unit, 0.0, sizes, partial(_noisy, quantity, factor))
-
-
-def _latency(s: float) -> Conditions:
-    return Conditions(thrusters=_Thrusters(latency=s))
-
-
-def _rise(s: float) -> Conditions:
-    return Conditions(thrusters=_Thrusters(rise=s))
-
-
-def _least_on(s: float) -> Conditions:
-    return Conditions(thrusters=_Thrusters(least_on=s))
-
-
-def _thrust(percent: float) -> Conditions:
-    return Conditions(thrusters=_Thrusters(thrust=(1.0 - percent / 100.0, 1.0 + percent / 100.0)))
-
-
-def _weak(percent: float) -> Conditions:
-    return Conditions(faults=FaultConditions(count=1.0, kinds=("weak",), share=1.0 - percent / 100.0))
-
-
-def _pushed(name: str, size: float) -> Conditions:
-    return Conditions(disturbances=replace(DisturbanceConditions(), **{name: size}))
-
-
-def _old(periods: float) -> Conditions:
-    return Conditions(sensors=_Sensors(delay=periods))
 
 
 def _noisy(quantity: str, factor: float, size: float) -> Conditions:
     noise = SensorConditions(noise=factor * size)
-    return Conditions(sensors=replace(_Sensors(), **{quantity: noise}))
+    return Conditions(sensors=replace(SensorsConditions(), **{quantity: noise}))
 
 
 def failures() -> list[Level]:

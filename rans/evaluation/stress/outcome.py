@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import reduce
 from typing import NamedTuple
 
 import numpy as np
 
-from rans.evaluation.measure.metrics import last_fifth
+from rans.evaluation.measure.metrics import worst_errors
 from rans.evaluation.measure.statistics import Estimate, share
 from rans.flight import Flight
 
 WANTED = 0.99
-"""Share of episodes from which a trouble counts as mastered (issue 16's, and `rans.show.report`'s)."""
+"""Share of episodes from which a trouble counts as mastered, and a task as solved (`rans.show.report`)."""
 
 
 @dataclass(frozen=True)
@@ -29,9 +28,8 @@ class Outcome:
     @classmethod
     def of(cls, flight: Flight) -> Outcome:
         """What flights came to, in truth."""
-        found, bounds = flight.errors(), flight.task.tolerances()
-        worst = {name: np.nan_to_num(last_fifth(found[name]).max(axis=0), nan=np.inf) for name in bounds}
-        return cls(worst, reduce(np.maximum, [worst[name] / bounds[name] for name in bounds]))
+        excess, worst = worst_errors(flight)
+        return cls(worst, excess)
 
     @classmethod
     def joined(cls, parts: Sequence[Outcome]) -> Outcome:

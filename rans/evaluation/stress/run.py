@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import pickle
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import as_completed
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -21,7 +19,7 @@ from rans.files import first_line
 from rans.flight import fly
 from rans.model.conditions import Conditions
 from rans.model.conditions_file import load_conditions
-from rans.processes import submitted
+from rans.processes import deaths_told, submitted
 from rans.scenario import draws, scenarios
 
 _PERFECT = Level("perfect", None, Conditions())
@@ -133,8 +131,8 @@ def fill(stress: Stress, progress: Callable[[int], object] = lambda _: None,
         workers: processes, by default one per processor; 1: this one.
     """
     made, jobs = list(stress.contestants.values()), list(_jobs(stress))
-    given = pickle.dumps((stress.contest, [one.controller for one in made],
-                          [level.conditions.or_none for level in stress.levels]))
+    given = (stress.contest, [one.controller for one in made],
+             [level.conditions.or_none for level in stress.levels])
     parts: dict[tuple[int, int], dict[int, _Part]] = {}
     lost: set[int] = set()
     for job, answer in _answers(jobs, given, workers):
@@ -163,31 +161,28 @@ def _jobs(stress: Stress) -> Iterator[_Job]:
                 yield _Job(level, k, first, min(share, count - first))
 
 
-def _answers(jobs: list[_Job], given: bytes, workers: int | None) -> Iterator[tuple[_Job, _Part | str]]:
+def _answers(jobs: list[_Job], given: tuple[Any, ...],
+             workers: int | None) -> Iterator[tuple[_Job, _Part | str]]:
     """Each job with what came of it, or what went wrong, as they end."""
     if workers == 1:
-        _given[:] = pickle.loads(given)
+        _given[:] = given
         yield from ((job, _tried(*job)) for job in jobs)
         return
-    with submitted(_tried, jobs, workers, _load, (given,)) as futures:
+    with submitted(_tried, jobs, workers, _load, given) as futures, deaths_told("flew episodes"):
         job_of = dict(zip(futures, jobs, strict=True))
-        try:
-            for done in as_completed(futures):
-                yield job_of[done], done.result()
-        except BrokenProcessPool as error:
-            raise RansError("a process that flew episodes died; the usual cause is too little memory."
-                            ) from error
+        for done in as_completed(futures):
+            yield job_of[done], done.result()
 
 
 _given: list[Any] = []
 """Contest, controllers and worlds, in each worker process."""
 
 
-def _load(given: bytes) -> None:
+def _load(*given: Any) -> None:
     import torch
 
     torch.set_num_threads(1)  # one process per processor
-    _given[:] = pickle.loads(given)
+    _given[:] = given
 
 
 def _tried(*job: int) -> _Part | str:

@@ -76,16 +76,18 @@ class Architecture:
     @classmethod
     def of(cls, engine: Engine, settings: PPOSettings) -> Architecture:
         """Of a network with these settings for an engine's task and spacecraft."""
-        craft = engine.craft
-        views = symmetries(craft) if settings.symmetric else None
-        return cls(engine.layout, len(craft.thrusters), tuple(settings.layers), settings.activation,
-                   settings.zoom, views, settings.matmul == "bf16",
-                   craft.actuators.is_continuous, settings.history if settings.memory == "history" else 0,
-                   tuple(settings.averages) if settings.memory == "history" else (),
-                   settings.recurrent_units if settings.memory == "recurrent" else 0,
-                   engine.known.width if settings.privileged_critic else 0,
-                   engine.known.nominal if settings.privileged_critic else (),
-                   bounds=example(engine.task, craft.dimension).bounds())
+        craft, has_history = engine.craft, settings.memory == "history"
+        return cls(
+            layout=engine.layout, thrusters=len(craft.thrusters), layers=tuple(settings.layers),
+            activation=settings.activation, zoom=settings.zoom,
+            symmetries=symmetries(craft) if settings.symmetric else None,
+            bf16=settings.matmul == "bf16", continuous=craft.actuators.is_continuous,
+            history=settings.history if has_history else 0,
+            averages=tuple(settings.averages) if has_history else (),
+            units=settings.recurrent_units if settings.memory == "recurrent" else 0,
+            privileged=engine.known.width if settings.privileged_critic else 0,
+            nominal=engine.known.nominal if settings.privileged_critic else (),
+            bounds=example(engine.task, craft.dimension).bounds())
 
     @property
     def seen(self) -> int:

@@ -21,6 +21,7 @@ from rans.fast.learn.config import TrainConfig
 from rans.fast.learn.network import Network
 from rans.fast.learn.ppo import Learner
 from rans.fast.step import begin_as, varying
+from rans.flight import Setup
 from rans.model.random import seed_words
 from rans.scenario import FAILURES_SEED
 
@@ -83,8 +84,8 @@ class FailedStarts:
         """Fly every member, and keep where those flights went that failed."""
         network, first, count = self._learner.network, self._looks * self._given.flights, self._given.flights
         for number, config in enumerate(self._configs):
-            setup = (self._engine.craft, config.settings.for_evaluation(), config.timing,
-                     config.conditions.or_none)
+            setup = Setup(self._engine.craft, config.settings.for_evaluation(), config.timing,
+                          config.conditions.or_none)
             alone = Network(network.architecture, network.member(number))
             flights = Flights(alone, setup, self._engine.device, listed=_FOLLOWED)
             verdicts = flights.fly(first, count, FAILURES_SEED)

@@ -10,6 +10,7 @@ from typing import Any, Literal, Protocol
 from rans.errors import ConfigError
 from rans.fast.learn.config import TrainConfig, to_table
 from rans.files import first_line
+from rans.structure import entries
 
 LoggerName = Literal["hparams", "wandb", "mlflow"]
 """TensorBoard's table of hyper-parameters, Weights & Biases, MLflow."""
@@ -35,7 +36,9 @@ def check(names: Sequence[LoggerName]) -> None:
 def loggers(names: Sequence[LoggerName], config: TrainConfig, run: Path) -> list[Logger]:
     """Those of these names, told the config of a run folder; ConfigError where one cannot begin."""
     made = {"hparams": _Hparams, "wandb": _WandB, "mlflow": _MLflow}
-    settings, found = dict(_plain(to_table(config))), list[Logger]()
+    plain = (bool, int, float, str)  # lists become texts
+    settings = {name: x if isinstance(x, plain) else str(x) for name, x in entries(to_table(config))}
+    found: list[Logger] = []
     for name in dict.fromkeys(names):
         try:
             found.append(made[name](settings, run))
@@ -92,14 +95,3 @@ def _library(name: str) -> Any:
     except ImportError as error:
         raise ConfigError(f"--log {name} needs the package {name} ({first_line(error)}): pip install {name}."
                           ) from error
-
-
-def _plain(table: dict[str, Any], place: str = "") -> list[tuple[str, Any]]:
-    """Numbers, truth values and texts of nested tables, by their dotted names; lists become texts."""
-    found: list[tuple[str, Any]] = []
-    for key, value in table.items():
-        if isinstance(value, dict):
-            found += _plain(value, f"{place}{key}.")
-        else:
-            found.append((place + key, value if isinstance(value, bool | int | float | str) else str(value)))
-    return found

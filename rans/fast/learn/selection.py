@@ -13,6 +13,7 @@ from rans.fast.learn.curriculum import Curriculum
 from rans.fast.learn.graph import fused, graphed
 from rans.fast.learn.network import Network
 from rans.fast.step import field_dtype
+from rans.fast.verdicts import last_fifth
 from rans.model.conditions import Conditions
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
@@ -70,13 +71,13 @@ class Selection:
     def _flown(self, engine: Engine) -> Tensor:
         """One episode everywhere: (K, 2 + errors) of duty, share and mean errors."""
         members, steps = self._network.members, engine.timing.episode_steps
-        last_fifth = range(steps - max(1, steps // 5), steps)
+        last = last_fifth(steps)
         mean = lambda field: field.to(engine.dtype).reshape(members, -1).mean(dim=1)  # noqa: E731
         observation, memory = engine.reset(SELECTION_SEED), self._network.blank(engine.num_envs)
         ended = torch.zeros(engine.num_envs, dtype=torch.bool, device=engine.device)
         kept, duty, total = ~ended, mean(ended), mean(ended)[:, None]
         for t in range(steps):
-            if t in last_fifth:
+            if t >= steps - last:
                 total = total + torch.stack([mean(error) for error in engine.errors().values()], dim=1)
             command, memory = self._act(self._network, observation, memory)
             duty = duty + mean(command) / steps
@@ -84,10 +85,10 @@ class Selection:
             observation = step.observation
             if memory is not None:
                 memory = torch.where((step.terminated | step.truncated)[:, None], 0.0, memory)
-            if t in last_fifth:
+            if t >= steps - last:
                 kept &= step.reached & ~ended
             ended |= step.terminated
-        return torch.cat((duty[:, None], mean(kept)[:, None], total / len(last_fifth)), dim=1)
+        return torch.cat((duty[:, None], mean(kept)[:, None], total / last), dim=1)
 
 
 @torch.no_grad()

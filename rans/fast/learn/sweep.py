@@ -5,7 +5,7 @@ from __future__ import annotations
 import gc
 import json
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from statistics import fmean
 from typing import Any, TypeVar
@@ -23,6 +23,7 @@ from rans.fast.learn.trainer import Trainer, check_device
 from rans.fast.policy import write_policy
 from rans.files import read_json, write_json
 from rans.model.spacecraft_file import SPACECRAFT, load_spacecraft
+from rans.structure import entries
 from rans.tasks import TASKS
 
 _BATCHED = {"seed", *(f"ppo.{name}" for name in Coefficients._fields)}
@@ -168,15 +169,6 @@ def grouped(items: Iterable[Item], key: Callable[[Item], str]) -> list[list[Item
     for item in items:
         groups.setdefault(key(item), []).append(item)
     return list(groups.values())
-
-
-def entries(table: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Every entry of a nested table, with its name from the top: ppo.gamma."""
-    for name, value in table.items():
-        if isinstance(value, dict):
-            yield from entries(value, f"{prefix}{name}.")
-        else:
-            yield f"{prefix}{name}", value
 
 
 def short(name: str) -> str:

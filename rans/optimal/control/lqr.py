@@ -12,7 +12,7 @@ from rans.errors import checked
 from rans.model.fields import Heading, Quat, leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
-from rans.optimal.control.regulator import Deadband, Made, Regulator, Weights
+from rans.optimal.control.regulator import Deadband, ModelBased, Regulator, Weights
 from rans.optimal.trajectory.allocation import SigmaDelta, inertia
 from rans.optimal.trajectory.guess import rotation_vector
 from rans.tasks.base import Task
@@ -23,7 +23,7 @@ SWEEP = (0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0)
 """Factors on the default weights: from twice as stiff to four times as lazy."""
 
 
-class LQR(Made):
+class LQR(ModelBased):
     """Linear-quadratic regulator, allocation to the thrusters, sigma-delta rounding.
 
     >>> rans.LQR("floating-platform", "go-to-pose")

@@ -14,13 +14,13 @@ from typing import Any, ClassVar
 import casadi as ca
 import numpy as np
 
-from rans.errors import ConfigError, checked
+from rans.errors import checked, whole
 from rans.model.body import Body
 from rans.model.dynamics import PlanarState, SpatialState, State, advance, wrench
 from rans.model.fields import Field, Heading, Quat, Vec2, Vec3, atan2, cos, leaves, map_leaves, sin, sqrt
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
-from rans.optimal.control.regulator import Deadband, Made, Regulator, Weights
+from rans.optimal.control.regulator import Deadband, ModelBased, Regulator, Weights
 from rans.optimal.trajectory.allocation import Allocation, SigmaDelta
 from rans.optimal.trajectory.guess import rotation_vector
 from rans.scenario import scenario
@@ -42,9 +42,7 @@ class Settings:
 
     def __post_init__(self) -> None:
         for key in ("horizon", "iterations"):
-            value = getattr(self, key)
-            if not isinstance(value, int) or isinstance(value, bool) or value < 1:
-                raise ConfigError(f"MPC: {key} must be a whole number >= 1, got {value!r}.")
+            whole(f"MPC: {key}", getattr(self, key))
 
 
 _WEIGHTS, _DEADBAND, _SETTINGS = Weights(), Deadband(), Settings()
@@ -52,7 +50,7 @@ _TINY = 1e-24
 """Added to squared lengths whose root is taken: it has no gradient at zero."""
 
 
-class MPC(Made):
+class MPC(ModelBased):
     """Plans the relaxed commands of the next seconds at every step and rounds the first to on/off.
 
     >>> rans.MPC("floating-platform", "go-to-position", settings=Settings(horizon=5))

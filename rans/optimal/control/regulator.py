@@ -95,8 +95,10 @@ class Deadband:
         return np.logical_and.reduce(inside)
 
 
-class Made:
-    """What a controller is made for, by name, TOML file or as such.
+class ModelBased:
+    """A controller that knows the equations of what it flies, and is told the state: base of the simple ones.
+
+    Spacecraft and task are given by name, TOML file or as such.
 
     Raises:
         ConfigError: there is no such spacecraft or task.

@@ -9,13 +9,13 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from rans.errors import ConfigError, checked
+from rans.errors import ConfigError, checked, whole
 from rans.model.body import Body
 from rans.model.dynamics import advance, wrench
 from rans.model.fields import map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
-from rans.optimal.control.regulator import Deadband, Made
+from rans.optimal.control.regulator import Deadband, ModelBased
 from rans.optimal.control.switching import Curve, Switching
 from rans.optimal.trajectory.allocation import Patterns
 from rans.tasks.base import Task
@@ -30,7 +30,7 @@ _DOUBT = 0.04
 
 
 @dataclass(frozen=True)
-class Draws:
+class Sampling:
     """How plans are drawn and weighed.
 
     Raises:
@@ -46,20 +46,18 @@ class Draws:
 
     def __post_init__(self) -> None:
         for key in ("samples", "rounds"):
-            value = getattr(self, key)
-            if not isinstance(value, int) or isinstance(value, bool) or value < 1:
-                raise ConfigError(f"MPPI: {key} must be a whole number >= 1, got {value!r}.")
+            whole(f"MPPI: {key}", getattr(self, key))
         if not (math.isfinite(self.temperature) and self.temperature > 0):
             raise ConfigError(f"MPPI: temperature must be finite and > 0 s, got {self.temperature!r}.")
 
 
-_CURVE, _DEADBAND, _DRAWS = Curve(thrust_weight=0.03), Deadband(), Draws()
+_CURVE, _DEADBAND, _DRAWS = Curve(thrust_weight=0.03), Deadband(), Sampling()
 
 
-class MPPI(Made):
+class MPPI(ModelBased):
     """Plans patterns of open thrusters for the next seconds by sampling, and flies the first of the best.
 
-    >>> rans.MPPI("floating-platform", "go-to-pose", draws=Draws(samples=64))
+    >>> rans.MPPI("floating-platform", "go-to-pose", draws=Sampling(samples=64))
     <MPPI: GoToPose for floating-platform>
 
     A plan is a chance of every thruster to be open in each of the next `PERIODS`. Plans are drawn from it and
@@ -77,9 +75,9 @@ class MPPI(Made):
 
     def __init__(self, craft: str | Path | Spacecraft, task: str | Task, timing: Timing | None = None,
                  curve: Curve = _CURVE,
-                 deadband: Deadband = _DEADBAND, draws: Draws = _DRAWS) -> None:
+                 deadband: Deadband = _DEADBAND, draws: Sampling = _DRAWS) -> None:
         super().__init__(craft, task, timing)
-        self._deadband, self._draws = deadband, checked("draws", draws, Draws)
+        self._deadband, self._draws = deadband, checked("draws", draws, Sampling)
         self._value = Switching(self._craft, self._task, self._timing, curve, deadband)
         craft, self._period = self._craft, self._timing.control_period
         self._body, self._price = Body.of(craft), curve.thrust_weight

@@ -14,7 +14,7 @@ from rans.model.dynamics import advance, wrench
 from rans.model.fields import Vec2, Vec3, leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
-from rans.optimal.control.regulator import Deadband, Made
+from rans.optimal.control.regulator import Deadband, ModelBased
 from rans.optimal.trajectory.allocation import Allocation, Patterns, inertia
 from rans.optimal.trajectory.guess import rotation_vector
 from rans.tasks.base import Task
@@ -49,7 +49,7 @@ _SLOW = 0.1
 """Counts as at rest: what full thrust stops in this share of a control period."""
 
 
-class Switching(Made):
+class Switching(ModelBased):
     """Opens the thrusters after whose pulse the goal is nearest in time, and none within a dead band.
 
     >>> rans.Switching("floating-platform", "go-to-pose", curve=Curve(thrust_weight=0.1))

@@ -11,9 +11,10 @@ import pytest
 from rans.errors import ConfigError
 from rans.evaluation.assure.bounds import plan
 from rans.evaluation.assure.campaign import Campaign
-from rans.evaluation.assure.replay import drawing, failures, flown, replays
+from rans.evaluation.assure.replay import drawing, failures, replays
 from rans.evaluation.fly.agent import LoadedRun
 from rans.evaluation.fly.contestants import contestant
+from rans.evaluation.fly.judge import fly_drawn
 from rans.evaluation.measure.metrics import solved
 from rans.fast.verdicts import Failure, Verdicts
 from rans.flight import Flight
@@ -97,14 +98,14 @@ def run() -> LoadedRun:
 
 
 def test_failures_of_a_flight_are_those_that_its_evaluation_does_not_find_solved(run: LoadedRun) -> None:
-    flight = flown(run.controller, run.judged, drawing(2026, range(100, 228)))
+    flight = fly_drawn(run.controller, run.judged, drawing(2026, range(100, 228)))
     found, right = failures(flight), solved(flight)
     assert [one is None for one in found] == right.tolist()
     assert 0 < (~right).sum() < 128  # four in five fail
 
 
 def test_each_way_to_fail_is_told_from_the_others(run: LoadedRun) -> None:
-    flight = flown(run.controller, run.judged, drawing(2026, [0] * 6))
+    flight = fly_drawn(run.controller, run.judged, drawing(2026, [0] * 6))
     steps, tolerance = len(flight.commands), flight.task.tolerances()["position"]
     distance = np.zeros((steps + 1, 6))
     distance[:, 1] = 9.0 * (np.arange(steps + 1) == 10)  # once farther away than the task allows

@@ -13,13 +13,15 @@ from scipy.stats import norm
 from rans.evaluation.assure import search
 from rans.evaluation.assure.chances import Chances, Chosen, Sized, sized
 from rans.evaluation.assure.rare import rare
-from rans.evaluation.assure.replay import drawing, flown, worst_errors
+from rans.evaluation.assure.replay import drawing
 from rans.evaluation.assure.search import drew, room, smallest
 from rans.evaluation.fly.agent import Agent, LoadedRun
 from rans.evaluation.fly.contestants import contestant
-from rans.evaluation.fly.protocols import Setup
-from rans.fast.step import Place
+from rans.evaluation.fly.judge import fly_drawn
+from rans.evaluation.measure.metrics import worst_errors
+from rans.fast.step import Backend
 from rans.fast.verdicts import Failure
+from rans.flight import Setup
 from rans.model.conditions import BodyConditions, Conditions, SensorsConditions
 from rans.model.conditions_file import load_conditions
 from rans.model.fields import leaves
@@ -56,7 +58,7 @@ def test_given_the_numbers_that_a_scenario_draws_a_flight_is_that_scenario(run: 
     setup = run.judged._replace(timing=timing, conditions=lab)
     numbers, chances = np.arange(5, 9, dtype=np.int32), Chances.of(setup)
     chosen = chances.draws(_hashed(chances, 0, numbers), numbers)
-    ours, theirs = (flown(run.controller, setup, own) for own in (chosen, drawing(0, numbers.tolist())))
+    ours, theirs = (fly_drawn(run.controller, setup, own) for own in (chosen, drawing(0, numbers.tolist())))
     assert len(chances.places) == 6  # bearing, distance, attitude, goal's attitude; mass and inertia
     np.testing.assert_array_equal(np.stack(leaves(ours.states)), np.stack(leaves(theirs.states)))
 
@@ -68,11 +70,11 @@ def test_scores_are_the_largest_errors_of_the_last_fifth(run: LoadedRun, setup: 
     assert isinstance(agent, Agent)
     network = agent.network
     score = chances.scores(network, torch.device("cpu"))(z, number)
-    exact = worst_errors(flown(agent, setup, chances.draws(norm.cdf(z), number)))[0]
+    exact = worst_errors(fly_drawn(agent, setup, chances.draws(norm.cdf(z), number)))[0]
     # After 4 s all are still on their way: float32 has moved none by a thousandth.
     np.testing.assert_allclose(score, exact, rtol=1e-3)
-    place = Place(torch.device("cpu"), torch.float32)  # tensors, as on a GPU
-    tensors = chances._score(network, place, chances.draws(norm.cdf(z), number, None, place))
+    backend = Backend(torch.device("cpu"), torch.float32)  # tensors, as on a GPU
+    tensors = chances._score(network, backend, chances.draws(norm.cdf(z), number, None, backend))
     np.testing.assert_allclose(tensors, exact, rtol=1e-3)
 
 
@@ -85,7 +87,7 @@ def test_conditions_of_no_size_are_a_perfect_world_and_of_size_one_themselves(ru
 
     def states(size: float | None, of: Setup) -> np.ndarray:
         own = chances.draws(units, number, None if size is None else np.full(8, size))
-        return np.stack(leaves(flown(run.controller, of, own).states))
+        return np.stack(leaves(fly_drawn(run.controller, of, own).states))
 
     perfect, usual = setup._replace(conditions=None), setup._replace(conditions=delayed)
     # 1e-9: nothing is switched off at size 0, so that sums with zeros round otherwise.
@@ -161,7 +163,7 @@ def test_the_smallest_failure_found_is_flown_again_before_it_is_told(run: Loaded
     measured = Chances.of(setup._replace(conditions=sized(lab)))
     own = measured.draws(np.array(breaking.units)[:, None], np.array([breaking.number], np.int32),
                          np.array([breaking.size]))
-    again = flown(run.controller, measured.setup, own)
+    again = fly_drawn(run.controller, measured.setup, own)
     np.testing.assert_array_equal(np.stack(leaves(again.states)), np.stack(leaves(breaking.flight.states)))
 
 

@@ -14,8 +14,8 @@ import rans.pretrained
 from rans.errors import ConfigError
 from rans.evaluation.fly.contestants import contestant, judged_separately, output_folder
 from rans.evaluation.fly.judge import flown
-from rans.evaluation.fly.protocols import Setup, fitting_protocols, under_protocol
-from rans.flight import fly
+from rans.evaluation.fly.protocols import fitting_protocols, under_protocol
+from rans.flight import Setup, fly
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.scenario import scenarios

@@ -19,7 +19,7 @@ from rans.errors import ConfigError
 from rans.evaluation.fly.contestants import contestant, controller_name, output_folder
 from rans.evaluation.fly.controllers import CONTROLLERS, controller, is_user_policy, user_policy
 from rans.evaluation.fly.judge import flown
-from rans.evaluation.fly.protocols import Setup
+from rans.flight import Setup
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing

@@ -13,8 +13,7 @@ from rans.errors import ConfigError
 from rans.evaluation.fly.agent import load_agent
 from rans.evaluation.fly.controllers import CONTROLLERS, controller
 from rans.evaluation.fly.pilot import Pilot
-from rans.evaluation.fly.protocols import Setup
-from rans.flight import fly
+from rans.flight import Setup, fly
 from rans.pretrained import pretrained_folder
 from rans.scenario import scenarios
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from rans.evaluation.fly.protocols import Setup
 from rans.evaluation.measure.aggregate import Metrics
 from rans.evaluation.measure.many import measure_many
 from rans.fast.verdicts import Failure, Sums, Verdicts
+from rans.flight import Setup
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.tasks import GoToPose

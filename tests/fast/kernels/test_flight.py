@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 import torch
 
-from rans.fast.flights import Flights, Given
+from rans.fast.flights import Flights
 from rans.fast.kernels import flight
 from rans.fast.kernels.design import Design, DoesNotFit
 from rans.fast.kernels.flight import FlightKernel
 from rans.fast.kernels.launch import CudaError
 from rans.fast.learn.network import Network
 from rans.fast.verdicts import QUANTITIES, Verdicts
+from rans.flight import Setup
 from rans.model.actuators import Throttle
 from rans.tasks import TASKS
 from tests.fast.engines import FLYER, PLATFORM
@@ -31,7 +32,7 @@ THROTTLED = replace(PLATFORM, actuators=Throttle())
 MULTI = TASKS["multi-task"]()
 
 
-def both(network: Network, given: Given, folder: Path, **how: Any) -> tuple[Verdicts, Verdicts]:
+def both(network: Network, given: Setup, folder: Path, **how: Any) -> tuple[Verdicts, Verdicts]:
     """By the kernel, and by stepping."""
     stepped = Flights(network, given, generated=False)
     kernel = HostFlights(stepped.world, network, folder, **how)

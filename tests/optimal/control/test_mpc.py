@@ -171,5 +171,5 @@ def test_nothing_is_planned_at_rest() -> None:
 
 
 def test_impossible_settings_are_refused() -> None:
-    with pytest.raises(ConfigError, match="MPC: horizon must be a whole number >= 1, got 0"):
+    with pytest.raises(ConfigError, match="MPC: horizon must be a whole number >= 1 and < 2\\^31, got 0"):
         Settings(horizon=0)

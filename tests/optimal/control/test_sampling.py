@@ -13,7 +13,7 @@ from rans.model.fields import Heading, Vec2, map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
-from rans.optimal.control.sampling import MPPI, Draws
+from rans.optimal.control.sampling import MPPI, Sampling
 from rans.optimal.control.switching import Switching
 from rans.scenario import scenarios
 from rans.tasks import TASKS, GoToPose
@@ -76,4 +76,4 @@ def test_rests_at_the_goal_and_pushes_towards_it() -> None:
 @pytest.mark.parametrize("settings", [{"samples": 0}, {"rounds": 1.5}, {"temperature": 0.0}])
 def test_refuses_draws_that_mean_nothing(settings: dict[str, float]) -> None:
     with pytest.raises(ConfigError, match=next(iter(settings))):
-        Draws(**settings)  # type: ignore[arg-type]
+        Sampling(**settings)  # type: ignore[arg-type]

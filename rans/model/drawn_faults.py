@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from rans.model.body import Body
 from rans.model.conditions import FaultConditions, FaultKind, bounds, largest, piecewise
-from rans.model.faults import sets_among
+from rans.model.faults import failed, sets_among
 from rans.model.fields import Field, floor, where
 from rans.model.random import Random
 from rans.model.spacecraft import Spacecraft
@@ -89,11 +89,9 @@ def _member(sets: Sequence[tuple[int, ...]], which: Field) -> tuple[Field, ...]:
 
 def _failure(kinds: Sequence[FaultKind], chance: Field, share: Field) -> tuple[Field, Field]:
     """Gain and leak of a kind that a number in [0, 1) chooses."""
-    none, one = chance * 0.0, chance * 0.0 + 1.0
-    of: dict[FaultKind, tuple[Field, Field]] = {
-        "dead": (none, none), "stuck-open": (none, one), "stuck": (none, share), "weak": (share, none)}
-    gain, leak = of[kinds[0]]
+    none, full = chance * 0.0, chance * 0.0 + 1.0
+    gain, leak = failed(kinds[0], share, none, full)
     for k, kind in enumerate(kinds[1:], 1):
-        later = chance >= k / len(kinds)
-        gain, leak = where(later, of[kind][0], gain), where(later, of[kind][1], leak)
+        later, (other_gain, other_leak) = chance >= k / len(kinds), failed(kind, share, none, full)
+        gain, leak = where(later, other_gain, gain), where(later, other_leak, leak)
     return gain, leak
