@@ -162,9 +162,13 @@ class Engine:
     def step(self, action: Tensor) -> Step:
         """Hold the thrusters for one control period.
 
-        Actions (N, thrusters) are 0 (shut) or 1 (open), of any dtype; ConfigError where they have another
-        shape.
+        Actions (N, thrusters) are 0 (shut) or 1 (open), of any dtype. What they are costs time to see: the
+        environments around an engine look, the engine flies what it is given. ConfigError where they are no
+        tensor, or of another shape.
         """
+        if not isinstance(action, Tensor):
+            raise ConfigError(f"actions must be a tensor of torch, got {type(action).__name__}; "
+                              "torch.as_tensor makes one.")
         shape = (self.num_envs, len(self.craft.thrusters))
         if tuple(action.shape) != shape:
             raise ConfigError(f"actions must have the shape {shape} (environments, thrusters), got "
