@@ -59,7 +59,7 @@ class Actions:
         """The same numbers, copied where torch takes no such array or warns of it: one that is read-only."""
         if given.dtype.kind not in "biufc":
             self._refuse(given)
-        return torch.from_numpy(np.require(given, requirements="CW"))
+        return torch.from_numpy(np.require(given, requirements=["C", "W"]))
 
     def _refuse(self, given: np.ndarray) -> None:
         self._engine.craft.actuators.check(given, *self._shape)
