@@ -31,9 +31,8 @@ if TYPE_CHECKING:
     from validation.checks import Study
 
 Craft = str | Path | Spacecraft
-"""By name, TOML file or as such."""
 World = str | Path | Conditions
-"""The same of conditions."""
+"""Both by name, TOML file or as such."""
 _CRAFT = "floating-platform"
 
 
