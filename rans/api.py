@@ -10,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
-from rans.errors import ConfigError, checked, named, one_of, whole
+from rans.errors import ConfigError, brief, checked, named, one_of, whole
 from rans.model.conditions import Conditions
 from rans.model.conditions_file import load_conditions
 from rans.model.spacecraft import Spacecraft
@@ -52,9 +52,9 @@ def load_agent(name: str | Path) -> LoadedRun:
     Raises:
         ConfigError: there is none, or its files are damaged. Opening them runs nothing that is in them.
     """
-    from rans.evaluation.fly.contestants import contestant
+    from rans.evaluation.fly.contestants import contestant, text_of
 
-    return contestant(str(name))
+    return contestant(text_of(name))
 
 
 def evaluate(agent: str | Path | LoadedRun, *, episodes: int = 1024, seed: int = EVALUATION_SEED,
@@ -126,8 +126,10 @@ def compare(*contestants: str | Path, beside: str | Sequence[str] = ("lqr", "swi
         raise ConfigError("name at least one contestant, for example the folder of a run.")
     one_of("engine", engine, get_args(EngineName))
     specs = [named("a contestant", one, LoadedRun) for one in contestants]
-    beside = (beside,) if isinstance(beside, str) else tuple(beside)
-    for name in set(beside) - {"optimal"}:
+    beside = (beside,) if isinstance(beside, str) else beside
+    if not isinstance(beside, Sequence) or not all(isinstance(name, str) for name in beside):
+        raise ConfigError(f'beside takes names of controllers and "optimal", got {brief(beside)}.')
+    for name in {*beside} - {"optimal"}:
         CONTROLLERS[name]  # a wrong name is told before anybody flies
     whole("certified", certified, least=0)
     contest = contest_of(specs[0], whole("episodes", episodes), seed, engine, conditions)
@@ -288,8 +290,9 @@ def _config(task: str | Task, spacecraft: SpacecraftLike | None, device: str | N
 
 
 def _name(task: str | Task) -> str:
-    """The name of a task's class, or MODULE:NAME."""
-    if not isinstance(task, Task):
+    """The name of a task's class, or of a recipe; `ConfigError` where it is neither a name nor a task."""
+    if isinstance(task, str):
         return task
+    task = load_task(task)
     kind = type(task)
     return registered_name(task) or f"{kind.__module__}:{kind.__qualname__}"

@@ -12,7 +12,7 @@ from gymnasium import spaces
 from gymnasium.error import ResetNeeded
 
 from rans.episode import Episode, Mover, World, step
-from rans.errors import ConfigError, checked
+from rans.errors import ConfigError, brief, checked
 from rans.model.conditions import Conditions
 from rans.model.conditions_file import load_conditions
 from rans.model.dynamics import State
@@ -187,11 +187,25 @@ def dense(given: Any) -> Any:
     return given.detach().resolve_conj().resolve_neg()
 
 
+def array(actions: Any) -> np.ndarray:
+    """Actions that are no tensor as an array, its numbers as torch knows them too.
+
+    Raises:
+        ConfigError: rows of them are of different lengths.
+    """
+    try:
+        given = np.asarray(actions)
+    except ValueError as error:
+        raise ConfigError(f"actions must be numbers in rows of one length, got {brief(actions)}.") from error
+    wide = given.dtype.kind == "f" and given.dtype.itemsize > 8
+    return given.astype(np.float64 if wide else given.dtype.newbyteorder("="), copy=False)
+
+
 def _numbers(action: Any) -> np.ndarray:
     """Actions of NumPy or torch, in a dtype that NumPy knows."""
     given = dense(action)
     if given is action:
-        return np.asarray(action)
+        return array(action)
     return given.cpu().numpy() if given.is_complex() else given.cpu().double().numpy()
 
 

@@ -50,7 +50,8 @@ def replace_file(file: Path, write: Callable[[Path], object]) -> None:
     except (FileExistsError, NotADirectoryError) as error:
         raise ConfigError(f"cannot write {file}: {error.filename} is a file, not a folder.") from error
     except (OSError, RuntimeError) as error:  # torch reports a full disk as a RuntimeError
-        raise ConfigError(f"cannot write {file}: {error}; is the disk full or read-only?") from error
+        reason = getattr(error, "strerror", None) or error
+        raise ConfigError(f"cannot write {file}: {reason}; is the disk full or read-only?") from error
     finally:
         with contextlib.suppress(OSError):
             draft.unlink()

@@ -109,7 +109,26 @@ def test_names_do_where_objects_do() -> None:
 
 @pytest.mark.parametrize(("ask", "said"), [
     (lambda: rans.Engine("floating-platform", {"thrust_weight": 1.0}, 2),  # type: ignore[arg-type]
-     r"task, unless it is a name or a file, takes an object, no dict: rans\.tasks\.base\.Task"),
+     r"a name or an object such as rans\.GoToPose\(thrust_weight=0\.05\), got \{'thrust_weight': 1\.0\}"),
+    (lambda: rans.load_task(rans.GoToPose), r"a name or an object such as rans\.GoToPose\(.*got <class"),  # type: ignore[arg-type]
+    (lambda: rans.train(3), "a task is a name or an object"),  # type: ignore[arg-type]
+    (lambda: rans.train(total_timesteps=1.5, run="x"),  # type: ignore[arg-type]
+     "^total_timesteps must be a whole number >= 1 and < 2.63, got 1.5"),
+    (lambda: rans.load_agent(3), "an agent is its name, its run folder or .*, got 3"),  # type: ignore[arg-type]
+    (lambda: rans.load_agent(""), "an agent is its name, its run folder or .*, got ''"),
+    (lambda: rans.evaluate(rans.LQR("atmos", "go-to-pose")),  # type: ignore[arg-type]
+     r"rans\.load_agent\('lqr:go-to-pose-2d'\), got <LQR: GoToPose for atmos>"),
+    (lambda: rans.compare("go-to-pose-2d", beside=[3]), "names of controllers .*, got \\[3\\]"),  # type: ignore[list-item]
+    (lambda: rans.compare("go-to-pose-2d", beside=None), "names of controllers .*, got None"),  # type: ignore[arg-type]
+    (lambda: rans.Pilot(3, gymnasium.make("rans/GoToPose2D-v0")),  # type: ignore[arg-type]
+     r"a pilot is the name of a controller, or what rans\.load_agent gave, got 3"),
+    (lambda: rans.Engine("atmos", "go-to-pose", 1).step(np.zeros((1, 8))),  # type: ignore[arg-type]
+     r"the shape \(1, 8\) .*got ndarray, no tensor"),
+    (lambda: rans.certify(horizon=1e300), "of 1 to 1,048,575 whole control periods"),
+    (lambda: rans.optimal_trajectory(horizon=1e300), "at most 1,048,575 control periods of 0.2 s"),
+    (lambda: rans.optimal_trajectory(objective="time", intervals="a"),  # type: ignore[arg-type]
+     "intervals must be >= 1 and <= 1,048,575, got 'a'"),
+    (lambda: rans.validate(layer="thruster"), r"no layer named 'thruster' \(did you mean thrusters\?\)"),
     (lambda: rans.Engine("floating-platform", rans.GoToPose(), 2, {"episode_steps": 9}),  # type: ignore[arg-type]
      r"timing takes an object, no dict: rans.Timing\(episode_steps=9\)"),
     (lambda: rans.Engine("floating-platform", rans.GoToPose(), 2, conditions={"body": 1}),  # type: ignore[arg-type]
@@ -120,7 +139,7 @@ def test_names_do_where_objects_do() -> None:
     (lambda: rans.train("go-to-pose", ppo={"n_steps": 32}, run="x"),  # type: ignore[arg-type]
      r"ppo takes an object, no dict: rans.PPOSettings\(n_steps=32\)"),
     (lambda: rans.load_spacecraft(3), "spacecraft, unless it is a name or a file, must be a rans.Spacecraft"),  # type: ignore[arg-type]
-    (lambda: rans.evaluate("nobody"), "nobody is not a run folder"),
+    (lambda: rans.evaluate("nobody"), "nobody is not a run folder: there is nothing of that name"),
     (lambda: rans.evaluate("go-to-pose-2d", episodes=0), "episodes must be a whole number >= 1"),
     (lambda: rans.evaluate("multi-task-2d"), "knows several tasks: pick one, as in multi-task-2d#go-to"),
     (lambda: rans.evaluate("go-to-pose-2d", engine="fats"),  # type: ignore[arg-type]

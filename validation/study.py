@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
-from rans.errors import ConfigError
+from rans.errors import ConfigError, brief, meant
 from rans.model.conditions import Conditions
 from rans.model.spacecraft import Spacecraft
 from validation.checks import Check, Curve, Skipped, Study
@@ -119,5 +119,6 @@ def _chosen(layer: str | None, layers: dict[str, Layer], conditions: Conditions 
     if layer is None:
         return layers
     if layer not in layers:
-        raise ConfigError(f"there is no layer named {layer!r}; known are {', '.join(layers)}.")
+        raise ConfigError(f"there is no layer named {brief(layer)}{meant(layer, layers)}; known are "
+                          f"{', '.join(layers)}.")
     return {layer: layers[layer]}

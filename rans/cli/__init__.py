@@ -99,6 +99,10 @@ def _parse(arguments: list[str]) -> Any:
     commands = {c: getattr(importlib.import_module(f"rans.cli.{c}"), c.capitalize()) for c in wanted}
     parse = partial(tyro.extras.subcommand_cli_from_dict, commands, args=arguments, prog="rans",
                     description=_ABOUT, registry=registry())
+    if arguments[0].startswith("--tyro-"):  # completion, which takes every line of a text for a word
+        from rans.cli.helped import explain
+
+        explain(commands.values())
     if not {"-h", "--help"} & {*arguments}:
         return parse()
     from rans.cli.helped import helped

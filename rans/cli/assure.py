@@ -14,7 +14,7 @@ from rans.cli import check_count
 from rans.errors import ConfigError
 from rans.files import command_line, ready_folder, write_json
 from rans.scenario import ASSURANCE_SEED
-from rans.terminal import Terminal, kept, progress, table
+from rans.terminal import Terminal, kept, progress
 
 if TYPE_CHECKING:
     from rans.evaluation.assure.assurance import Assurance
@@ -145,28 +145,30 @@ def _show(assurance: Assurance, file: Path) -> None:
     console, campaign = Terminal(room=100), assurance.campaign
     bounds = [("any failure", campaign.bound()), *((kind.meaning, campaign.bound(kind)) for kind in Failure)]
     rows = [(name, f"{x.events:,}", f"{x.rate:.3g}", f"{x.low:.3g}", f"{x.high:.3g}") for name, x in bounds]
+    words = ["any failure", *(kind.name.lower().replace("_", " ") for kind in Failure)]
     sure = f"{100.0 * campaign.plan.confidence:.6g} %"
-    console.print(table(f"{assurance.spec}: {campaign.flights:,} flights of seed {campaign.seed}",
-                        ("failure", "flights", "rate", f"at least ({sure})", f"at most ({sure})"), rows))
-    console.print(verdict(assurance), soft_wrap=True)
+    console.show(f"{assurance.spec}: {campaign.flights:,} flights of seed {campaign.seed}",
+                 ("failure", "flights", "rate", f"at least ({sure})", f"at most ({sure})"), rows,
+                 [(word, *row[1:]) for word, row in zip(words, rows, strict=True)],
+                 "A wider terminal says what each of them means, as the page does.")
+    console.say(verdict(assurance))
     for finding in findings(assurance):
-        console.print(f"{_MARKS[finding.passed]}{finding.text}.", soft_wrap=True)
+        console.say(f"{_MARKS[finding.passed]}{finding.text}.")
     if assurance.searched:
-        console.print(f"In a search {assurance.searched.said}.", soft_wrap=True)
+        console.say(f"In a search {assurance.searched.said}.")
     if assurance.rare:
-        console.print(f"By importance sampling {assurance.rare.said}.", soft_wrap=True)
+        console.say(f"By importance sampling {assurance.rare.said}.")
     if assurance.replays and assurance.replays.found:
         most = max(assurance.replays.found, key=lambda one: one.excess)
-        console.print(f"The worst, at {most.excess:.3g} tolerances: {assurance.view(most.number)}",
-                      soft_wrap=True)
+        console.say(f"The worst, at {most.excess:.3g} tolerances: {assurance.view(most.number)}")
     others = ", ".join(name for name in (file.with_suffix(".html").name, worst) if name)
-    console.print(f"Written to {file}, {others}.", soft_wrap=True)
+    console.say(f"Written to {file}, {others}.")
 
 
 def _print_plan(assurance: Assurance) -> None:
     plan = assurance.campaign.plan
     rows = [(f"{look.flights:,}", f"at most {most:,}" if (most := plan.allowed(look)) >= 0 else "-",
              f"{look.high_level:.2g}", f"{look.low_level:.2g}") for look in plan.looks]
-    Terminal(room=100).print(table(
-        f"At {plan.confidence:g} confidence", ("flights", "failures that show the bound", "chance of error, "
-                                               "at most", "chance of error, at least"), rows))
+    Terminal(room=100).show(f"At {plan.confidence:g} confidence", (
+        "flights", "failures that show the bound", "chance of error, at most", "chance of error, at least"),
+        rows)

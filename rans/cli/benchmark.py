@@ -120,7 +120,7 @@ class Benchmark:
         write_json(file, content)
         figure = file.with_suffix(".svg")
         write_text(figure, svg(speed_figure(_hardware(about), measured, ratios)))
-        print(f"Written to {file} and {figure}.")
+        Terminal().say(f"Written to {file} and {figure}.")
 
 
 def _hardware(about: dict[str, str]) -> str:

@@ -86,7 +86,7 @@ class Evaluate:
             comparison = compare_engines(flights["fast"], flights["drake"])
             console.print(comparison.table())
             results["both"], passed = comparison.to_json(), comparison.passed
-        print(f"Written to {self._write(run, results, next(iter(flights.values())))}.")
+        Terminal().say(f"Written to {self._write(run, results, next(iter(flights.values())))}.")
         return passed
 
     def _many(self, run: LoadedRun) -> bool:
@@ -122,7 +122,7 @@ class Evaluate:
         file = folder / f"evaluation-many{suffix}.json"
         write_json(file, {"many": metrics.to_json(), "failures": listed, "conditions": self._conditions(run),
                           "about": _about()})
-        print(f"Written to {file}.")
+        Terminal().say(f"Written to {file}.")
 
     def _fly(self, run: LoadedRun) -> dict[str, Flight]:
         """The flights by engine."""

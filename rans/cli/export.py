@@ -45,5 +45,7 @@ class Export:
             raise ConfigError(f"{folder.name} comes with RANS as an export writes it, in {folder}.")
         export(folder, self.output, self.format, self.episodes)
         size = sum(file.stat().st_size for file in self.output.iterdir() if file.is_file())
-        print(f"{self.output} holds the agent, its contract and its card, {size / 1000:.0f} kB.")
+        from rans.terminal import Terminal
+
+        Terminal().say(f"{self.output} holds the agent, its contract and its card, {size / 1000:.0f} kB.")
         return 0

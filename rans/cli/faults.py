@@ -47,7 +47,7 @@ class Faults:
             from rans.show.faults_figure import faults_figure
 
             save_picture(faults_figure(craft, found), self.picture)
-            print(f"Picture: {self.picture}")
+            Terminal().say(f"Picture: {self.picture}")
         return 0
 
 

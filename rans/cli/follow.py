@@ -55,5 +55,5 @@ class Follow:
         Terminal().print(following.table())
         write_json(file, following.to_json() | {"seed": self.seed})
         write_text(file.with_suffix(".svg"), svg(following_figure(following)))
-        print(f"Written to {file}.")
+        Terminal().say(f"Written to {file}.")
         return 0

@@ -26,8 +26,7 @@ class _Page(io.TextIOWrapper):
 
 def helped(parse: Callable[[], Any], commands: Iterable[type]) -> Any:
     """What ``parse`` gives; the help that it prints is wrapped."""
-    for described in commands:
-        _explain(described)
+    explain(commands)
     page = _Page()
     try:
         with redirect_stdout(page):
@@ -39,13 +38,14 @@ def helped(parse: Callable[[], Any], commands: Iterable[type]) -> Any:
         print(re.sub(r"\n{3,}", "\n\n", text))
 
 
-def _explain(described: type) -> None:
+def explain(commands: Iterable[type]) -> None:
     """Give tyro the texts of fields in one line each: it takes the second line of one for a new paragraph."""
     from typing_extensions import Doc
 
-    hints, texts = get_type_hints(described, include_extras=True), meanings(described)
-    described.__annotations__ = {name: Annotated[hint, Doc(texts[name])] if name in texts else hint
-                                 for name, hint in hints.items()}
+    for described in commands:
+        hints, texts = get_type_hints(described, include_extras=True), meanings(described)
+        described.__annotations__ = {name: Annotated[hint, Doc(texts[name])] if name in texts else hint
+                                     for name, hint in hints.items()}
 
 
 def _wrapped(line: str, width: int) -> str:

@@ -40,8 +40,9 @@ class List:
     """Show the spacecraft, tasks and agents there are; with a name, one of them in detail."""
 
     name: Annotated[str | None, conf.Positional, conf.arg(metavar="[NAME]")] = None
-    """A spacecraft, a task, an agent, a controller, conditions (the word CONDITIONS for all of them), or the
-    .toml file of your own spacecraft or conditions; TRAINING: the settings of a training."""
+    """A spacecraft, a task, an agent, a controller, conditions, or the .toml file of your own spacecraft or
+    conditions. SPACECRAFT, TASKS, AGENTS, CONTROLLERS, CONDITIONS: all of them; TRAINING: the settings of a
+    training."""
     picture: Annotated[Path | None, conf.arg(metavar="FILE")] = None
     """Save a drawing of the spacecraft's thrusters here (.png, .svg or .pdf)."""
     json: bool = False
@@ -67,7 +68,7 @@ class List:
                 else:
                     console.say(part)
         if self.picture is not None and not self.json:
-            print(f"Picture: {self.picture}")
+            Terminal().say(f"Picture: {self.picture}")
         return 0
 
     @property
@@ -79,8 +80,8 @@ class List:
         name = self._named
         if self.name is None:
             return "everything"
-        if name.lower() in ("conditions", "training"):
-            return f"all {name.lower()}"
+        if (every := f"all {name.lower()}") in _PARTS:
+            return every
         known: dict[str, Iterable[str]] = {
             "conditions": CONDITIONS, "task": TASKS, "agent": pretrained_names(), "controller": CONTROLLERS,
             "spacecraft": spacecraft_names()}
@@ -109,8 +110,8 @@ def _kind_of_file(file: Path) -> str:
 def _everything(_: str) -> Iterable[str | Listing]:
     yield _all_spacecraft()
     yield _all_tasks()
-    yield _all_conditions("")
-    yield f"Controllers (NAME:TASK-2d): {', '.join(_named(CONTROLLERS, name) for name in CONTROLLERS)}"
+    yield _all_conditions()
+    yield _all_controllers()
     if pretrained_names():
         yield _all_agents()
 
@@ -132,12 +133,16 @@ def _all_tasks() -> Listing:
         ("\n  ".join((_named(TASKS, n), *gymnasium_ids(n))), *_or_why_not(row, n)) for n in TASKS])
 
 
-def _all_conditions(_: str) -> Listing:
+def _all_conditions() -> Listing:
     def row(name: str) -> tuple[str, ...]:
         return (CONDITIONS[name].conditions.description,)
 
     return Listing("Conditions (rans list NAME tells every number and its source)", ("name", "what"),
                    [(_named(CONDITIONS, name), *_or_why_not(row, name)[-1:]) for name in CONDITIONS])
+
+
+def _all_controllers() -> str:
+    return f"Controllers (NAME:TASK-2d): {', '.join(_named(CONTROLLERS, name) for name in CONTROLLERS)}"
 
 
 def _filled(row: tuple[str, ...], count: int) -> tuple[str, ...]:
@@ -212,7 +217,8 @@ def _training_details(_: str) -> list[Listing]:
 
 def _conditions_details(name: str) -> Iterable[str]:
     load_conditions(name)  # says what is wrong with it
-    yield (CONDITIONS[name].text if name in CONDITIONS else legible(read_text(Path(name)), 20_000)).rstrip()
+    text = CONDITIONS[name].text if name in CONDITIONS else legible(read_text(Path(name)), 20_000)
+    yield from text.rstrip().splitlines()
 
 
 def _controller_details(name: str) -> Iterable[str]:
@@ -222,7 +228,9 @@ def _controller_details(name: str) -> Iterable[str]:
 
 _PARTS: dict[str, Callable[[str], Iterable[str | Listing]]] = {
     "everything": _everything, "spacecraft": _spacecraft_details, "task": _task_details,
-    "all conditions": lambda _: [_all_conditions("")], "conditions": _conditions_details,
+    "all spacecraft": lambda _: [_all_spacecraft()], "all tasks": lambda _: [_all_tasks()],
+    "all agents": lambda _: [_all_agents()], "all controllers": lambda _: [_all_controllers()],
+    "all conditions": lambda _: [_all_conditions()], "conditions": _conditions_details,
     "all training": _training_details, "controller": _controller_details, "agent": _agent_details}
 """What is printed of a name, by what it is of."""
 
@@ -251,6 +259,8 @@ _FACTS: dict[str, Callable[[str], Any]] = {
     "spacecraft": _spacecraft_facts, "task": _task_facts, "agent": pretrained_card,
     "conditions": lambda name: asdict(load_conditions(name)),
     "controller": lambda name: {"summary": _summary(CONTROLLERS[name])},
+    "all spacecraft": lambda _: list(SPACECRAFT), "all tasks": lambda _: list(TASKS),
+    "all agents": lambda _: pretrained_names(), "all controllers": lambda _: list(CONTROLLERS),
     "all conditions": lambda _: {name: CONDITIONS[name].conditions.description for name in CONDITIONS},
     "all training": lambda _: {part.title: part.to_json() for part in _training_details("")},
     "everything": lambda _: {

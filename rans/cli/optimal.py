@@ -88,7 +88,7 @@ class Optimal:
             about["bounds"] = [asdict(b) for b in self._bounds(craft, task, objective, starts, answers)]
             write(folder, about, answers)
         lost = sum(not answer.good for answer in answers)
-        print(f"{len(answers) - lost} of {len(answers)} solved and flown in Drake. Written to "
+        Terminal().say(f"{len(answers) - lost} of {len(answers)} solved and flown in Drake. Written to "
               f"{folder / 'optimal.json'} and optimal.npz.")
         return 1 if lost else 0
 

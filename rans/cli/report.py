@@ -25,5 +25,5 @@ class Report:
         report, file = report_from_run(self.run_folder), self.run_folder / "report.html"
         report.write(file)
         Terminal().print(report.summary())
-        print(f"The report is {file}.")
+        Terminal().say(f"The report is {file}.")
         return 0

@@ -18,7 +18,7 @@ from tyro.conf import Positional, UseAppendAction, arg
 from rans.cli import STARTED
 from rans.cli.progress import NowAndThen
 from rans.cli.train import StopGently, Train, compile_in_this_process
-from rans.errors import ConfigError
+from rans.errors import ConfigError, counted
 from rans.files import command_line, environment, plain, write_json, write_text
 from rans.terminal import Terminal
 
@@ -75,12 +75,13 @@ class Sweep:
         Terminal().print(_table(sweep))
         solved = sum(member.solved for member in sweep.members)
         rate = sweep.timed_steps / max(sweep.seconds, 1e-9)
-        text = (f"{'Stopped' if stop.asked else 'Done'}: {solved} of {len(sweep.members)} members solved, "
-                f"{sweep.seconds:.1f} s of training ({rate:,.0f} steps/s of all together), "
+        text = (f"{'Stopped' if stop.asked else 'Done'}: {solved} of "
+                f"{counted(len(sweep.members), 'member')} solved, {sweep.seconds:.1f} s "
+                f"of training ({rate:,.0f} steps/s of all together), "
                 f"{time.monotonic() - STARTED:.1f} s in all. The best agent is {folder}/best.")
         if stop.asked:
             text += f" Continue with: {shlex.join(['rans', 'sweep', '--resume', str(folder)])}"
-        print(text)
+        Terminal().say(text)
         return 130 if stop.asked else 0
 
     def _trainings(self) -> Trainings:
@@ -166,6 +167,5 @@ def describe(sweep: Trainings, batch: Sequence[Member]) -> str:
     last: dict[str, Any] = max((member.rows[-1] for member in batch), key=lambda row: row["steps"])
     solved = sum(member.solved for member in sweep.members)
     success = sorted(member.rows[-1]["success"] for member in batch)[len(batch) // 2]
-    return (f"{last['steps'] / 1e6:.2f} M steps each by {len(batch)} members, {solved} of "
-            f"{len(sweep.members)} solved, median success {success:.1%}, "
-            f"{last['steps_per_s'] * len(batch) / 1e6:.2f} M steps/s")
+    return (f"{last['steps'] / 1e6:.2f} M steps each, {solved} of {len(sweep.members)} solved, "
+            f"median success {success:.1%}, {last['steps_per_s'] * len(batch) / 1e6:.2f} M steps/s")

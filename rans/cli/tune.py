@@ -66,7 +66,7 @@ class Tune:
             ("setting", "default", "tuned"), [
                 *((key, f"{before[key]:.3g}", f"{value:.3g}") for key, value in found.settings.items()),
                 ("cost, s", *(f"{value:.3f}" for value in found.costs.values()))]))
-        print(f"Written to {file}.")
+        Terminal().say(f"Written to {file}.")
         if found.candidates < self.candidates:
             raise KeyboardInterrupt
         return 0

@@ -13,6 +13,7 @@ import tyro
 from rans.cli import check_count
 from rans.errors import ConfigError
 from rans.scenario import EVALUATION_SEED
+from rans.terminal import Terminal, progress
 
 if TYPE_CHECKING:
     from rans.flight import Flight
@@ -74,7 +75,7 @@ class View:
             from rans.show.frames import save_frames
 
             save_frames(flights[0], 0, self.frames)
-            print(f"Ten frames of {flights[0].controller} are in {self.frames}.")
+            Terminal().say(f"Ten frames of {flights[0].controller} are in {self.frames}.")
         if self.video is not None:
             self._film(flights, self.video)
         if self.save is not None or self.frames is self.video is None:
@@ -91,23 +92,23 @@ class View:
         who = ", ".join(f"{name} ({colour})" for name, colour in zip(names, colours, strict=True))
         if self.save is not None:
             page.save(self.save)
-            print(f"{self.save} replays {who} in any browser.")
+            Terminal().say(f"{self.save} replays {who} in any browser.")
             return
         with contextlib.suppress(KeyboardInterrupt):  # from the first moment the sentence asks for it
             url = page.serve().url
-            print(f"{who}: to be seen at {url} until Ctrl-C.", flush=True)
+            Terminal().say(f"{who}: to be seen at {url} until Ctrl-C.")
             open_browser(url)
             while True:
                 time.sleep(3600.0)
 
     def _film(self, flights: list[Flight], file: Path) -> None:
         from rans.show.video import save_video
-        from rans.terminal import progress
 
         with progress() as bars:
             task = bars.add_task("rendering", total=None)
             save_video(flights, file, lambda k, count: bars.update(task, completed=k, total=count))
-        print(f"{file} is a film of {', '.join(dict.fromkeys(flight.controller for flight in flights))}.")
+        names = dict.fromkeys(flight.controller for flight in flights)
+        Terminal().say(f"{file} is a film of {', '.join(names)}.")
 
     def _title(self, flights: list[Flight]) -> str:
         """What is flown: tasks, spacecraft, conditions."""

@@ -162,13 +162,13 @@ class Engine:
     def step(self, action: Tensor) -> Step:
         """Hold the thrusters for one control period.
 
-        Actions (N, thrusters) are 0 (shut) or 1 (open), of any dtype; ConfigError where they have another
-        shape.
+        Actions are a tensor (N, thrusters) of any dtype, ConfigError else: 0 (shut) or 1 (open), which only
+        the environments around an engine check.
         """
         shape = (self.num_envs, len(self.craft.thrusters))
-        if tuple(action.shape) != shape:
-            raise ConfigError(f"actions must have the shape {shape} (environments, thrusters), got "
-                              f"{tuple(action.shape)}.")
+        got = tuple(action.shape) if isinstance(action, Tensor) else f"{type(action).__name__}, no tensor"
+        if got != shape:
+            raise ConfigError(f"actions must have the shape {shape} (environments, thrusters), got {got}.")
         if self._kernel is not None:
             return self._kernel(action)
         return self._step(self._world, self.episode, action, self._draws)

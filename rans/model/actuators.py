@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 
-from rans.errors import ConfigError
+from rans.errors import ConfigError, brief
 from rans.model.fields import Field, ascending, at_least, floor, where
 
 if TYPE_CHECKING:
@@ -148,7 +148,7 @@ KINDS: dict[str, type[Actuators]] = {kind.kind: kind for kind in (OnOff, Pulsed,
 def _shown(given: np.ndarray, shape: tuple[int, ...], values: Any) -> str:
     """Few values whole, of many only what is wrong with them."""
     if given.size <= 32:
-        return repr(values)
+        return " ".join(brief(values).split())
     if given.shape != shape:
         return f"an array of shape {given.shape}"
     return f"numbers from {given.min()} to {given.max()}" if given.dtype.kind in "biuf" else f"{given.dtype}"

@@ -14,6 +14,7 @@ import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from rans.files import write_text
 from rans.flight import Flight
@@ -76,8 +77,9 @@ def learning_curve(rows: Sequence[Mapping[str, Any]]) -> Figure:
         _series(returns, rows, term, 1.0, colour, term.removeprefix("return/"))
     label(returns, "return by term", "environment steps", "mean return of an episode")
     if terms:
-        returns.legend()
+        returns.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))  # beside the curves
     for axes in (success, returns):
+        axes.xaxis.set_major_locator(MaxNLocator(4))  # whose labels have room on a telephone
         axes.xaxis.set_major_formatter(MILLIONS)
     return figure
 

@@ -138,4 +138,4 @@ def space(craft: Spacecraft) -> str:
 def vector(numbers: Iterable[float], digits: int = 3) -> str:
     """Numbers side by side."""
     # Rounding first and adding zero turns -0 and rounding errors into 0.
-    return "  ".join(f"{round(x, 9) + 0.0:.{digits}g}" for x in numbers)
+    return " ".join(f"{round(x, 9) + 0.0:.{digits}g}" for x in numbers)

@@ -6,7 +6,7 @@ import dataclasses
 import re
 from typing import Any
 
-from rans.errors import ConfigError, named
+from rans.errors import ConfigError, brief
 from rans.registry import Registry
 from rans.tasks.base import UNITS, SingleTask, Task, observation
 from rans.tasks.derived import observation_columns, observation_width
@@ -63,8 +63,16 @@ def load_task(name: str | Task) -> Task:
 
     >>> load_task("go-to-pose")
     GoToPose()
+
+    Raises:
+        ConfigError: there is no such task, or it is neither a name nor a task.
     """
-    return name if isinstance(name, Task) else TASKS[named("task", name, Task)]()
+    if isinstance(name, Task):
+        return name
+    if not isinstance(name, str):
+        raise ConfigError("a task is a name or an object such as rans.GoToPose(thrust_weight=0.05), got "
+                          f"{brief(name)}.")
+    return TASKS[name]()
 
 
 def registered_name(task: Task) -> str | None:

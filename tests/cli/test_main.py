@@ -121,6 +121,17 @@ def test_every_command_explains_its_options(command: str, monkeypatch: pytest.Mo
         assert " ".join(explanation.replace("`", "").split()) in printed
 
 
+def test_bash_completes_options_and_not_the_words_that_explain_them(tmp_path: Path) -> None:
+    script = tmp_path / "completion.bash"
+    written = subprocess.run([sys.executable, "-m", "rans", "--tyro-print-completion", "bash"],
+                             capture_output=True, text=True, check=True)
+    script.write_text(written.stdout)
+    ask = (f"source {script}; COMP_WORDS=(rans evaluate --pro); COMP_CWORD=2; "
+           '_tyro_rans rans --pro evaluate; printf "%s\\n" "${COMPREPLY[@]}"')
+    found = subprocess.run(["bash", "-c", ask], capture_output=True, text=True, check=True)
+    assert found.stdout.splitlines() == ["--protocol"]
+
+
 def test_version(capsys: pytest.CaptureFixture[str]) -> None:
     assert code_of(["--version"]) == 0
     assert capsys.readouterr().out == f"rans {version('rans')}\n"

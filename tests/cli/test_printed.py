@@ -87,7 +87,7 @@ def test_the_table_of_a_sweep() -> None:
 def test_progress_of_a_sweep() -> None:
     sweep = swept()
     assert describe_sweep(sweep, sweep.members) == (
-        "2.00 M steps each by 3 members, 1 of 3 solved, median success 75.0%, 1.20 M steps/s")
+        "2.00 M steps each, 1 of 3 solved, median success 75.0%, 1.20 M steps/s")
 
 
 def test_spacecraft_are_listed_with_their_values(capsys: pytest.CaptureFixture[str],

@@ -5,7 +5,7 @@ import io
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
-from itertools import count
+from itertools import count, pairwise
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -192,7 +192,7 @@ def test_equal_figures_give_equal_bytes() -> None:
 def test_a_busy_machine_is_no_news(monkeypatch: pytest.MonkeyPatch) -> None:
     """Matplotlib warns if the place of a legend was found late, and warnings are errors here."""
     monkeypatch.setattr(legend, "time", SimpleNamespace(perf_counter=count(0, 10).__next__))
-    figure = learning_curve(ROWS)
+    figure = evaluation_figure(two_episodes())
     with pytest.warns(UserWarning, match="Creating legend"):
         figure.savefig(io.BytesIO(), format="svg")
     svg(figure)
@@ -203,6 +203,19 @@ def test_learning_curve() -> None:
     np.testing.assert_allclose(success.get_lines()[0].get_xydata()[-1], [10_000, 100.0])  # type: ignore[index]
     assert {x.get_label() for x in returns.get_lines()} == {"position", "attitude"}
     assert "5 s" in success.get_title(loc="left")
+
+
+def test_a_learning_curve_on_a_telephone() -> None:
+    """The legend hides no curve, and numbers below the curves do not touch."""
+    figure = learning_curve([row | {"steps": 30_000 * row["steps"]} for row in ROWS])
+    figure.draw_without_rendering()
+    for axes in figure.axes:
+        if beside := axes.get_legend():
+            assert beside.get_window_extent().x0 >= axes.bbox.x1
+        numbers = [one.get_window_extent() for one in axes.get_xticklabels() if one.get_text()]
+        inside = sorted((box.x0, box.x1) for box in numbers if axes.bbox.x0 <= box.x0 <= axes.bbox.x1)
+        assert len(inside) >= 3
+        assert all(left[1] + 4.0 < right[0] for left, right in pairwise(inside))
 
 
 def test_learning_curve_draws_what_is_there() -> None:

@@ -28,6 +28,14 @@ def test_verdict_and_its_box(findings: list[Finding], passed: bool | None, verdi
     assert (verdict in html) is (box is not None)
 
 
+def test_a_conclusion_is_on_top_though_nothing_was_checked() -> None:
+    """As of an assurance in which no flight failed."""
+    html = Page("title", [Section("one")], conclusion="0 of 9 flights failed.").html()
+    assert html.index("0 of 9 flights failed.") < html.index("<h2")
+    assert '<div class="verdict">' in html
+    assert "<ul>" not in html
+
+
 def test_a_study_that_checked_nothing_passes_nothing() -> None:
     section = validation_section({"title": "Empty", "checks": [],
                                   "skipped": [{"name": "kernel", "reason": "No compiler."}]})

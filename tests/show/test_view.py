@@ -99,6 +99,41 @@ def test_the_browser_finds_the_body_where_it_flew(tmp_path: Path) -> None:
     check_pictures(found)
 
 
+PLAYED = """<script>
+viewer.animate = () => {};
+function probe() {
+  if (!viewer.animator.actions.length || !window.ready) return setTimeout(probe, 200, window.ready = true);
+  const shown = () => {
+    const found = [];
+    viewer.scene.traverse(x => { if (/^(plume|trail) /.test(x.name) && x.visible) found.push(x.name); });
+    return found;
+  };
+  const pairs = TIMES.map(t => {
+    rans.seek(t);
+    const sought = shown();
+    viewer.animator.reset();
+    viewer.animator.play();
+    viewer.animator.mixer.update(t);
+    return [sought, shown()];
+  });
+  document.body.innerHTML = `<pre id="found">${JSON.stringify(pairs)}</pre>`;
+}
+probe();
+</script></body>"""
+
+
+def test_who_watches_sees_what_who_pulls_the_slider_sees(tmp_path: Path) -> None:
+    """The way flown and the plumes; Meshcat plays every part by itself."""
+    view, page = View(), tmp_path / "replay.html"
+    view.show([lqr_flight(episodes=1)])
+    view.save(page)
+    page.write_text(page.read_text().replace("</body>", PLAYED.replace("TIMES", "[2.5, 6.0, 20.1]")))
+    found = json.loads(html.unescape(re.findall('<pre id="found">(.*?)</pre>', browse(page), re.DOTALL)[-1]))
+    for sought, played in found:
+        assert sum(name.startswith("trail") for name in sought) > 5
+        assert played == sought
+
+
 LABELS = """<script>
 viewer.animate = () => {};
 function probe() {

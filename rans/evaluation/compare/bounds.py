@@ -20,6 +20,7 @@ from rans.evaluation.measure.statistics import figure
 from rans.model.drift import FREE
 from rans.model.fields import leaves
 from rans.model.spacecraft import Spacecraft
+from rans.model.timing import MOST_STEPS
 from rans.optimal.certificate import hull, spatial_certificate
 from rans.optimal.certificate.certificate import Certificate, Effort, Unreachable, least_fuel, least_time
 from rans.optimal.certificate.lattice import GoalSet, Lattice, check_period, pulse, rounded_up
@@ -224,12 +225,11 @@ class Amounts:
 
 def whole_periods(horizon: float, period: float) -> int:
     """Control periods that a horizon is made of; `ConfigError` if it is not."""
-    check_period(period)
-    count = round(horizon / period) if math.isfinite(horizon) else 0
-    if count >= 1 and abs(count * period - horizon) <= 1e-9 * horizon:
+    count = round(horizon / period) if math.isfinite(horizon / period) else 0
+    if 1 <= count <= MOST_STEPS and abs(count * period - horizon) <= 1e-9 * horizon:
         return count
-    raise ConfigError(f"a bound of thrust-time needs a horizon of whole control periods of {period:g} s, got "
-                      f"{horizon:g} s.")
+    raise ConfigError(f"a bound of thrust-time needs a horizon of 1 to {MOST_STEPS:,} whole control "
+                      f"periods of {period:g} s, got {horizon:g} s.")
 
 
 def bound(start: int, question: Question) -> Bound:

@@ -54,6 +54,14 @@ def contestant(spec: str, protocol: ProtocolName = "own", lent: Setup | None = N
     return LoadedRun(run.controller, *under_protocol(protocol, own))
 
 
+def text_of(agent: object) -> str:
+    """The text of a name or a folder; `ConfigError` where it is neither."""
+    if isinstance(agent, str | Path) and str(agent):
+        return str(agent)
+    raise ConfigError("an agent is its name, its run folder or what rans.load_agent gave, as in "
+                      f"rans.load_agent('lqr:go-to-pose-2d'), got {brief(agent)}.")
+
+
 def in_protocol(agent: str | Path | LoadedRun, protocol: ProtocolName) -> LoadedRun:
     """Who flies, by its text or as such, in the setup of a protocol.
 
@@ -61,7 +69,7 @@ def in_protocol(agent: str | Path | LoadedRun, protocol: ProtocolName) -> Loaded
         ConfigError: see `contestant`; or a controller was made for another setup, which takes its name.
     """
     if not isinstance(agent, LoadedRun):
-        return contestant(str(agent), protocol)
+        return contestant(text_of(agent), protocol)
     own = Setup(*agent[1:])
     changed = under_protocol(protocol, own)
     if changed is not own and not isinstance(agent.controller, Agent):

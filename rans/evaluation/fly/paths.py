@@ -11,7 +11,7 @@ from pathlib import Path as FilePath
 
 import numpy as np
 
-from rans.errors import ConfigError
+from rans.errors import ConfigError, brief, meant
 from rans.files import regular
 
 SPACING = 0.005
@@ -131,8 +131,8 @@ def find_path(name: str) -> Path:
         return PATHS[name]()
     if name.lower().endswith(".csv"):
         return read_path(FilePath(name))
-    raise ConfigError(f"there is no path named {name!r}; known are {', '.join(PATHS)}, and files whose "
-                      "name ends in .csv.")
+    raise ConfigError(f"there is no path named {brief(name)}{meant(name, PATHS)}; known are "
+                      f"{', '.join(PATHS)}, and files whose name ends in .csv.")
 
 
 def read_path(file: FilePath) -> Path:

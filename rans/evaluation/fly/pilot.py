@@ -8,7 +8,7 @@ import gymnasium
 import numpy as np
 
 from rans.environment import Environment
-from rans.errors import ConfigError
+from rans.errors import ConfigError, brief
 from rans.evaluation.fly.agent import LoadedRun
 from rans.evaluation.fly.controllers import controller
 from rans.flight import Controller, Setup
@@ -56,6 +56,9 @@ class Pilot:
 
 
 def _agent(run: LoadedRun, setup: Setup) -> Controller:
+    if not isinstance(run, LoadedRun):
+        raise ConfigError("a pilot is the name of a controller, or what rans.load_agent gave, got "
+                          f"{brief(run)}.")
     if run.craft != setup.craft or type(run.task) is not type(setup.task):
         raise ConfigError(f"{run!r} cannot fly {type(setup.task).__name__} with {setup.craft.name}; make the "
                           "environment of its task, with its spacecraft.")

@@ -40,10 +40,16 @@ class Estimate:
 
 
 def figure(value: float, digits: str = ".3g") -> str:
-    """A number as tables show it: "never" for an infinite time, a dash for what is not known."""
+    """A number as tables show it: "never" for an infinite time, a dash for what is not known.
+
+    Thousands have no exponent: 1,153 rather than 1.15e+03.
+    """
     if math.isnan(value):
         return "-"
-    return ("never" if value > 0 else "-never") if math.isinf(value) else format(value, digits)
+    if math.isinf(value):
+        return "never" if value > 0 else "-never"
+    shown = format(value, digits)
+    return f"{value:,.0f}" if "e+" in shown and abs(value) < 1e6 else shown
 
 
 class Bootstrap:

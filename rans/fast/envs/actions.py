@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
-from rans.environment import dense
+from rans.environment import array, dense
 from rans.errors import ConfigError
 from rans.fast.engine import Engine
-from rans.files import first_line
 
 
 class Actions:
@@ -32,21 +32,20 @@ class Actions:
         Raises:
             ConfigError: they have another shape or kind, or the craft's actuators cannot follow them.
         """
-        try:
-            given = torch.as_tensor(dense(actions), device=self._engine.device)
-        except (TypeError, ValueError, RuntimeError) as error:
-            raise ConfigError(f"actions must be numbers, got {type(actions).__name__}: {first_line(error)}."
-                              ) from error
+        given = dense(actions)
+        if not isinstance(given, Tensor):
+            given = self._tensor(array(given))
+        given = given.to(self._engine.device)
         if given.is_floating_point() and given.dtype not in (torch.float32, torch.float64):
             given = given.float()  # exactly: from half precision
         if tuple(given.shape) != self._shape:
             return given  # which the engine refuses
         if given.is_complex():
-            self._refuse(given)
+            self._refuse(given.cpu().numpy())
         possible = self._possible(given)
         if given.device.type != "cuda":
             if not possible:
-                self._refuse(given)
+                self._refuse(given.numpy())
         elif not torch.cuda.is_current_stream_capturing():
             self._remember(possible)
         return given
@@ -56,8 +55,14 @@ class Actions:
             return ((given == 0) | (given == 1)).all()
         return ((given >= 0) & (given <= 1)).all()
 
-    def _refuse(self, given: Tensor) -> None:
-        self._engine.craft.actuators.check(given.cpu().numpy(), *self._shape)
+    def _tensor(self, given: np.ndarray) -> Tensor:
+        """The same numbers, copied where torch takes no such array or warns of it: one that is read-only."""
+        if given.dtype.kind not in "biufc":
+            self._refuse(given)
+        return torch.from_numpy(np.require(given, requirements=["C", "W"]))
+
+    def _refuse(self, given: np.ndarray) -> None:
+        self._engine.craft.actuators.check(given, *self._shape)
 
     def _remember(self, possible: Tensor) -> None:
         self._found |= ~possible

@@ -230,8 +230,8 @@ def _seeds(given: Any, count: int) -> int | list[int] | None:
     """One seed for all, or a list of one for each, as plain numbers."""
     if given is None:
         return None
-    many = isinstance(given, list | tuple | np.ndarray)
-    each = list(given) if many else [given]
+    many = isinstance(given, list | tuple) or getattr(given, "ndim", 0) > 0
+    each: list[Any] = list(given) if many else [given]
     whole = all(isinstance(x, int | np.integer) and not isinstance(x, bool) and 0 <= x < 2**64 for x in each)
     if not whole or (many and len(each) != count):
         raise ConfigError("the seed must be one whole number for the whole batch, >= 0 and < 2^64, or a list "

@@ -211,7 +211,8 @@ class TrainConfig:
         # What NumPy's generator takes, which Stable-Baselines3 seeds too.
         _require(self, "between 0 and 2^32 - 1", lambda x: 0 <= x < 2**32, "seed")
         _require(self, ">= 1 and < 2^31, or null", lambda x: x is None or 1 <= x < 2**31, "episode_steps")
-        _require(self, ">= 1 and < 2^63", lambda x: 1 <= x < 2**63, "total_timesteps", "report_interval")
+        _require(self, "a whole number >= 1 and < 2^63", lambda x: isinstance(x, int) and 1 <= x < 2**63,
+                 "total_timesteps", "report_interval")
         _require(self, ">= 1 and <= 1,024", lambda x: 1 <= x <= 1024, "threads")
         _require(self, "in (0, 1], or null", lambda x: x is None or 0 < x <= 1, "solved_share")
         check_ramps(self.settings, self.curriculum)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from rans.errors import ConfigError, meant
+from rans.errors import ConfigError, brief, fits, meant, whole
 from rans.fast.engine import Engine
 from rans.fast.envs.sb3 import SB3VecEnv
 from rans.fast.learn.config import PPOSettings
@@ -46,7 +46,7 @@ class PPO:
                  **settings: Any) -> None:
         self.engine = _engine_of(env)
         if threads is not None:
-            torch.set_num_threads(threads)
+            torch.set_num_threads(whole("threads", threads))
         if unknown := settings.keys() - _KNOWN:
             said = ", ".join(name + meant(name, _KNOWN) for name in sorted(unknown))
             raise ConfigError(f"rans.PPO has no setting {said}; those of rans.fast.learn.config.PPOSettings "
@@ -68,8 +68,10 @@ class PPO:
         """Learn from so many more environment steps, rounded up to whole rollouts.
 
         After every iteration ``report`` is called; `log` and `num_timesteps` say how it went. NonFiniteState
-        where a value became NaN or infinite.
+        where a value became NaN or infinite, ConfigError where ``total_timesteps`` is no number.
         """
+        if not fits(total_timesteps, lambda x: x >= 0):
+            raise ConfigError(f"total_timesteps must be a number >= 0, got {brief(total_timesteps)}.")
         begun, rollout = self.num_timesteps, self.settings.n_envs * self.settings.n_steps
         while self.num_timesteps - begun < total_timesteps:
             self.learner.slow_down(1 - (self.num_timesteps - begun) / total_timesteps)

@@ -49,7 +49,11 @@ class RunFolder:
             raise ConfigError(
                 f"{self.path} holds a training already; continue it with --resume {self.path}, or "
                 "choose another folder with --output.")
-        files.write_text(self.spacecraft_file, craft or spacecraft_text(config.spacecraft))
+        text = craft or spacecraft_text(config.spacecraft)
+        if self.spacecraft_file.exists() and files.read_text(self.spacecraft_file) != text:
+            raise ConfigError(f"{self.spacecraft_file} is a file already, and of another spacecraft than the "
+                              "one to be trained; choose another folder with --output.")
+        files.write_text(self.spacecraft_file, text)
         about = {"command": command, "environment": files.environment()}
         files.write_json(self.config_file, to_table(config) | {"about": about})
 
@@ -64,7 +68,8 @@ class RunFolder:
     def config(self) -> TrainConfig:
         """The training's config; ConfigError where the folder holds none, or one of another version."""
         if not self.config_file.exists():
-            raise ConfigError(f"{self.path} is not a run folder: it has no config.json.")
+            why = "it has no config.json" if self.path.exists() else "there is nothing of that name"
+            raise ConfigError(f"{self.path} is not a run folder: {why}.")
         return read_config(self.config_file)
 
     def spacecraft(self) -> Spacecraft:

@@ -13,6 +13,7 @@ import casadi as ca
 from rans.errors import ConfigError, brief, fits, one_of
 from rans.model.fields import leaves, map_leaves
 from rans.model.spacecraft import Spacecraft
+from rans.model.timing import MOST_STEPS
 from rans.optimal.trajectory.arrival import Ending, rounded
 from rans.scenario import scenario
 from rans.tasks.base import Task
@@ -61,6 +62,9 @@ class _GivenTime(ABC):
                 raise ConfigError(f"{self.kind}: {name} must be a finite number > 0 s, got {brief(value)}.")
             if isinstance(value, float) and not (math.isfinite(value) and value >= 0):
                 raise ConfigError(f"{self.kind}: {name} must be finite and not negative, got {value}.")
+        if self.horizon / self.control_period > MOST_STEPS:
+            raise ConfigError(f"{self.kind}: horizon must be at most {MOST_STEPS:,} control periods of "
+                              f"{self.control_period:g} s, got {self.horizon:g} s.")
 
     @property
     def name(self) -> str:
@@ -155,7 +159,7 @@ class MinimumTime:
     """Least time, s, in a given number of equal control periods.
 
     Raises:
-        ConfigError: ``intervals`` is not positive.
+        ConfigError: ``intervals`` is not positive, or too large.
     """
 
     intervals: int = 50
@@ -164,8 +168,9 @@ class MinimumTime:
     name, measure, control_period = "minimum time", "time s", None
 
     def __post_init__(self) -> None:
-        if self.intervals < 1:
-            raise ConfigError(f"minimum time: intervals must be >= 1, got {self.intervals}.")
+        if not fits(self.intervals, lambda count: 1 <= count <= MOST_STEPS):
+            raise ConfigError(f"minimum time: intervals must be >= 1 and <= {MOST_STEPS:,}, got "
+                              f"{brief(self.intervals)}.")
 
     def cost(self, path: SymbolicTrajectory) -> Any:
         """Time of arrival, s."""

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from rans.evaluation.measure.statistics import Bootstrap, Estimate, share
+from rans.evaluation.measure.statistics import Bootstrap, Estimate, figure, share
 
 RANDOM = np.random.default_rng(7)
 
@@ -113,3 +113,11 @@ def test_texts_of_estimates() -> None:
     assert Estimate(-math.inf, -math.inf, -0.5).text("+.3g") == "-never (-never to -0.5)"
     assert Estimate(math.nan, 1.0, 2.0).text() == "- (1 to 2)"
     assert Estimate(1.0, 0.5, 2.0).scaled(100.0) == Estimate(100.0, 50.0, 200.0)
+
+
+@pytest.mark.parametrize(("value", "text"), [
+    (1153.4, "1,153"), (999.6, "1,000"), (-20500.0, "-20,500"), (998.0, "998"), (1e7, "1e+07"),
+    (0.00123, "0.00123"),
+    (math.inf, "never"), (-math.inf, "-never"), (math.nan, "-")])
+def test_thousands_have_no_exponent(value: float, text: str) -> None:
+    assert figure(value) == text

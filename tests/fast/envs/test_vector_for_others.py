@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import gymnasium
@@ -94,7 +95,7 @@ def test_seeds_are_whole_numbers_of_any_kind() -> None:
     np.testing.assert_allclose(env.reset(seed=np.array(SEEDS, np.uint64))[0],  # type: ignore[arg-type]
                                alone, rtol=0, atol=1e-6)
     assert torch.equal(env.reset(seed=3)[0], first)
-    for wrong in (-1, 2**64, 1.0, "1", True, [1, 2], [None] * COUNT):
+    for wrong in (-1, 2**64, np.array(3), 1.0, "1", True, [1, 2], [None] * COUNT):
         with pytest.raises(ConfigError, match="the seed must be one whole number"):
             env.reset(seed=wrong)  # type: ignore[arg-type]
 
@@ -134,8 +135,40 @@ def test_gradients_end_at_the_environment() -> None:
     env = make()
     env.reset(seed=1)
     assert not env.step(actions()[0].float().requires_grad_())[0].requires_grad
-    with pytest.raises(ConfigError, match="actions must be numbers, got list"):
-        env.step([["open"] * 8] * COUNT)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("odd", [
+    [["open"] * 8] * COUNT, [[object()] * 8] * COUNT, [[10**400] * 8] * COUNT, None,
+    np.zeros((COUNT, 8), "datetime64[s]"), np.zeros((COUNT, 8), [("a", float)])],
+    ids=["texts", "objects", "beyond floats", "nothing", "times", "records"])
+def test_actions_that_are_no_numbers_are_told_as_by_the_single_environment(odd: Any) -> None:
+    env = make()
+    env.reset(seed=1)
+    with pytest.raises(ConfigError, match=r"8 numbers, 0 \(shut\) or 1 \(open\), one per thruster, got \S"):
+        env.step(odd)
+
+
+def test_rows_of_different_lengths_are_no_actions() -> None:
+    single = gymnasium.make("rans/GoToPose2D-v0")
+    for env in (make(), single):
+        env.reset(seed=1)
+        with pytest.raises(ConfigError, match=r"rows of one length, got \[\[1\], \[1, 0\]\]"):
+            env.step([[1], [1, 0]])  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("kind", {
+    "big-endian": lambda x: x.astype(">f4"), "wide": lambda x: x.astype(np.longdouble),
+    "mirrored": lambda x: x[:, ::-1].copy()[:, ::-1], "a tuple": tuple,
+    "read-only": lambda x: np.broadcast_to(x[:1], x.shape)}.items(), ids=lambda kind: kind[0])
+def test_arrays_that_torch_does_not_take_or_warns_of(kind: tuple[str, Callable[[Any], Any]]) -> None:
+    """JAX and memory maps give read-only ones."""
+    plain = np.tile(np.array([1.0, 0.0] * 4), (COUNT, 1))
+    results = []
+    for action in (plain, kind[1](plain)):
+        env = make()
+        env.reset(seed=1)
+        results.append(env.step(action)[0])  # type: ignore[arg-type]
+    assert torch.equal(*results)
 
 
 @pytest.mark.skipif(torch.cuda.is_available(), reason="there is one")

@@ -101,7 +101,7 @@ def test_a_long_step_is_one_spacecrafts(on_host: Any, conditions: str | None, to
     """docs/speed.md has 198 operations in a perfect world; all of `lab` is more than `LONG`."""
     monkeypatch.setattr(launch, "MANY", 1)
     engine = on_host(PLATFORM, GoToPose(), 4, conditions=conditions)
-    episode = engine._place.episodes(engine._world, engine.body, 4, engine._draws, remember=False)
+    episode = engine._backend.episodes(engine._world, engine.body, 4, engine._draws, remember=False)
     kernel = launch.Kernel(engine._world, episode, engine._draws, engine.processes, engine.dtype)
     assert kernel._together == together
     assert kernel._program.operations == 198 or conditions

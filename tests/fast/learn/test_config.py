@@ -83,8 +83,8 @@ def changed(place: str, value: Any) -> dict[str, Any]:
     ("device", None, r"config\.device: expected str, got None"),
     ("solved_share", "null", "expected float"),
     ("solved_share", 1.1, r"solved_share must be in \(0, 1\], or null, got 1\.1"),
-    ("total_timesteps", 0, r"total_timesteps must be >= 1 and < 2\^63, got 0"),
-    ("report_interval", 0, r"report_interval must be >= 1 and < 2\^63, got 0"),
+    ("total_timesteps", 0, r"total_timesteps must be a whole number >= 1 and < 2\^63, got 0"),
+    ("report_interval", 0, r"report_interval must be a whole number >= 1 and < 2\^63, got 0"),
     ("task", "hover", "no task named 'hover'"),
     ("task", 3, "must name its task"),
 ])

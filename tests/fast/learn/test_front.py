@@ -173,6 +173,17 @@ def test_what_it_does_not_know() -> None:
         made(memory="recurrent")
 
 
+@pytest.mark.parametrize("wrong", ["a", -1, None, float("nan")])
+def test_steps_that_are_no_number(wrong: Any) -> None:
+    with pytest.raises(ConfigError, match="total_timesteps must be a number >= 0, got "):
+        made().learn(wrong)
+
+
+def test_threads_that_are_no_number() -> None:
+    with pytest.raises(ConfigError, match="threads must be a whole number >= 1"):
+        made(threads=0)
+
+
 @pytest.mark.parametrize(("kind", "actuators"), [*((kind, ON_OFF) for kind in KINDS[1:]), ({}, Throttle())],
                          ids=["history", "recurrent", "privileged", "throttle"])
 def test_every_kind_learns(kind: dict[str, Any], actuators: Actuators) -> None:

@@ -48,9 +48,22 @@ def test_a_run_is_not_begun_twice(run: RunFolder) -> None:
 
 
 def test_what_is_no_run(tmp_path: Path) -> None:
-    for folder in (tmp_path, tmp_path / "nowhere"):
-        with pytest.raises(ConfigError, match=r"is not a run folder: it has no config\.json"):
+    for folder, why in ((tmp_path, "it has no config.json"), (tmp_path / "x", "there is nothing")):
+        with pytest.raises(ConfigError, match=f"is not a run folder: {why}"):
             RunFolder(folder).config()
+
+
+def test_nobodys_spacecraft_is_written_over(tmp_path: Path) -> None:
+    """One that is being designed in the folder where somebody trains; what was begun and killed goes on."""
+    file = tmp_path / "spacecraft.toml"
+    file.write_text("mass = 1.0  # my own")
+    with pytest.raises(ConfigError, match=r"spacecraft\.toml is a file already, and of another spacecraft"):
+        RunFolder(tmp_path).begin(CONFIG, "rans train")
+    assert file.read_text() == "mass = 1.0  # my own"
+    assert not (tmp_path / "config.json").exists()
+    RunFolder(tmp_path / "killed").begin(CONFIG, "rans train")
+    (tmp_path / "killed" / "config.json").unlink()
+    RunFolder(tmp_path / "killed").begin(CONFIG, "rans train")
 
 
 def test_the_number_of_substeps_is_left_open_or_kept(run: RunFolder) -> None:

@@ -212,7 +212,7 @@ def test_horizons_are_whole_periods(periods: int) -> None:
     (lambda: MinimumFuel(horizon=-1.0), "horizon must be a finite number > 0 s, got -1.0"),
     (lambda: MinimumFuel(horizon="x"), "horizon must be a finite number > 0 s, got 'x'"),  # type: ignore[arg-type]
     (lambda: MinimumFuel(control_period=math.nan), "control_period must be a finite number > 0 s"),
-    (lambda: MinimumTime(0), "intervals must be >= 1, got 0"),
+    (lambda: MinimumTime(0), "intervals must be >= 1 and <= 1,048,575, got 0"),
     (lambda: QuadraticTracking(command_weight=-1.0), "command_weight must be finite and not negative"),
     (lambda: transcription(PLATFORM, MinimumTime(20)).solve(planar(1.0), planar(), 0), "at least one guess"),
     (lambda: Transcription(PLATFORM, MultiTask(), MinimumFuel()), "judged on each of its tasks"),
