@@ -162,13 +162,19 @@ class Engine:
     def step(self, action: Tensor) -> Step:
         """Hold the thrusters for one control period.
 
-        Actions are a tensor (N, thrusters) of any dtype, ConfigError else: 0 (shut) or 1 (open), which only
-        the environments around an engine check.
+        Actions are a tensor (N, thrusters) of 0 (shut) or 1 (open), of any dtype; what they are, only the
+        environments around an engine check.
+
+        Raises:
+            ConfigError: they are no tensor, or of another shape.
         """
         shape = (self.num_envs, len(self.craft.thrusters))
-        got = tuple(action.shape) if isinstance(action, Tensor) else f"{type(action).__name__}, no tensor"
-        if got != shape:
-            raise ConfigError(f"actions must have the shape {shape} (environments, thrusters), got {got}.")
+        if not isinstance(action, Tensor):
+            raise ConfigError(f"actions must be a tensor of torch, got {type(action).__name__}; "
+                              "torch.as_tensor makes one.")
+        if tuple(action.shape) != shape:
+            raise ConfigError(f"actions must have the shape {shape} (environments, thrusters), got "
+                              f"{tuple(action.shape)}.")
         if self._kernel is not None:
             return self._kernel(action)
         return self._step(self._world, self.episode, action, self._draws)

@@ -225,6 +225,7 @@ class Amounts:
 
 def whole_periods(horizon: float, period: float) -> int:
     """Control periods that a horizon is made of; `ConfigError` if it is not."""
+    check_period(period)
     count = round(horizon / period) if math.isfinite(horizon / period) else 0
     if 1 <= count <= MOST_STEPS and abs(count * period - horizon) <= 1e-9 * horizon:
         return count

@@ -22,6 +22,7 @@ from rans.evaluation.compare.bounds import (
     question,
     staying_set,
     table,
+    whole_periods,
 )
 from rans.model.fields import Heading, Vec2, Vec3
 from rans.model.spacecraft import Spacecraft
@@ -200,6 +201,12 @@ def test_horizons_are_whole_periods(periods: int, monkeypatch: pytest.MonkeyPatc
 def test_times_that_bound_nothing(changes: dict[str, float], sentence: str) -> None:
     with pytest.raises(ConfigError, match=sentence):
         list(bounds([one_start(**changes)], [0], 1))
+
+
+@pytest.mark.parametrize("period", [0.0, math.nan, -0.2])
+def test_periods_that_no_horizon_is_made_of(period: float) -> None:
+    with pytest.raises(ConfigError, match="control period > 0 s"):
+        whole_periods(1.0, period)
 
 
 @pytest.mark.parametrize("horizon", [None, 4.0])
