@@ -162,17 +162,11 @@ class Engine:
     def step(self, action: Tensor) -> Step:
         """Hold the thrusters for one control period.
 
-        Actions are a tensor (N, thrusters) of 0 (shut) or 1 (open), of any dtype; what they are, only the
-        environments around an engine check.
-
-        Raises:
-            ConfigError: they are no tensor, or of another shape.
+        Actions are a tensor (N, thrusters) of any dtype, ConfigError else: 0 (shut) or 1 (open), which only
+        the environments around an engine check.
         """
         shape = (self.num_envs, len(self.craft.thrusters))
-        if not isinstance(action, Tensor):
-            raise ConfigError(f"actions must be a tensor of torch, got {type(action).__name__}; "
-                              "torch.as_tensor makes one.")
-        if tuple(action.shape) != shape:
+        if tuple(checked("actions", action, Tensor).shape) != shape:
             raise ConfigError(f"actions must have the shape {shape} (environments, thrusters), got "
                               f"{tuple(action.shape)}.")
         if self._kernel is not None:
