@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 import torch
@@ -30,9 +32,12 @@ def test_the_kernel_flies_as_a_cpu_does(name: str, products: Products, alike: fl
     # Of bfloat16 one command in a thousand is another, and with it the rest of its flight; else one in 1e5.
     same, share = set(kernel.numbers) & set(exact.numbers), 0.03 if products == "bf16" else 5e-3
     assert len(same) >= alike * max(kernel.failed, exact.failed) - 2
-    assert np.abs(kernel.settled_at - exact.settled_at).sum() <= share * count
+    # Those that go another way are others of the same kind, whose number at a moment has a spread like its root,
+    # and whose mean one like its standard error.
+    assert np.abs(kernel.settled_at - exact.settled_at).sum() <= share * math.sqrt(count * COUNT)
     for quantity in QUANTITIES:
-        np.testing.assert_allclose(kernel.sums[quantity].mean, exact.sums[quantity].mean, rtol=2e-2)
+        found, expected = kernel.sums[quantity], exact.sums[quantity]
+        assert abs(found.mean - expected.mean) <= 3.0 * expected.error
 
 
 @pytest.mark.parametrize("generated", [True, False])
