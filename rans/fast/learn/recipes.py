@@ -11,7 +11,7 @@ import torch
 from rans.errors import ConfigError, brief, meant
 from rans.fast.learn.config import Failures, PPOSettings, TrainConfig
 from rans.fast.learn.curriculum import Ramp
-from rans.fast.learn.troubles import failing, robust
+from rans.fast.learn.troubles import failing, failing_in_other_bodies, robust, robust_in_space
 from rans.model.conditions import Conditions
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
@@ -99,6 +99,11 @@ _STEADY_IN_SPACE = {task: {**settings, "within_weight": 6.0} if settings is _TRA
 _PRICED_LATE = Ramp("thrust_weight", 0.02, 5_000_000, 625_000, "geometric")
 _STAYED = Ramp("verge_weight", 0.5, 31_250_000, 12_500_000, "geometric")
 """Who has learnt to arrive is asked to stay."""
+_STAYED_LATER = Ramp("verge_weight", 0.5, 37_500_000, 25_000_000, "geometric")
+"""In space that is learnt later."""
+_ARRIVED = {"arrived_weight": 6.0, "arrived_fine_weight": 2.0, "arrived_thrust_weight": 0.5,
+            "arrived_squarings": 3}
+"""For who is there, at rest, however the world is."""
 _TWIST = {**_VELOCITY, "fine_spin_weight": 1.0, "fine_spin_scale": 0.01}
 _EVERY = {
     "go_to_position": GoToPosition(fine_weight=0.5, rest_position=0.007, rest_spin=0.03, thrust_weight=0.05),
@@ -116,12 +121,12 @@ RECIPES: dict[str, Recipe] = {
         25_000_000, (Ramp("thrust_weight", 0.05, 15_000_000, shape="geometric"),)),
     "go-to-pose-2d-fast": Recipe(
         "go-to-pose", _PLATFORM,
-        {"spawn_distance": (1.5, 4.5), "arrived_weight": 60.0, "arrived_fine_weight": 12.0,
-         "arrived_still_weight": 10.0, "arrived_thrust_weight": 4.0, "arrived_squarings": 5,
-         "verge_weight": 200.0, "rest_position": 0.004, "rest_attitude": 0.02, "thrust_weight": 1.0},
+        {"spawn_distance": (1.5, 4.5), "arrived_weight": 60.0, "arrived_fine_weight": 14.0,
+         "arrived_still_weight": 10.0, "arrived_thrust_weight": 8.0, "arrived_squarings": 5,
+         "verge_weight": 200.0, "rest_position": 0.004, "rest_attitude": 0.02, "thrust_weight": 1.5},
         replace(_SOON, n_steps=32, batch_size=2048, reward_scale=0.008), 80_000_000,
         (Ramp("thrust_weight", 0.15, 15_000_000, shape="geometric"), *_THERE),
-        large={**_SOON_LARGE, "layers": (512, 512)}, large_timesteps=2_300_000_000, episode_steps=60),
+        large={**_SOON_LARGE, "layers": (512, 512)}, large_timesteps=3_400_000_000, episode_steps=60),
     "go-to-pose-2d-thrifty": Recipe(
         "go-to-pose", _PLATFORM,
         {"spawn_distance": (2.0, 4.3), "fine_weight": 2.5, "fine_position_scale": 0.015,
@@ -142,8 +147,7 @@ RECIPES: dict[str, Recipe] = {
         large={**_SOON_LARGE, "layers": (512, 512)}, large_timesteps=4_000_000_000, episode_steps=100),
     "go-to-pose-2d-robust": Recipe(
         "go-to-pose", _PLATFORM,
-        {**_LOOSE, "arrived_weight": 6.0, "arrived_fine_weight": 2.0, "arrived_thrust_weight": 0.5,
-         "arrived_squarings": 3, "verge_weight": 40.0, "thrust_weight": 0.25},
+        {**_LOOSE, **_ARRIVED, "verge_weight": 40.0, "thrust_weight": 0.25},
         replace(_INFORMED, reward_scale=0.05), 60_000_000, (_PRICED_LATE, _STAYED), robust,
         _ADAPTIVE_LARGE, 1_800_000_000),
     **{f"{task}-2d-robust": Recipe(
@@ -151,8 +155,9 @@ RECIPES: dict[str, Recipe] = {
         (_PRICED_LATE,), robust, _ADAPTIVE_LARGE, 350_000_000 if task == "go-to-position" else 600_000_000)
         for task, settings in _STEADY.items()},
     "go-to-pose-2d-faults": Recipe(
-        "go-to-pose", _PLATFORM, {**_LOOSE, "thrust_weight": 0.05}, _ADAPTIVE, 12_000_000,
-        (_PRICED_LATE,), failing, _ADAPTIVE_LARGE),
+        "go-to-pose", _PLATFORM, {**_LOOSE, **_ARRIVED, "verge_weight": 20.0, "thrust_weight": 0.06},
+        replace(_INFORMED, reward_scale=0.05), 60_000_000, (_PRICED_LATE, _STAYED), failing_in_other_bodies,
+        _SOON_LARGE, 2_200_000_000),
     "go-to-pose-2d-shared": Recipe(
         "go-to-pose", _SHARED,
         {"fine_weight": 1.0, "fine_position_scale": 0.006, "fine_attitude_scale": 0.006,
@@ -184,9 +189,9 @@ RECIPES: dict[str, Recipe] = {
         (Ramp("thrust_weight", 0.04, 12_000_000, shape="geometric"),
          _STAYED), large={**_SOON_LARGE, "layers": (512, 512)}, large_timesteps=2_600_000_000),
     "go-to-pose-3d-robust": Recipe(
-        "go-to-pose", _FLYER, {**_LOOSE, "thrust_weight": 0.1}, replace(_INFORMED, layers=_WIDE), 10_000_000,
-        (_PRICED_LATE,), robust,
-        _SOON_LARGE, 3_400_000_000, _COARSE),
+        "go-to-pose", _FLYER, {**_LOOSE, "verge_weight": 6.0, "thrust_weight": 0.12},
+        replace(_INFORMED, layers=_WIDE), 60_000_000, (_PRICED_LATE, _STAYED_LATER), robust_in_space,
+        _SOON_LARGE, 3_200_000_000, _COARSE),
     **{f"{task}-3d-robust": Recipe(
         task, _FLYER, settings, replace(_INFORMED, symmetric=TASKS[task].symmetric, layers=_WIDE), 10_000_000,
         (_PRICED_LATE,), robust, *((_ADAPTIVE_LARGE, 400_000_000) if task == "go-to-position" else

@@ -41,6 +41,7 @@ _HARD = (
     Conditions(sensors=SensorsConditions(_FINER, _COARSER, _FINER, _COARSER), weight=6.0),
 )
 """The ends of those ranges that are learnt last, as often as they need it."""
+_OTHER_BODY = BodyConditions(mass=(0.8, 1.25), inertia=(0.8, 1.25), centre=(0.0, 0.02))
 
 
 def failing() -> Conditions:
@@ -49,8 +50,26 @@ def failing() -> Conditions:
     return replace(late, others=(replace(late, faults=replace(late.faults, count=(1.0, 2.0), time=0.0)),))
 
 
+def failing_in_other_bodies(weight: float = 0.06) -> Conditions:
+    """`failing`, each with this weight beside it in bodies of other mass, inertia and centre of mass as well.
+
+    Who has met weaker accelerations than promised holds thrusters at a share of their force, which no
+    training has; who meets them often brakes early in every flight (decision 018).
+    """
+    given = failing()
+    return replace(given, others=(*given.others, *(
+        replace(one, body=_OTHER_BODY, others=(), weight=weight) for one in (given, *given.others))))
+
+
 def robust(share: float = 0.4) -> Conditions:
     """`lab` in this share of the episodes, else a perfect world or a trouble, the hard ends oftener."""
     others = Conditions(), *TROUBLES.values(), *_HARD
     weight = sum(one.weight for one in others) * share / (1.0 - share)
     return replace(load_conditions("lab"), weight=weight, others=others)
+
+
+def robust_in_space() -> Conditions:
+    """`robust`, and valves that stay open oftener, which take longest to learn there."""
+    given, slow = robust(), TROUBLES["least on-time"]
+    return replace(given, others=tuple(replace(one, weight=4.0) if one == slow else one
+                                       for one in given.others))
