@@ -32,8 +32,8 @@ def test_the_kernel_flies_as_a_cpu_does(name: str, products: Products, alike: fl
     # Of bfloat16 one command in a thousand is another, and with it the rest of its flight; else one in 1e5.
     same, share = set(kernel.numbers) & set(exact.numbers), 0.03 if products == "bf16" else 5e-3
     assert len(same) >= alike * max(kernel.failed, exact.failed) - 2
-    # Those that go another way are others of the same kind, whose number at a moment has a spread like its root,
-    # and whose mean one like its standard error.
+    # Those that go another way are others of the same kind, whose number at a moment spreads like its root,
+    # and whose mean like its standard error.
     assert np.abs(kernel.settled_at - exact.settled_at).sum() <= share * math.sqrt(count * COUNT)
     for quantity in QUANTITIES:
         found, expected = kernel.sums[quantity], exact.sums[quantity]
