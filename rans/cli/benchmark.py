@@ -6,7 +6,7 @@ import gc
 import os
 import shutil
 import sys
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, astuple, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -39,10 +39,10 @@ class Benchmark:
     num_envs: tuple[int, ...] = ()
     """Sizes of the batch; by default 1,024 to 262,144 on a CPU and 16,384 to 4,194,304 on a GPU."""
     peers: bool = False
-    """Measure other simulators and Stable-Baselines3's PPO beside ours. Those that are missing are installed
-    with pip, each into an environment of its own."""
+    """Measure other simulators and trainers beside ours, and say which cannot be. Those that are missing are
+    installed with pip, each into an environment of its own."""
     peer_folder: Path | None = None
-    """Where to keep these environments, 1 GB each; by default in the user's cache."""
+    """Where to keep these environments, up to 1.5 GB each; by default in the user's cache."""
     quick: bool = False
     """Rough figures in seconds: one small batch, few repeats, on a CPU nothing compiled."""
     output: Path | None = None
@@ -55,6 +55,7 @@ class Benchmark:
         from rans.fast.learn.trainer import check_device
 
         laboratory.enter()
+        from validation.peers.unmeasured import UNMEASURED
         from validation.speed.ratios import bounds
 
         if self.output is not None:
@@ -78,6 +79,7 @@ class Benchmark:
         if peers:
             console.print(table("", ("peer", "version", "environments", "M steps/s", "task", "command"),
                                 map(_peer, peers)))
+            console.print(table("", ("not measured", "why", "tried"), map(astuple, UNMEASURED)))
         if self.output is not None:
             self._write(self.output, about, measured, shares, peers, ratios)
         return 0
@@ -111,11 +113,13 @@ class Benchmark:
     def _write(self, file: Path, about: dict[str, str], measured: list[Measurement], shares: list[Ratio],
                peers: list[PeerResult], ratios: list[Ratio]) -> None:
         from rans.show.svg import svg
+        from validation.peers.unmeasured import UNMEASURED
         from validation.speed.figure import speed_figure
 
         content: dict[str, Any] = {
             "ratios": [asdict(r) for r in (*ratios, *shares)], "measurements": [asdict(m) for m in measured],
-            "peers": [asdict(p) for p in peers], "environment": about,
+            "peers": [asdict(p) for p in peers],
+            "unmeasured": [asdict(u) for u in UNMEASURED] if peers else [], "environment": about,
             "command": command_line()}
         write_json(file, content)
         figure = file.with_suffix(".svg")

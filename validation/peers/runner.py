@@ -38,14 +38,23 @@ class Peer:
 
 PEERS = (
     Peer("stable-baselines3", "stable_baselines3", "sb3_ppo.py", ()),
+    Peer("rltools", "rltools", "rltools_ppo.py",
+         ("rltools[mkl]==2.2.1", "mkl==2026.2.0", "mkl-include==2026.2.0")),  # ten times slower without
+    Peer("rejax", "rejax", "rejax_ppo.py",
+         ("rejax==0.1.3", "gymnax==0.0.9", "jax==0.10.2", "six==1.17.0")),  # with newer ones it does not run
     Peer("crazyflow", "crazyflow", "crazyflow_reach_pos.py",
          ("crazyflow==0.4.0", "jax==0.10.1", "mujoco==4.0.0", "mujoco-mjx==3.17.0")),
+    Peer("l2f", "l2f", "l2f_hover.py", ("l2f==2.0.18", "numpy==2.4.6")),
+    Peer("bsk", "Basilisk", "basilisk_thrusters.py", ("bsk==2.12.1", "numpy==2.4.6")),
+    Peer("playground", "mujoco_playground", "playground_point_mass.py",
+         ("playground==0.2.0", "jax==0.10.2", "mujoco==4.0.0", "mujoco-mjx==3.17.0", "warp-lang==1.19.0")),
     Peer("gymnax", "gymnax", "gymnax_point_robot.py",
          ("gymnax==1.0.1", "jax==0.10.2", "six==1.17.0")),  # gymnax imports six without asking for it
     Peer("brax", "brax", "brax_reacher.py",
          ("brax==0.14.2", "jax==0.10.2", "mujoco==4.0.0", "mujoco-mjx==3.17.0")),
+    Peer("envpool", "envpool", "envpool_lunar_lander.py", ("envpool==1.2.5", "numpy==2.4.6")),
 )
-"""Stable-Baselines3 is one of our own dependencies, so it is never installed."""
+"""Trainers, then simulators. Stable-Baselines3 is one of our own dependencies, so it is never installed."""
 
 
 class _Failed(Exception):
@@ -85,7 +94,8 @@ def measure_peer(peer: Peer, device: str, folder: Path, quick: bool = False) -> 
         quick: fewer environments and repeats.
     """
     here = importlib.util.find_spec(peer.module) is not None
-    requirements = [r.replace("jax==", "jax[cuda12]==") if device == "cuda" else r for r in peer.requirements]
+    requirements = [r.replace("jax", "jax[cuda12]") if device == "cuda" and r.startswith("jax==") else r
+                    for r in peer.requirements]
     home = folder.resolve() / f"{peer.package}-{device}"
     python = Path(sys.executable) if here else home / "bin" / "python"
     command = [str(python), str(_FOLDER / peer.script), "--device", device, *(["--quick"] if quick else [])]

@@ -60,7 +60,7 @@ def main() -> None:
     success = {} if given.quick else _train(settings, given.device)
     layers = "x".join(map(str, settings.layers))
     say("stable-baselines3", f"go-to-pose, {_CRAFT.name}, network {layers}", "learn() on rans.SB3VecEnv",
-        settings.n_envs, given.device, trained_steps_per_s=rate, **success)
+        settings.n_envs, given.device, same_task=True, trained_steps_per_s=rate, **success)
 
 
 def _model(settings: PPOSettings, device: str) -> PPO:

@@ -53,8 +53,8 @@ def say(package: str, task: str, how: str, num_envs: int, device: str, **figures
         how: what one call was, and what ran it.
         num_envs: environments stepped together.
         device: what it really ran on.
-        **figures: "steps_per_s" of the environments, "trained_steps_per_s", "solved",
-            "seconds_to_success", "steps_to_success".
+        **figures: "steps_per_s" of the environments, "trained_steps_per_s", "same_task" where that is on
+            ours, "solved", "seconds_to_success", "steps_to_success".
     """
     line = {"package": package, "version": version(package), "task": task, "how": how, "num_envs": num_envs,
             "device": device, **figures}

@@ -70,11 +70,13 @@ def _ratios(peer: PeerResult, spend: Effort) -> Iterator[Ratio]:
 
 
 def over_trainer(peer: PeerResult, rate: float, device: str) -> Ratio:
-    """Trained steps/s of ours over a peer's, on the same task, network and settings."""
+    """Trained steps/s of ours over a peer's, with the same network and batches."""
     theirs = peer.figures["trained_steps_per_s"]
+    alike = (f"same task, network and settings; aimed at: {100 if device.startswith('cuda') else 5} or more"
+             if peer.figures.get("same_task") else
+             f"same network and batches; theirs learns another task: {peer.figures['task']}")
     return Ratio(f"trained steps/s, over {peer.package}", rate / theirs,
-                 f"{rate:,.4g} over {theirs:,.4g}, medians; same task, network and settings; aimed at: "
-                 f"{100 if device.startswith('cuda') else 5} or more")
+                 f"{rate:,.4g} over {theirs:,.4g}, medians; {alike}")
 
 
 def until_solved(peer: PeerResult, ours: Success) -> Ratio:

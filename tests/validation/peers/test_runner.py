@@ -55,10 +55,10 @@ def test_an_environment_is_made_once(tmp_path: Path, monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(runner, "_output", lambda command, *_: done.append(command) or "{}\n")
     monkeypatch.setattr(runner.venv, "create", lambda home, **_: home.mkdir(parents=True, exist_ok=True))
     for version in ("1", "1", "2"):
-        absent = Peer("package", "no_such_module", "script.py", (f"package=={version}", "jax==3"))
+        absent = Peer("package", "no_such_module", "script.py", (f"rejax=={version}", "jax==3"))
         measure_peer(absent, "cuda", tmp_path)
     installed = [command[-2:] for command in done if "pip" in command]
-    assert installed == [["package==1", "jax[cuda12]==3"], ["package==2", "jax[cuda12]==3"]]
+    assert installed == [["rejax==1", "jax[cuda12]==3"], ["rejax==2", "jax[cuda12]==3"]]
 
 
 def test_every_peer_has_its_script_and_versions() -> None:

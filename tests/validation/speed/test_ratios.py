@@ -24,7 +24,8 @@ def test_shares_of_bounds() -> None:
 def test_ratios_over_a_trainer() -> None:
     """Steps are ours over theirs, seconds theirs over ours: more is better in both."""
     peer = PeerResult("sb3", "command", figures={
-        "trained_steps_per_s": 2e4, "solved": False, "seconds_to_success": 300.0, "steps_to_success": 10**6})
+        "same_task": True, "trained_steps_per_s": 2e4, "solved": False, "seconds_to_success": 300.0,
+        "steps_to_success": 10**6})
     faster = over_trainer(peer, 1e5, "cpu")
     assert (faster.name, faster.value) == ("trained steps/s, over sb3", 5.0)
     assert faster.note == "1e+05 over 2e+04, medians; same task, network and settings; aimed at: 5 or more"
@@ -35,6 +36,13 @@ def test_ratios_over_a_trainer() -> None:
                            "not solve it: the ratio is a lower bound")
     peer.figures["solved"] = True
     assert until_solved(peer, Success(True, 15.0, 1.0, 2000)).note.endswith("one training each")
+
+
+def test_a_trainer_on_another_task_has_no_aim() -> None:
+    peer = PeerResult("other", "command", figures={"trained_steps_per_s": 4e5, "task": "pendulum"})
+    ratio = over_trainer(peer, 1e5, "cpu")
+    assert (ratio.value, ratio.note) == (0.25, "1e+05 over 4e+05, medians; same network and batches; theirs "
+                                         "learns another task: pendulum")
 
 
 @pytest.fixture
@@ -72,10 +80,10 @@ def test_a_simulator_is_compared_with_as_many_environments(monkeypatch: pytest.M
 
 @pytest.mark.usefixtures("ours")
 def test_a_trainer_is_compared_by_rate_and_by_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    found = compared(monkeypatch, "cpu", device="cpu", trained_steps_per_s=2e4, solved=True,
+    found = compared(monkeypatch, "cpu", device="cpu", same_task=True, trained_steps_per_s=2e4, solved=True,
                      seconds_to_success=12.0, steps_to_success=9)
     assert found == {"trained steps/s, over other": 5.0, "seconds until solved, of other over ours": 3.0}
-    assert compared(monkeypatch, "cpu", device="cpu", trained_steps_per_s=1e5) == {
+    assert compared(monkeypatch, "cpu", device="cpu", trained_steps_per_s=1e5, task="t") == {
         "trained steps/s, over other": 1.0}
 
 
