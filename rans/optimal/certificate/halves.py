@@ -121,7 +121,7 @@ class Halves:
             return 0.0
         if (end, pulses, lean) not in self._best:
             perfect = (1.0 + end.sign * lean) * self._speed
-            most = pulses * perfect
+            most, found = pulses * perfect, None
             first = self._most(end, pulses - 1, lean) + perfect
             for least in first - _STEP * self._speed * np.arange(1, _STEPS):
                 found = self._all(end, pulses, lean, float(least))
@@ -143,13 +143,12 @@ class Halves:
         """(n, 13) states in the middle of all halves that gain so much; None if they are too many."""
         from rans.optimal.certificate.halves_kernel import followed
 
-        h = self._lattice.period
-        patterns, sizes = self._patterns(pulses, least, 1.0 + end.sign * lean)
+        h, ended = self._lattice.period, []
         states, periods, left = np.zeros((1, 13)), np.zeros(1, np.int64), np.full(1, pulses)
         states[0, 3:7] = end.attitude
         if pulses == 0:
             return states
-        ended = []
+        patterns, sizes = self._patterns(pulses, least, 1.0 + end.sign * lean)
         while len(states):
             room = np.empty((_ROOM, 13)), np.empty(_ROOM, np.int64), np.empty(_ROOM, np.int64)
             count = followed(states, periods, left, self._steps // 2, patterns, sizes, end.ahead, self._time,
@@ -181,11 +180,11 @@ class Halves:
 
         Spins differ by a quantum or not at all. Seen backwards, speeds and spins are reversed.
         """
-        from scipy.spatial import cKDTree
+        from scipy.spatial import KDTree
 
         quantum, rest = self._lattice.spin, 0.5 * self._time
         near = 2.0 * math.sin(0.25 * self._radii[2]) + 1e-9
-        tree = cKDTree(np.hstack([before[:, 3:7], before[:, 10:] / quantum]))
+        tree = KDTree(np.hstack([before[:, 3:7], before[:, 10:] / quantum]))
         back = after[:, 3:7] * [1.0, -1.0, -1.0, -1.0]
         speed = rotated(back, after[:, 7:10])  # that the second half adds, on B in the middle
         place = rotated(back, after[:, 7:10] * rest - after[:, :3])

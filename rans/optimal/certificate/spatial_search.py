@@ -145,7 +145,7 @@ def _drawn(wanted: Wanted, shares: np.ndarray, pulses: int,
     h, (steps, count) = wanted.lattice.period, shares.shape
     turns, (start, goal) = h * wanted.wrenches[:, 3:], wanted.ends
     passed = np.cumsum(shares) / shares.sum()
-    who, left = np.zeros(pulses, dtype=np.int64), math.inf
+    (periods, who), left = np.zeros((2, pulses), dtype=np.int64), math.inf
     for _ in range(_DRAWS):
         places = np.searchsorted(passed, (np.arange(pulses) + random.random()) / pulses)
         spin = float(np.linalg.norm(start[10:] - goal[10:] + turns[places % count].sum(axis=0)))

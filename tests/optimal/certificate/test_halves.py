@@ -88,6 +88,18 @@ def test_a_start_that_moves(flown: Any) -> None:
         assert Halves(LATTICE, REST, start, moved, SET, STEPS).exclude(4) is not arrives(flown, goal)
 
 
+@pytest.mark.parametrize("ahead", [4, 0])
+def test_a_goal_that_moves_otherwise_than_the_start(flown: Any, ahead: int) -> None:
+    """The farthest of all flights that end so many pulses fast is not excluded, 4 cm farther is."""
+    fast, still = PERIOD / 3.0, np.linalg.norm(flown.w.columns(), axis=0) < 1e-9
+    upright = still & _near(flown, STILL, 0.02) & (np.abs(flown.v.x - ahead * fast) < 0.01)
+    farthest = float(flown.p.x[upright].max())
+    for more, reached in ((0.0, True), (0.04, False)):
+        goal = replace(STILL, p=Vec3(farthest + more, 0.0, 0.0), v=Vec3(ahead * fast, 0.0, 0.0))
+        assert arrives(flown, goal) is reached
+        assert Halves(LATTICE, REST, STILL, goal, SET, STEPS).exclude(4) is not reached
+
+
 @pytest.mark.parametrize("lean", [0.0, 0.4, -0.4])
 def test_all_halves_are_listed_that_gain_enough(lean: float) -> None:
     """All 560 of three pulses in four periods, flown by the engines, that gain six tenths of the most."""
