@@ -138,16 +138,18 @@ def _opposite(products: np.ndarray, i: int, j: int) -> bool:
 
 
 @compiled
-def few(count: int, steps: int, wrenches: np.ndarray, products: np.ndarray, start: np.ndarray,
-        goal: np.ndarray, radii: np.ndarray, inner: np.ndarray, quantum: float, h: float, rule: np.ndarray,
-        tries: int, random: np.random.Generator, when: np.ndarray, who: np.ndarray) -> float:
-    """Look for so many pulses that end in the goal set; written are periods (K,) and thrusters (K,).
+def few(now: np.ndarray, now_who: np.ndarray, steps: int, wrenches: np.ndarray, products: np.ndarray,
+        start: np.ndarray, goal: np.ndarray, radii: np.ndarray, inner: np.ndarray, quantum: float, h: float,
+        rule: np.ndarray, tries: int, random: np.random.Generator, when: np.ndarray,
+        who: np.ndarray) -> float:
+    """Look for pulses that end in the goal set, from some; written are periods (K,) and thrusters (K,).
 
-    Annealing from 1.5 to 0.15 radii over what least squares leave; see the module. A quantum of spin that
+    Annealing from 0.8 to 0.08 radii over what least squares leave; see the module. A quantum of spin that
     is left counts as 5. Returns the miss, 0 within the set.
 
     Args:
-        count: K.
+        now: (K,) instants of the first pulses, s, written over.
+        now_who: (K,) their thrusters, written over.
         steps: control periods.
         wrenches: (thrusters, 6) acceleration and angular acceleration on B.
         products: (thrusters, thrusters) inner products of torques, in squared quanta.
@@ -163,15 +165,8 @@ def few(count: int, steps: int, wrenches: np.ndarray, products: np.ndarray, star
         when: written.
         who: written.
     """
-    flight, best, value = steps * h, 1e9, 1e9
-    now, now_who, spin = np.empty(count), np.empty(count, np.int64), np.empty(3)
-    for a in range(count):
-        now[a], now_who[a] = flight * random.random(), int(len(products) * random.random())
-        for _ in range(64 * (a % 2)):  # opposite to the one before, if that is soon found
-            if _opposite(products, now_who[a - 1], now_who[a]):
-                break
-            now_who[a] = int(len(products) * random.random())
-    new, new_who, periods = now.copy(), now_who.copy(), np.empty(count, np.int64)
+    flight, best, value, spin = steps * h, 1e9, 1e9, np.empty(3)
+    new, new_who, periods = now.copy(), now_who.copy(), np.empty(len(now), np.int64)
     for attempt in range(tries):
         if attempt > 0:
             new[:], new_who[:] = now, now_who
@@ -184,7 +179,7 @@ def few(count: int, steps: int, wrenches: np.ndarray, products: np.ndarray, star
         left = math.sqrt(spin[0] ** 2 + spin[1] ** 2 + spin[2] ** 2)
         changed = refined(new, new_who, flight, wrenches, start, goal, h, inner)
         changed += 5.0 * left / quantum if left > radii[3] else 0.0
-        heat = 1.5 * 0.1 ** (attempt / tries)
+        heat = 0.8 * 0.1 ** (attempt / tries)
         if changed <= value or random.random() < math.exp((value - changed) / heat):
             value, now[:], now_who[:] = changed, new, new_who
             if value < _NEAR:

@@ -15,10 +15,12 @@ import numpy as np
 from rans.model.dynamics import SpatialState
 from rans.optimal.certificate import hull
 from rans.optimal.certificate.certificate import Certificate, Effort, Unreachable, check_steps
+from rans.optimal.certificate.halves import Halves
 from rans.optimal.certificate.lattice import GoalSet, rounded_up
 from rans.optimal.certificate.onoff import fuel
 from rans.optimal.certificate.spatial import ReachRelaxation, SpinLattice
 from rans.optimal.certificate.spatial_search import Wanted, arrived, in_time, with_pulses
+from rans.optimal.certificate.spatial_shares import throttled
 
 _EVALUATIONS = 24
 """Of the dual function, at most, 0.3 s each for 100 periods."""
@@ -42,6 +44,9 @@ def least_fuel(lattice: SpinLattice, aims: Collection[str], start: SpatialState,
     dual, nodes = _raised(relaxation, (1.04, 1.04))
     dual = max(loose, dual)
     lower = lattice.next_fuel(dual, relaxation.last)
+    halves = Halves(lattice, aims, start, goal, goal_set, steps)
+    while lattice.pulse is not None and halves.exclude(round(lower / lattice.pulse)):
+        lower = lattice.next_fuel(lower + lattice.pulse, relaxation.last)
     wanted = Wanted(lattice, start, goal, goal_set, "spin" in aims, effort.seconds)
     found = _fewer(wanted, steps, _pulses(lattice, lower), 2 if lattice.settled(relaxation.last) else 1)
     upper = math.inf if found is None else fuel(lattice.craft, found, lattice.period)
@@ -50,15 +55,17 @@ def least_fuel(lattice: SpinLattice, aims: Collection[str], start: SpatialState,
 
 
 def _fewer(wanted: Wanted, steps: int, least: int, pair: int) -> np.ndarray | None:
-    """Commands of few pulses that arrive: half more than the least, or more, then ever fewer."""
-    more, found = pair * max(1, math.ceil(0.5 * least / pair)), None
-    pulses = least + more
+    """Commands of few pulses that arrive: some more than throttled thrust needs, then ever fewer or more."""
+    best = throttled(wanted.lattice, wanted.start, wanted.goal, wanted.goal_set, steps)
+    shares = [one.shares for one in best] or [np.ones((steps, len(wanted.wrenches)))]
+    first = max(least, _pulses(wanted.lattice, best[0].fuel)) if best else math.ceil(1.5 * least)
+    pulses, found = least + pair * math.ceil((first - least) / pair) + pair, None
     while pulses >= least:
-        better = with_pulses(wanted, steps, pulses)
+        better = with_pulses(wanted, steps, pulses, shares)
         if better is None and (found is not None or pulses >= 3 * least + 4 * pair):
             break
         found = better
-        pulses += more if found is None else -pair
+        pulses += pair * max(1, math.ceil(0.25 * least / pair)) if found is None else -pair
     return found
 
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 import itertools
 import math
 import time
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -28,8 +29,12 @@ _SUBSTEPS = 8
 _ROUNDED = np.array([0.6, 0.94, 0.57])
 """Shares of the tolerances of position, velocity and attitude that are left before instants of pulses are
 rounded to periods: half a period of one quantum of spin turns the free flyer by 1.7 degrees."""
-_TRIES, _MOST_TRIES = 4_000, 1_000_000
-"""Changes of the first search for few pulses, 0.1 s; every further one has twice as many, up to the last."""
+_TRIES = 4_000
+"""Changes of one search for few pulses, 40 ms."""
+_DRAWS = 300
+"""Of pulses from shares, at most, until their torques cancel."""
+_JITTER = 1.0
+"""By how many periods pulses drawn are moved, at most."""
 _FIRST_TRIES, _MENDING = 250_000, 200_000
 """Changes of the first annealing of commands, 0.3 s, and of one that mends."""
 _PROGRAMS = 40
@@ -104,8 +109,11 @@ def arrived(state: SpatialState, goal: SpatialState, goal_set: GoalSet, spins: b
                 and (not spins or spin <= goal_set.spin + 1e-9))
 
 
-def with_pulses(wanted: Wanted, steps: int, pulses: int) -> np.ndarray | None:
-    """Commands (N, thrusters) of so many pulses that arrive after so many periods; None once time is up."""
+def with_pulses(wanted: Wanted, steps: int, pulses: int, shares: Sequence[np.ndarray]) -> np.ndarray | None:
+    """Commands (N, thrusters) of so many pulses that arrive after so many periods; None once time is up.
+
+    Attempts begin with pulses drawn from one of the shares (N, thrusters) after another.
+    """
     from rans.optimal.certificate.pulses_kernel import few
 
     lattice, radii = wanted.lattice, wanted.radii
@@ -116,15 +124,37 @@ def with_pulses(wanted: Wanted, steps: int, pulses: int) -> np.ndarray | None:
     when, who = np.zeros((2, pulses), dtype=np.int64)
     deadline, attempt = time.process_time() + wanted.seconds, 0
     while time.process_time() < deadline:
-        tries = min(_TRIES * 2**attempt, _MOST_TRIES)
-        miss = few(pulses, steps, wanted.wrenches, lattice.products, *wanted.ends, radii, inner,
-                   lattice.spin, lattice.period, _rule(), tries, np.random.default_rng(attempt), when, who)
+        random = np.random.default_rng(attempt)
+        first = _drawn(wanted, shares[attempt % len(shares)], pulses, random)
+        miss = few(*first, steps, wanted.wrenches, lattice.products, *wanted.ends, radii, inner,
+                   lattice.spin, lattice.period, gauss(), _TRIES, random, when, who)
         commands = nothing.copy()
         commands[when, who] = 1
         if miss <= 0.0 and wanted.reached(commands):
             return commands
         attempt += 1
     return None
+
+
+def _drawn(wanted: Wanted, shares: np.ndarray, pulses: int,
+           random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Instants (K,) and thrusters (K,) of pulses: as many from every stretch of time as its shares say.
+
+    Of some draws the one whose torques leave the least spin.
+    """
+    h, (steps, count) = wanted.lattice.period, shares.shape
+    turns, (start, goal) = h * wanted.wrenches[:, 3:], wanted.ends
+    passed = np.cumsum(shares) / shares.sum()
+    (periods, who), left = np.zeros((2, pulses), dtype=np.int64), math.inf
+    for _ in range(_DRAWS):
+        places = np.searchsorted(passed, (np.arange(pulses) + random.random()) / pulses)
+        spin = float(np.linalg.norm(start[10:] - goal[10:] + turns[places % count].sum(axis=0)))
+        if spin < left - 1e-9:
+            who, left, periods = places % count, spin, places // count
+        if left <= wanted.radii[3]:
+            break
+    instants = (periods + 0.5 + random.uniform(-_JITTER, _JITTER, pulses)) * h
+    return np.clip(instants, 0.5 * h, (steps - 0.5) * h), who
 
 
 def in_time(wanted: Wanted, steps: int, first: np.ndarray | None = None) -> np.ndarray | None:
@@ -147,7 +177,7 @@ def in_time(wanted: Wanted, steps: int, first: np.ndarray | None = None) -> np.n
     return None
 
 
-def _rule() -> np.ndarray:
+def gauss() -> np.ndarray:
     """Gauss-Legendre, (2, 3): places and weights on (0, 1)."""
     nodes, weights = np.polynomial.legendre.leggauss(3)
     return np.stack([0.5 * (nodes + 1.0), 0.5 * weights])
@@ -159,7 +189,7 @@ def _annealed(wanted: Wanted, commands: np.ndarray, tries: int, heat: float,
     from rans.optimal.certificate.spatial_kernel import anneal
 
     return anneal(commands, wanted.wrenches, wanted.mates, *wanted.ends, wanted.radii, wanted.lattice.spin,
-                  wanted.lattice.period, _rule(), tries, heat, random)
+                  wanted.lattice.period, gauss(), tries, heat, random)
 
 
 def _programmed(wanted: Wanted, commands: np.ndarray, random: np.random.Generator, deadline: float) -> float:
@@ -200,7 +230,7 @@ class _Model:
         from rans.optimal.certificate.spatial_kernel import slopes
 
         self.shares, self.radii = shares, wanted.radii
-        off, slope = slopes(shares.copy(), wanted.wrenches, *wanted.ends, wanted.lattice.period, _rule())
+        off, slope = slopes(shares.copy(), wanted.wrenches, *wanted.ends, wanted.lattice.period, gauss())
         sizes = np.repeat(self.radii[:3], 3)
         self.off, self.slope = off[:9] / sizes, slope[:9] / sizes[:, None]
         # spin counts in quanta

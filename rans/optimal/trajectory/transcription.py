@@ -156,12 +156,12 @@ class Transcription:
             raise ConfigError(f"the optimiser needs at least one guess, got {guesses}.")
         if not np.isfinite([*leaves(start), *leaves(goal)]).all():
             return unsolved(self._objective, self._craft, start, "Invalid_Number_Detected")
-        attempts = [self._attempt(start, goal, number) for number in range(guesses)]
+        attempts = [self.attempt(start, goal, number) for number in range(guesses)]
         if not any(attempt.solved for attempt in attempts):
-            attempts.append(self._attempt(start, goal, guesses))
+            attempts.append(self.attempt(start, goal, guesses))
         return replace(_best(attempts), attempts=len(attempts))
 
-    def _attempt(self, start: State, goal: State, number: int) -> Trajectory:
+    def attempt(self, start: State, goal: State, number: int) -> Trajectory:
         """From one guess; what has corners is solved again with sharper ones, from the answer before."""
         problem, found = self._bounds_and_guess(start, goal, number), []
         for corner in self._corners:

@@ -12,14 +12,24 @@ import pytest
 
 from rans.model.dynamics import SpatialState
 from rans.model.fields import Quat, Vec3
+from rans.optimal.certificate import hull
 from rans.optimal.certificate.impulses_kernel import _off, _projected, _slopes, refined
 from rans.optimal.certificate.lattice import GoalSet
 from rans.optimal.certificate.onoff import replay
 from rans.optimal.certificate.pulses_kernel import ended
 from rans.optimal.certificate.spatial import SpinLattice
 from rans.optimal.certificate.spatial_kernel import slopes
-from rans.optimal.certificate.spatial_search import Wanted, _Model, _rule, arrived, in_time, with_pulses
-from tests.optimal.certificate.test_spatial import FLYER, PERIOD, TASK_SET, lopsided, moving
+from rans.optimal.certificate.spatial_search import (
+    Wanted,
+    _drawn,
+    _Model,
+    arrived,
+    gauss,
+    in_time,
+    with_pulses,
+)
+from rans.optimal.certificate.spatial_shares import throttled
+from tests.optimal.certificate.test_spatial import FLYER, PERIOD, REST, TASK_SET, lopsided, moving
 
 LATTICE = SpinLattice(FLYER, PERIOD)
 
@@ -48,7 +58,7 @@ def test_pulses_end_where_the_engines_equations_say(build: Any) -> None:
     commands = np.zeros((20, len(craft.thrusters)))
     np.add.at(commands, (when, who), 1.0)
     query = Wanted(lattice, start, start, TASK_SET, True, 1.0)
-    state = ended(when, who, 20, query.wrenches, query.ends[0], PERIOD, _rule(), np.zeros(8, np.int64),
+    state = ended(when, who, 20, query.wrenches, query.ends[0], PERIOD, gauss(), np.zeros(8, np.int64),
                   np.zeros((2, 13)))
     assert state == pytest.approx(_columns(replay(craft, start, commands, PERIOD, 16)), abs=1e-5)
 
@@ -104,7 +114,7 @@ def test_instants_are_moved_until_they_arrive() -> None:
 def test_slopes_of_shares_are_those_of_the_engines() -> None:
     """Their equations, opened by 1e-4 more and less, in eight substeps."""
     query, shares = wanted(moving(2, 0.2), still(7)), np.random.default_rng(2).uniform(0.1, 0.9, (4, 16))
-    off, found = slopes(shares.copy(), query.wrenches, *query.ends, PERIOD, _rule())
+    off, found = slopes(shares.copy(), query.wrenches, *query.ends, PERIOD, gauss())
     final: Any = replay(FLYER, query.start, shares, PERIOD, 8)
     assert off[:3] == pytest.approx(np.subtract(final.p.columns(), query.goal.p.columns()), abs=1e-6)
     turn = query.goal.attitude.normalised().to(final.attitude.normalised()).magnitude()
@@ -126,6 +136,7 @@ def _opened(shares: np.ndarray, k: int, i: int, by: float) -> np.ndarray:
 def test_few_pulses_are_found_where_some_arrive() -> None:
     """Where two random pulses end at rest is a goal, to 4 mm and 0.6 degrees; 9 m away is none."""
     start, steps = still(4), 6
+    even = [np.ones((steps, 16))]
     tight = GoalSet(0.004, 0.004, 0.01, 1e-9)
     opposite = [pair for pair in itertools.product(range(16), repeat=2)
                 if LATTICE.products[pair] == -1]
@@ -135,11 +146,37 @@ def test_few_pulses_are_found_where_some_arrive() -> None:
         commands[random.integers(steps), i] = 1
         commands[random.integers(steps), j] = 1
         goal: Any = replay(FLYER, start, commands, PERIOD, 8)
-        found = with_pulses(wanted(start, replace(goal, w=Vec3(0.0, 0.0, 0.0)), tight), steps, 2)
+        found = with_pulses(wanted(start, replace(goal, w=Vec3(0.0, 0.0, 0.0)), tight), steps, 2, even)
         assert found is not None
         assert found.sum() == 2
     assert with_pulses(wanted(start, replace(start, p=start.p + Vec3(9.0, 0.0, 0.0)), tight, 0.05), steps,
-                       2) is None
+                       2, even) is None
+
+
+def test_pulses_are_drawn_where_shares_are() -> None:
+    """Two of 1 and 5 of 0.4, which makes four pulses: one each of the first, the rest nearby."""
+    shares, (i, j) = np.zeros((20, 16)), next(pair for pair in itertools.product(range(16), repeat=2)
+                                              if LATTICE.products[pair] == -1)
+    shares[2, i], shares[17, j], shares[8:13, i] = 1.0, 1.0, 0.2
+    shares[8:13, j] = 0.2
+    instants, who = _drawn(wanted(still(1), still(2)), shares, 4, np.random.default_rng(0))
+    assert who.tolist().count(i) == who.tolist().count(j) == 2  # no spin is left
+    periods = instants / PERIOD - 0.5
+    assert np.abs(periods - [2.0, 10.0, 10.0, 17.0]).max() <= 3.0
+    assert np.abs(periods - [2.0, 10.0, 10.0, 17.0])[[0, 3]].max() <= 1.0
+
+
+def test_shares_arrive_with_less_than_pulses_need() -> None:
+    """Flown by the engines they end in the goal set, at rest but for 5 cm/s; the hull's bound is below."""
+    start, goal = _away()
+    found = throttled(LATTICE, start, goal, TASK_SET, 40)
+    assert 1 <= len(found) <= 2
+    for fuel, shares in found:
+        assert shares.shape == (40, 16)
+        assert PERIOD * shares.sum() == pytest.approx(fuel, rel=1e-6)
+        assert arrived(replay(FLYER, start, shares, PERIOD, 8), goal, TASK_SET, True)
+        assert hull.least_fuel(FLYER, REST, start, goal, 8.0, TASK_SET) < fuel
+    assert found[0].fuel <= found[-1].fuel
 
 
 def _away() -> tuple[SpatialState, SpatialState]:

@@ -252,7 +252,7 @@ def test_where_no_guess_leads_anywhere_the_next_one_is_tried(monkeypatch: pytest
         tried.append(number)
         return replace(lost, solved=number == good)
 
-    monkeypatch.setattr(problem, "_attempt", attempt)
+    monkeypatch.setattr(problem, "attempt", attempt)
     for good, numbers in ((None, [0, 1, 2]), (1, [0, 1]), (2, [0, 1, 2])):
         tried.clear()
         assert problem.solve(planar(1.0), planar(), 2).solved is (good is not None)

@@ -1,0 +1,149 @@
+"""Levels of pulses that are excluded by halves: never one that a flight reaches, and some that none does."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rans.model.body import Body
+from rans.model.dynamics import SpatialState, advance, wrench
+from rans.model.fields import Quat, Vec3, leaves, unflatten
+from rans.model.spacecraft import Spacecraft, Thruster
+from rans.optimal.certificate.halves import Halves
+from rans.optimal.certificate.halves_kernel import gained
+from rans.optimal.certificate.lattice import GoalSet
+from rans.optimal.certificate.spatial import SpinLattice
+from tests.optimal.certificate.test_spatial import PERIOD, POSE, REST, _craft, _near, lopsided
+
+SET, STEPS = GoalSet(0.01, 0.02, 0.05, 0.1), 8
+STILL = SpatialState(Vec3(0.0, 0.0, 0.0), Quat(1.0, 0.0, 0.0, 0.0), Vec3(0.0, 0.0, 0.0), Vec3(0.0, 0.0, 0.0))
+
+
+def corners() -> Spacecraft:
+    """Two nozzles ahead and two back, each of one quantum about the same axis or another."""
+    return _craft("corners", (Thruster((0.0, 0.2, 0.0), (1.0, 0.0, 0.0), 1.0),
+                              Thruster((0.0, -0.2, 0.0), (1.0, 0.0, 0.0), 1.0),
+                              Thruster((0.0, 0.0, 0.2), (-1.0, 0.0, 0.0), 1.0),
+                              Thruster((0.0, 0.0, -0.2), (-1.0, 0.0, 0.0), 1.0)))
+
+
+CRAFT = corners()
+LATTICE = SpinLattice(CRAFT, PERIOD)
+
+
+def every(pulses: int, steps: int) -> tuple[np.ndarray, Any]:
+    """Commands (M, N, 4) of all flights of so many pulses from STILL, and their ends by the engines."""
+    slots = np.array(list(itertools.combinations(range(4 * steps), pulses)))
+    commands = np.zeros((len(slots), 4 * steps))
+    np.put_along_axis(commands, slots, 1.0, axis=1)
+    commands = commands.reshape(-1, steps, 4)
+    state: Any = unflatten(STILL, [np.full(len(commands), x) for x in leaves(STILL)])
+    for k in range(steps):
+        state = advance(state, wrench(CRAFT, tuple(commands[:, k].T)), Body.of(CRAFT), PERIOD, 4)
+    return commands, state
+
+
+@pytest.fixture(scope="module")
+def flown() -> Any:
+    """All 35,960 of four pulses in eight periods."""
+    return every(4, STEPS)[1]
+
+
+def arrives(final: Any, goal: Any) -> bool:
+    errors = [np.linalg.norm((getattr(final, x) - getattr(goal, x)).columns(), axis=0) for x in "pvw"]
+    return bool((_near(final, goal, SET.heading) & (errors[0] <= SET.position) & (errors[1] <= SET.velocity)
+                 & (errors[2] <= SET.spin)).any())
+
+
+def turned(angle: float, about: int) -> Quat:
+    axis = math.sin(0.5 * angle) * np.eye(3)[about]
+    return Quat(math.cos(0.5 * angle), *axis.tolist())
+
+
+def test_no_level_is_excluded_that_a_flight_reaches(flown: Any) -> None:
+    """Goals 12 to 20 cm ahead, turned or not: what no flight reaches is excluded unless most pulses may be
+    wasted, as below 16 cm."""
+    answers = []
+    for far, angle, about in itertools.product(np.linspace(0.12, 0.2, 9), (0.0, 0.12, 0.24, 0.6), (1, 2)):
+        goal = replace(STILL, p=Vec3(float(far), 0.0, 0.0), attitude=turned(angle, about))
+        reached = arrives(flown, goal)
+        excluded = Halves(LATTICE, REST, STILL, goal, SET, STEPS).exclude(4)
+        assert not (reached and excluded)
+        assert reached or excluded or far < 0.155
+        answers.append(reached)
+    assert 20 < sum(answers) < 52  # of 72
+
+
+def test_a_start_that_moves(flown: Any) -> None:
+    """Seen from a frame that moves, all is as it was: start and goal drift by 0.1 m/s, and 16 cm in 1.6 s."""
+    for angle, along in itertools.product((0.0, 0.24), ((0.1, 0.0, 0.0), (-0.05, 0.07, 0.02))):
+        goal = replace(STILL, p=Vec3(0.17, 0.0, 0.0), attitude=turned(angle, 1))
+        start, passing = replace(STILL, v=Vec3(*along)), goal.p + Vec3(*along).scale(1.6)
+        moved = replace(goal, p=passing, v=Vec3(*along))
+        assert Halves(LATTICE, REST, start, moved, SET, STEPS).exclude(4) is not arrives(flown, goal)
+
+
+@pytest.mark.parametrize("ahead", [4, 0])
+def test_a_goal_that_moves_otherwise_than_the_start(flown: Any, ahead: int) -> None:
+    """The farthest of all flights that end so many pulses fast is not excluded, 4 cm farther is."""
+    fast, still = PERIOD / 3.0, np.linalg.norm(flown.w.columns(), axis=0) < 1e-9
+    upright = still & _near(flown, STILL, 0.02) & (np.abs(flown.v.x - ahead * fast) < 0.01)
+    farthest = float(flown.p.x[upright].max())
+    for more, reached in ((0.0, True), (0.04, False)):
+        goal = replace(STILL, p=Vec3(farthest + more, 0.0, 0.0), v=Vec3(ahead * fast, 0.0, 0.0))
+        assert arrives(flown, goal) is reached
+        assert Halves(LATTICE, REST, STILL, goal, SET, STEPS).exclude(4) is not reached
+
+
+@pytest.mark.parametrize("lean", [0.0, 0.4, -0.4])
+def test_all_halves_are_listed_that_gain_enough(lean: float) -> None:
+    """All 560 of three pulses in four periods, flown by the engines, that gain six tenths of the most."""
+    goal = replace(STILL, p=Vec3(0.17, 0.05, 0.0))
+    halves = Halves(LATTICE, REST, STILL, goal, SET, STEPS)
+    end = halves._ends[0]
+    commands, final = every(3, STEPS // 2)
+    states = np.column_stack([np.broadcast_to(x, len(commands)) for x in leaves(final)])
+    gains = np.array([gained(x, 0.8, end.ahead, 1.6, 0.0, lean) for x in states])
+    enough = states[gains >= 0.6 * gains.max() + 1e-5]
+    listed = halves._all(end, 3, lean, 0.6 * float(gains.max()))
+    assert listed is not None
+    assert 10 < len(enough) < 500
+    for state in enough:  # the kernel is good to 1e-5
+        assert np.abs(listed - state).max(axis=1).min() < 1e-4
+    assert halves._most(end, 3, lean) == pytest.approx(gains.max(), abs=1e-5)
+
+
+def test_what_gains_is_the_integral_along_the_way() -> None:
+    """A push of 1 m/s^2 from 1 s to 2 s of 4 s: 1 - t / 2 is 1/4 in the mean, leaning by 0.2 it is 0.45."""
+    state = np.zeros(13)
+    state[0], state[7] = 0.5, 1.0  # at 2 s
+    ahead = np.array([1.0, 0.0, 0.0])
+    assert gained(state, 2.0, ahead, 4.0, 0.0, 0.0) == pytest.approx(0.25)
+    assert gained(state, 2.0, ahead, 4.0, 0.0, 0.2) == pytest.approx(0.45)
+    askew = np.array([0.8, 0.6, 0.0])  # 36.9 degrees off; with 10 degrees to spare 26.9
+    assert gained(state, 2.0, askew, 4.0, 0.0, 0.0) == pytest.approx(0.2)
+    assert gained(state, 2.0, askew, 4.0, math.radians(10.0), 0.0) == pytest.approx(0.25 * 0.892035, rel=1e-5)
+    assert gained(state, 2.0, askew, 4.0, 1.0, 0.0) == pytest.approx(0.25)
+
+
+def test_what_it_is_not_for() -> None:
+    """Spins at either end, unequal thrusters, odd numbers of periods, or any spin at the end."""
+    goal = replace(STILL, p=Vec3(0.2, 0.0, 0.0))
+    assert Halves(LATTICE, REST, STILL, goal, SET, STEPS).exclude(4)
+    spinning = replace(STILL, w=Vec3(0.0, 0.0, LATTICE.spin))
+    assert not Halves(LATTICE, REST, spinning, goal, SET, STEPS).exclude(4)
+    assert not Halves(LATTICE, REST, STILL, goal, SET, STEPS - 1).exclude(4)
+    assert not Halves(LATTICE, POSE, STILL, goal, SET, STEPS).exclude(4)
+    assert not Halves(SpinLattice(lopsided(), PERIOD), REST, STILL, goal, SET, STEPS).exclude(4)
+
+
+def test_too_many_halves_prove_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    goal = replace(STILL, p=Vec3(0.17, 0.0, 0.0), attitude=turned(0.24, 1))
+    assert Halves(LATTICE, REST, STILL, goal, SET, STEPS).exclude(4)
+    monkeypatch.setattr("rans.optimal.certificate.halves._ROOM", 3)
+    assert not Halves(LATTICE, REST, STILL, goal, SET, STEPS).exclude(4)
