@@ -31,6 +31,8 @@ from validation.settled_gate import MOMENTS, TIMING, TORQUE
 
 FIRST = 0.2
 """Command that everything begins with."""
+_MOST = 0.25
+"""Largest increment: with larger ones it is satisfied by a motion to and fro."""
 _PERIODS = 16
 """That are remembered."""
 _LEAST = 1e-6
@@ -108,7 +110,7 @@ class Agent(nn.Module):
         motion = self.motion(torch.cat((_even(memory.motion), _even(memory.response)), 1))
         increments = self.increments(_even(memory.increments))
         one, other = self.odd(torch.cat((motion + increments, motion - increments))).chunk(2)
-        return memory.told(memory.increments.norm(dim=1).clip(max=1.0) * torch.tanh(one - other)[:, 0])
+        return memory.told(memory.increments.norm(dim=1).clip(max=_MOST) * torch.tanh(one - other)[:, 0])
 
 
 class Axes(NamedTuple):
