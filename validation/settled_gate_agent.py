@@ -1,7 +1,7 @@
 """The agent of our entry to the settled-gate benchmark: one network for one axis, and how it is trained.
 
 An axis whose torque has an unknown gain g and bias b turns by w' = k clip(g u + b) under a command u. Unless
-the torque is at its limit, the motion stays one of the same kind if
+a torque, a command or its increment is at a limit, the motion stays one of the same kind if
 
 - angles, commands and the bias become larger by one factor,
 - k and angles do,
@@ -32,7 +32,7 @@ from validation.settled_gate import MOMENTS, TIMING, TORQUE
 FIRST = 0.2
 """Command that everything begins with."""
 _MOST = 0.25
-"""Largest increment: with larger ones it is satisfied by a motion to and fro."""
+"""Largest increment of a command: given larger ones, it learns to hold axes by full torques to and fro."""
 _PERIODS = 16
 """That are remembered."""
 _LEAST = 1e-6
@@ -89,7 +89,7 @@ def _pushed(rows: Tensor, *latest: Tensor) -> Tensor:
     return torch.cat((rows[:, len(latest):], torch.stack(latest, 1)), 1)
 
 
-def _even(rows: Tensor) -> Tensor:
+def _scaled(rows: Tensor) -> Tensor:
     """Rows (N, K) as if their root mean square were 1."""
     return nn.functional.rms_norm(rows, rows.shape[1:], eps=_LEAST**2)
 
@@ -107,8 +107,8 @@ class Agent(nn.Module):
     def forward(self, memory: Memory, angle: Tensor, spin: Tensor) -> Memory:
         """With the next command, at angles (N,) rad and spins (N,) rad/s."""
         memory = memory.seen(angle, spin)
-        motion = self.motion(torch.cat((_even(memory.motion), _even(memory.response)), 1))
-        increments = self.increments(_even(memory.increments))
+        motion = self.motion(torch.cat((_scaled(memory.motion), _scaled(memory.response)), 1))
+        increments = self.increments(_scaled(memory.increments))
         one, other = self.odd(torch.cat((motion + increments, motion - increments))).chunk(2)
         return memory.told(memory.increments.norm(dim=1).clip(max=_MOST) * torch.tanh(one - other)[:, 0])
 
@@ -181,8 +181,7 @@ def trained(iterations: int, seed: int = 0, count: int = 256, periods: int = 128
     """An agent after so many steps of Adam, each with as many new axes; reported are numbers and losses.
 
     The loss begins wide, as who is far from settled gains nothing from what is near: its scale falls from 0.1
-    to 0.005 rad/s, and stays for the last fifth. Finer ones only disturb: who comes ten times nearer in some
-    way comes nearer in that way again, as the motion is the same but for its size.
+    to 0.005 rad/s, and stays for the last fifth.
     """
     torch.manual_seed(seed)
     agent = Agent()
