@@ -11,7 +11,7 @@ from typing import Any
 
 from rans.files import read_json
 from rans.model.spacecraft_file import spacecraft_names
-from validation import agents, assurances, faults, rest, robustness
+from validation import agents, assurances, faults, rest, robustness, settled_gate_entry
 from validation.markdown import Table
 
 
@@ -62,7 +62,7 @@ def _studies(docs: Path) -> dict[str, Any]:
 TABLES: dict[str, Callable[[Path], Table]] = {
     "agents": agents.in_document, "rest": rest.in_document, "assurances": assurances.in_document,
     "robustness": robustness.in_document, "faults": faults.in_document, "stress": stress,
-    "validations": validations, "values": values}
+    "settled gate": settled_gate_entry.in_document, "validations": validations, "values": values}
 """By what measured it."""
 
 

@@ -15,26 +15,21 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import product
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from rans.flight import Controller, fly
 from rans.model.actuators import Throttle
 from rans.model.body import Body
-from rans.model.dynamics import SpatialState, State
-from rans.model.fields import Field, Heading, Quat, Vec3, absolute
-from rans.model.random import Random
+from rans.model.dynamics import SpatialState
+from rans.model.fields import Quat, Vec3
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.timing import Timing
 from rans.scenario import Scenario
-from rans.tasks.base import SingleTask
-from rans.tasks.rewards import Transition, nearness
-from rans.tasks.sight import Entry, Turn
+from rans.tasks import GoToPose
 
 MOMENTS = 10.0, 8.0, 6.0  # kg m^2
 TORQUE = 0.2  # N m
@@ -58,68 +53,6 @@ def body_of_three_axes() -> Spacecraft:
         warnings.simplefilter("ignore", UserWarning)
         return Spacecraft("three axes", 3, _HEAVY, ((x, 0.0, 0.0), (0.0, y, 0.0), (0.0, 0.0, z)), nozzles,
                           actuators=Throttle())
-
-
-def one_axis() -> Spacecraft:
-    """The plane's: about z, with the largest of the three moments."""
-    nozzles = tuple(Thruster((1.0, 0.0, 0.0), (0.0, side, 0.0), TORQUE) for side in (1.0, -1.0))
-    moment = MOMENTS[0]
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)
-        return Spacecraft("one axis", 2, _HEAVY,
-                          ((moment, 0.0, 0.0), (0.0, moment, 0.0), (0.0, 0.0, moment)), nozzles,
-                          actuators=Throttle())
-
-
-@dataclass(frozen=True)
-class Point(SingleTask):
-    """Turn to an attitude and hold it.
-
-    Observed task data: the rotation from the attitude to the goal's.
-    """
-
-    spawn_angle: float = 1.2
-    """Largest angle to the goal at the start, rad (benchmark: 1.17)."""
-    spawn_spin: float = 0.1
-    """Largest rate at the start, rad/s (benchmark: 0.05 about each axis)."""
-    turn_scale: float = 0.5
-    """Error at which the reward that is felt from afar has fallen to 1/e, rad."""
-    near_scale: float = 0.05
-    """The same of the one that is felt near the goal."""
-    fine_scale: float = 0.004
-    """The same of the one within the gate."""
-    attitude_tolerance: float = GATE
-    """Error that counts as reached, rad."""
-    fail_spin: float = 0.35
-    """An episode fails beyond this rate, rad/s: what turns fast couples its axes."""
-    fail_angle: float = 1.7
-    """And beyond this angle, rad: who finds out about a fault so late loses three axes at once, which no
-    longer turn each by itself."""
-
-    def sample(self, random: Random) -> tuple[State, State]:
-        """Any angle within the range, at any rate; the goal is the attitude of W."""
-        angle, spin = random.uniform(-self.spawn_angle, self.spawn_angle), random.spin(self.spawn_spin)
-        return (random.moving(random.origin(), Heading(angle), spin),
-                random.at_rest(random.origin(), Heading(angle * 0.0)))
-
-    def sight(self, state: State, goal: State) -> tuple[Entry, ...]:
-        """The way still to turn."""
-        return (Turn("d", "-", state.attitude.to(goal.attitude)),)
-
-    def errors(self, state: State, goal: State) -> dict[str, Field]:
-        """The angle to the goal."""
-        return {"attitude": state.attitude.to(goal.attitude).magnitude()}
-
-    def reward(self, transition: Transition) -> dict[str, Field]:
-        """exp(-error / scale), from afar, near by and within the gate."""
-        angle, = self.errors(transition.state, transition.goal).values()
-        return {name: nearness(angle, scale) for name, scale in (
-            ("turn", self.turn_scale), ("near", self.near_scale), ("fine", self.fine_scale))}
-
-    def failed(self, state: State, goal: State) -> Field:
-        """Spinning too fast, or turned away."""
-        angle, = self.errors(state, goal).values()
-        return (sum(absolute(x) for x in state.spin()) > self.fail_spin) | (angle > self.fail_angle)
 
 
 class Faults(NamedTuple):
@@ -167,19 +100,22 @@ def starts(seeds: Sequence[int]) -> Scenario:
                     SpatialState(at_rest, Quat(still + 1.0, still, still, still), at_rest, at_rest))
 
 
-def applied(told: Tensor, gain: Tensor, bias: Tensor) -> Tensor:
+def applied(told: np.ndarray, gain: np.ndarray, bias: np.ndarray) -> np.ndarray:
     """What nozzles (N, 2 n) do when told so much, with gains and biases (N, n)."""
     asked = told[:, 0::2] - told[:, 1::2]
-    done = (gain * asked + bias).clip(-1.0, 1.0)
-    return torch.stack((done, -done), dim=2).flatten(1).clip(min=0.0)
+    return nozzles((gain * asked + bias).clip(-1.0, 1.0))
+
+
+def nozzles(asked: np.ndarray) -> np.ndarray:
+    """What (N, 2 n) turns n axes by shares (N, n) of their torque."""
+    return np.stack((asked, -asked), axis=2).reshape(len(asked), -1).clip(min=0.0)
 
 
 class Faulty:
     """A controller whose torques are faulty; what flies is told what these make of its commands."""
 
     def __init__(self, controller: Controller, faults: Faults) -> None:
-        self.name, self._controller = controller.name, controller
-        self._gain, self._bias = torch.from_numpy(faults.gain), torch.from_numpy(faults.bias)
+        self.name, self._controller, self._faults = controller.name, controller, faults
 
     def reset(self, count: int) -> None:
         """See `rans.flight.Controller`."""
@@ -187,8 +123,8 @@ class Faulty:
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
         """See `rans.flight.Controller`."""
-        told = torch.from_numpy(np.asarray(self._controller.act(state, goal, observation), dtype=np.float64))
-        return applied(told, self._gain, self._bias).numpy()
+        told = np.asarray(self._controller.act(state, goal, observation), dtype=np.float64)
+        return applied(told, self._faults.gain, self._faults.bias)
 
 
 def turns(state: Any, goal: Any) -> np.ndarray:
@@ -216,18 +152,17 @@ class Oracle:
         angle = np.maximum(np.linalg.norm(turned, axis=0), 1e-12)
         sigma = turned / angle * np.tan(angle / 4)  # modified Rodrigues parameters
         wanted = -self._faults.inertia * (0.2 * sigma + 1.5 * np.array(state.w.columns())) / TORQUE
-        asked = np.clip((wanted.T - self._bias) / self._gain, -1.0, 1.0)
-        return np.stack((asked, -asked), axis=2).reshape(len(asked), 6).clip(min=0.0)
+        return nozzles(np.clip((wanted.T - self._bias) / self._gain, -1.0, 1.0))
 
 
 def settled(controller: Controller, faults: Faults, begun: Scenario, move: Any = fly) -> np.ndarray:
     """(N,) whether each flight ends behind the gate."""
-    craft, task = body_of_three_axes(), Point()
+    craft = body_of_three_axes()
     nominal = Body.of(craft)
     body = replace(nominal, inertia=tuple(x * faults.inertia for x in nominal.inertia))
     with warnings.catch_warnings():  # that who is misled spins faster than the motion is accurate for
         warnings.simplefilter("ignore", UserWarning)
-        flight = move(craft, task, Faulty(controller, faults), begun, TIMING, body=body)
+        flight = move(craft, GoToPose(), Faulty(controller, faults), begun, TIMING, body=body)
     return (flight.errors()["attitude"][-DWELL:] <= GATE).all(axis=0)
 
 
