@@ -36,8 +36,6 @@ from validation.markdown import Table
 
 _HELD_OUT = 0.3, 1.0
 """Share of its force that a weak thruster has, which no training knows."""
-_BOUNDED = 1000
-"""Episodes that bounds are computed for, the first ones."""
 _SETTLING = Event("settling")
 _EFFORT = Effort(seconds=2.0, nozzle_seconds=0.3, levels=1)
 """Nearly all certificates are then exact."""
@@ -128,6 +126,8 @@ class Faults:
     agents: Positional[tuple[str, ...]]
     """Run folders, or pretrained:NAME; all of one spacecraft, and going to a pose."""
     episodes: int = 10_000
+    bounded: int = 1000
+    """Of so many first episodes of each class the hull's least time."""
     certified: int = 0
     """Of so many first episodes of each class the certified least time, ten seconds each, in the plane."""
     seed: int = EVALUATION_SEED
@@ -152,7 +152,7 @@ class Faults:
                 **{name: [float(x) for x in np.quantile(getattr(found, name), (0.5, 0.95))]
                    for name in ("distance", "speed", "spin")}}
         if row.at_start and row.faults.among != "unrecoverable":
-            first = min(self.episodes, _BOUNDED)
+            first = min(self.episodes, self.bounded)
             settled = Amounts(_SETTLING, found.settled)
             least = Amounts(_SETTLING, bounds(setup, row.faults, first, self.seed))
             said |= {"least time": median(least.values), "over least": median(settled[:first].over(least))}
