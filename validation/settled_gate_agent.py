@@ -24,6 +24,7 @@ import math
 from collections.abc import Callable
 from typing import NamedTuple, Self
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 
@@ -35,6 +36,11 @@ _MOST = 0.25
 """Largest increment of a command: given larger ones, it learns to hold axes by full torques to and fro."""
 _NEAR = 0.1
 """Angle up to which the rate that an axis should have is in proportion to it, rad."""
+_LEARNS = 0.5
+"""Loss above which an agent is left after a seventh of its training. Those of seeds 0 to 2 that go on have
+0.29, 0.47 and 0.35 by then; one that was left with 0.72 has not learnt by the end either."""
+_BEGINNINGS = 5
+"""At most."""
 _PERIODS = 16
 """That are remembered."""
 _LEAST = 1e-6
@@ -189,15 +195,14 @@ class Training:
     def __init__(self, iterations: int, count: int, periods: int) -> None:
         self.agent, self.losses = Agent(), list[float]()
         self._iterations, self._count, self._periods = iterations, count, periods
-        self._optimiser, self._random = torch.optim.Adam(self.agent.parameters()), torch.get_rng_state()
+        self._optimiser = torch.optim.Adam(self.agent.parameters())
 
-    def go_on(self, until: int, report: Report = lambda *_: None) -> None:
-        """As far as that iteration, by random numbers of its own.
+    def go_on(self, until: int, report: Report) -> None:
+        """As far as that iteration.
 
         The loss begins wide, as who is far from settled gains nothing from what is near: its scale falls from
         0.1 to 0.005 rad/s, and stays for the last fifth.
         """
-        torch.set_rng_state(self._random)
         for done in range(len(self.losses), until):
             share = done / self._iterations
             warm, cool = min(1.0, 0.05 + 20 * share), (1 + math.cos(math.pi * share)) / 2
@@ -210,21 +215,21 @@ class Training:
             self._optimiser.step()
             self.losses.append(found.item())
             report(done, self.losses[-1])
-        self._random = torch.get_rng_state()
 
 
 def trained(iterations: int, seed: int = 0, count: int = 256, periods: int = 128,
             report: Report = lambda *_: None) -> Agent:
-    """Of three agents the one with the least loss after a seventh of the iterations, after all of them.
+    """The first agent that learns, after so many steps; reported are numbers of iterations and losses.
 
-    A third or so begin such that they do not learn, which is to be seen as early as that: theirs is twice as
-    large. Reported are numbers of iterations and losses.
+    Some beginnings do not, as is to be seen after a seventh of the iterations: they are left for another one.
     """
     torch.manual_seed(seed)
-    begun = []
-    for _ in range(3):
-        begun.append(Training(iterations, count, periods))
-        begun[-1].go_on(iterations // 7, report)
-    best = min(begun, key=lambda one: sum(one.losses[-3:]))
-    best.go_on(iterations, report)
-    return best.agent
+    begun = 0
+    while True:
+        training = Training(iterations, count, periods)
+        training.go_on(iterations // 7, report)
+        begun += 1
+        if begun == _BEGINNINGS or np.mean(training.losses[-3:] or [0.0]) < _LEARNS:
+            break
+    training.go_on(iterations, report)
+    return training.agent

@@ -33,7 +33,7 @@ from validation.settled_gate import (
     starts,
     turns,
 )
-from validation.settled_gate_agent import Agent, Axes, Memory, Training, astray, flown, trained
+from validation.settled_gate_agent import Agent, Axes, Memory, astray, flown, trained
 from validation.settled_gate_entry import AGENT, Fly, ThreeAxes, sound
 
 
@@ -249,22 +249,14 @@ def test_a_seed_trains_the_same_agent_again() -> None:
         torch.testing.assert_close(mine, its, rtol=0, atol=0)
 
 
-def test_the_best_of_three_beginnings_goes_on_as_if_alone() -> None:
-    """Two iterations of 14 each, told one after another; only the best's random numbers go on."""
-    told: list[float] = []
-    best = trained(14, 5, 8, 8, report=lambda _, found: told.append(found))
-    assert len(told) == 3 * 2 + 12
-    torch.manual_seed(5)
-    begun = []
-    for _ in range(3):
-        begun.append(Training(14, 8, 8))
-        begun[-1].go_on(2)
-    assert [x for one in begun for x in one.losses] == told[:6]
-    alone = begun[int(np.argmin(np.reshape(told[:6], (3, 2)).sum(axis=1)))]
-    alone.go_on(14)
-    assert alone.losses[2:] == told[6:]
-    for mine, its in zip(alone.agent.parameters(), best.parameters(), strict=True):
-        torch.testing.assert_close(mine, its, rtol=0, atol=0)
+@pytest.mark.parametrize(("learns", "beginnings"), [(9.0, 1), (0.0, 5)])
+def test_who_does_not_learn_is_left_for_another(monkeypatch: pytest.MonkeyPatch, learns: float,
+                                                beginnings: int) -> None:
+    """After 2 iterations of 14, up to five times: where all pass or none does."""
+    monkeypatch.setattr(settled_gate_agent, "_LEARNS", learns)
+    told: list[int] = []
+    trained(14, 5, 8, 8, report=lambda done, _: told.append(done))
+    assert told == [0, 1] * beginnings + [*range(2, 14)]
 
 
 def test_training_finds_the_way() -> None:
