@@ -1,7 +1,7 @@
 """The agent of our entry to the settled-gate benchmark: one network for one axis, and how it is trained.
 
-An axis whose torque has an unknown gain g and bias b turns by w' = k clip(g u + b) under a command u. Unless
-a torque, a command or its increment is at a limit, the motion stays one of the same kind if
+An axis whose torque has an unknown gain g and bias b turns by w' = k clip(g u + b) under a command u. Near
+its goal, unless a torque, a command or its increment is at a limit, the motion stays one of the same kind if
 
 - angles, commands and the bias become larger by one factor,
 - k and angles do,
@@ -24,6 +24,7 @@ import math
 from collections.abc import Callable
 from typing import NamedTuple, Self
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 
@@ -33,6 +34,13 @@ FIRST = 0.2
 """Command that everything begins with."""
 _MOST = 0.25
 """Largest increment of a command: given larger ones, it learns to hold axes by full torques to and fro."""
+_NEAR = 0.1
+"""Angle up to which the rate that an axis should have is in proportion to it, rad."""
+_LEARNS = 0.5
+"""Loss above which an agent is left after a seventh of its training. Those of seeds 0 to 2 that go on have
+0.29, 0.47 and 0.35 by then; one that was left with 0.72 has not learnt by the end either."""
+_BEGINNINGS = 5
+"""At most."""
 _PERIODS = 16
 """That are remembered."""
 _LEAST = 1e-6
@@ -42,10 +50,11 @@ _LEAST = 1e-6
 def astray(angle: Tensor, spin: Tensor) -> Tensor:
     """How much faster an axis turns than it should, rad/s.
 
-    It should be home with a time constant of 10 s, and from afar by 0.05 rad/s, from which weak torques still
-    stop it.
+    It should be home with a time constant of 10 s, and come from afar such that 1e-3 rad/s^2 stop it: a third
+    of what the weakest torque of training gives, 0.3 of 0.2 N m for 20 kg m^2.
     """
-    return spin + 0.1 * angle.clip(-0.5, 0.5)
+    beyond = (angle.abs() - _NEAR).clip(min=0.0)
+    return spin + 0.1 * angle.clip(-_NEAR, _NEAR) * (1.0 + 2.0 / _NEAR * beyond).sqrt()
 
 
 class Memory(NamedTuple):
@@ -176,24 +185,51 @@ def _limited(x: Tensor, limit: float) -> Tensor:
     return x
 
 
-def trained(iterations: int, seed: int = 0, count: int = 256, periods: int = 128,
-            report: Callable[[int, float], object] = lambda *_: None) -> Agent:
-    """An agent after so many steps of Adam, each with as many new axes; reported are numbers and losses.
+Report = Callable[[int, float], object]
+"""Of an iteration's number and loss."""
 
-    The loss begins wide, as who is far from settled gains nothing from what is near: its scale falls from 0.1
-    to 0.005 rad/s, and stays for the last fifth.
+
+class Training:
+    """Of one agent, by steps of Adam, each with as many new axes for so many periods."""
+
+    def __init__(self, iterations: int, count: int, periods: int) -> None:
+        self.agent, self.losses = Agent(), list[float]()
+        self._iterations, self._count, self._periods = iterations, count, periods
+        self._optimiser = torch.optim.Adam(self.agent.parameters())
+
+    def go_on(self, until: int, report: Report) -> None:
+        """As far as that iteration.
+
+        The loss begins wide, as who is far from settled gains nothing from what is near: its scale falls from
+        0.1 to 0.005 rad/s, and stays for the last fifth.
+        """
+        for done in range(len(self.losses), until):
+            share = done / self._iterations
+            warm, cool = min(1.0, 0.05 + 20 * share), (1 + math.cos(math.pi * share)) / 2
+            self._optimiser.param_groups[0]["lr"] = 2e-3 * warm * cool
+            self._optimiser.zero_grad()
+            found = loss(self.agent, Axes.of_training(self._count), self._periods,
+                         0.1 * 0.05**min(1.0, 1.25 * share))
+            found.backward()
+            nn.utils.clip_grad_norm_(self.agent.parameters(), 1.0, error_if_nonfinite=True)
+            self._optimiser.step()
+            self.losses.append(found.item())
+            report(done, self.losses[-1])
+
+
+def trained(iterations: int, seed: int = 0, count: int = 256, periods: int = 128,
+            report: Report = lambda *_: None) -> Agent:
+    """The first agent that learns, after so many steps; reported are numbers of iterations and losses.
+
+    Some beginnings do not, as is to be seen after a seventh of the iterations: they are left for another one.
     """
     torch.manual_seed(seed)
-    agent = Agent()
-    optimiser = torch.optim.Adam(agent.parameters())
-    for done in range(iterations):
-        share = done / iterations
-        warm, cool = min(1.0, 0.05 + 20 * share), (1 + math.cos(math.pi * share)) / 2
-        optimiser.param_groups[0]["lr"] = 2e-3 * warm * cool
-        optimiser.zero_grad()
-        found = loss(agent, Axes.of_training(count), periods, 0.1 * 0.05**min(1.0, 1.25 * share))
-        found.backward()
-        nn.utils.clip_grad_norm_(agent.parameters(), 1.0, error_if_nonfinite=True)
-        optimiser.step()
-        report(done, found.item())
-    return agent
+    begun = 0
+    while True:
+        training = Training(iterations, count, periods)
+        training.go_on(iterations // 7, report)
+        begun += 1
+        if begun == _BEGINNINGS or np.mean(training.losses[-3:] or [0.0]) < _LEARNS:
+            break
+    training.go_on(iterations, report)
+    return training.agent

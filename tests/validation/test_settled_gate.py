@@ -33,7 +33,7 @@ from validation.settled_gate import (
     starts,
     turns,
 )
-from validation.settled_gate_agent import Agent, Axes, Memory, flown, trained
+from validation.settled_gate_agent import Agent, Axes, Memory, astray, flown, trained
 from validation.settled_gate_entry import AGENT, Fly, ThreeAxes, sound
 
 
@@ -192,6 +192,14 @@ class Wavering:
         return settled_gate.nozzles(np.array([[0.0, np.sin(self._period), 0.0]]))
 
 
+def test_axes_should_come_from_afar_as_weak_torques_can_stop_them() -> None:
+    """0.01 rad/s at 0.1 rad; then their squares rise by 2e-3 a radian: 11e-4 at 0.6, 41e-4 at 2.1."""
+    angle = torch.tensor([0.0, 0.05, 0.1, 0.6, 2.1])
+    wanted = torch.tensor([0.0, 0.005, 0.01, 11e-4**0.5, 41e-4**0.5])
+    torch.testing.assert_close(astray(angle, -wanted), torch.zeros(5), rtol=0, atol=1e-8)
+    torch.testing.assert_close(astray(-angle, wanted + 0.02), torch.full((5,), 0.02), rtol=0, atol=1e-8)
+
+
 @pytest.mark.parametrize(("first", "moment", "gain", "bias", "start", "command"), [
     (0.5, 1.0, 1.0, 0.5, 0.5, 0.5),  # everything smaller
     (1.0, 0.5, 1.0, 1.0, 2.0, 1.0),  # a body that turns more easily
@@ -205,6 +213,7 @@ def test_the_same_motion_is_flown_the_same_by_any_network(
     Rows of a size that counts as zero do not scale: 1e-6 of some 1e-2.
     """
     monkeypatch.setattr(settled_gate_agent, "_MOST", 9.0)
+    monkeypatch.setattr(settled_gate_agent, "_NEAR", 9.0)
     torch.manual_seed(3)
     agent = Agent().double()
     axes = Axes(*torch.tensor([[15.0, 9.0], [0.8, -0.6], [0.1, 0.0]]).double())
@@ -235,9 +244,19 @@ def test_a_command_stays_within_what_there_is_and_what_is_left_is_remembered() -
 
 
 def test_a_seed_trains_the_same_agent_again() -> None:
-    one, other = (trained(3, 1, 8, 8) for _ in range(2))
+    one, other = (trained(8, 1, 8, 8) for _ in range(2))
     for mine, its in zip(one.parameters(), other.parameters(), strict=True):
         torch.testing.assert_close(mine, its, rtol=0, atol=0)
+
+
+@pytest.mark.parametrize(("learns", "beginnings"), [(9.0, 1), (0.0, 5)])
+def test_who_does_not_learn_is_left_for_another(monkeypatch: pytest.MonkeyPatch, learns: float,
+                                                beginnings: int) -> None:
+    """After 2 iterations of 14, up to five times: where all pass or none does."""
+    monkeypatch.setattr(settled_gate_agent, "_LEARNS", learns)
+    told: list[int] = []
+    trained(14, 5, 8, 8, report=lambda done, _: told.append(done))
+    assert told == [0, 1] * beginnings + [*range(2, 14)]
 
 
 def test_training_finds_the_way() -> None:
