@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 
 from rans.evaluation.fly.agent import Agent
 from rans.evaluation.measure.metrics import settling_times, solved
@@ -94,8 +93,3 @@ def test_what_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     assert 1.0 < found["none"]["over least"] < 1.5
     assert found["none"]["distance"][0] < 0.05
     assert json.loads((tmp_path / "found.json").read_text())["agents"][AGENT] == found
-
-
-@pytest.fixture(autouse=True)
-def _one_thread() -> None:
-    torch.set_num_threads(1)

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 
 from rans.evaluation.fly.agent import Agent
 from rans.evaluation.measure.metrics import last_fifth, settling_times, solved
@@ -72,8 +71,3 @@ def test_the_lqr_flies_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     assert found["lqr"]["latency"]["held"]["value"] > 70.0
     assert found[AGENT]["latency"]["held"]["value"] < 30.0
     assert json.loads((tmp_path / "found.json").read_text())["agents"]["lqr"] == found["lqr"]
-
-
-@pytest.fixture(autouse=True)
-def _one_thread() -> None:
-    torch.set_num_threads(1)

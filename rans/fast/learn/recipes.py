@@ -94,6 +94,9 @@ _STEADY: dict[str, dict[str, Any]] = {
     "go-to-position": {"fine_weight": 1.0, "rest_position": 0.02, "rest_spin": 0.05, "thrust_weight": 0.12},
     "track-velocity": _TRACKED, "track-velocity-heading": {**_TRACKED, "within_weight": 3.0}}
 """Of the other tasks, however the world is."""
+_STEADY_STEPS = {"go-to-position": 350_000_000, "track-velocity": 1_600_000_000,
+                 "track-velocity-heading": 600_000_000}
+"""In the plane, on a GPU."""
 _STEADY_IN_SPACE = {**_STEADY, "track-velocity-heading": _TRACKED}
 _PRICED_LATE = Ramp("thrust_weight", 0.02, 5_000_000, 625_000, "geometric")
 _STAYED = Ramp("verge_weight", 0.5, 31_250_000, 12_500_000, "geometric")
@@ -151,9 +154,8 @@ RECIPES: dict[str, Recipe] = {
         _ADAPTIVE_LARGE, 1_800_000_000),
     **{f"{task}-2d-robust": Recipe(
         task, _PLATFORM, settings, replace(_INFORMED, symmetric=TASKS[task].symmetric), 10_000_000,
-        (_PRICED_LATE,), robust, _ADAPTIVE_LARGE, steps)
-        for (task, settings), steps in zip(_STEADY.items(), (350_000_000, 1_600_000_000, 600_000_000),
-                                           strict=True)},
+        (_PRICED_LATE,), robust, _ADAPTIVE_LARGE, _STEADY_STEPS[task])
+        for task, settings in _STEADY.items()},
     "go-to-pose-2d-faults": Recipe(
         "go-to-pose", _PLATFORM, {**_LOOSE, **_ARRIVED, "verge_weight": 20.0, "thrust_weight": 0.06},
         replace(_INFORMED, reward_scale=0.05), 60_000_000, (_PRICED_LATE, _STAYED), failing_in_other_bodies,

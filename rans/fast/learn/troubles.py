@@ -42,6 +42,7 @@ _HARD = (
 )
 """The ends of those ranges that are learnt last, as often as they need it."""
 _OTHER_BODY = BodyConditions(mass=(0.8, 1.25), inertia=(0.8, 1.25), centre=(0.0, 0.02))
+"""Than promised, by so much that thrust seems a fourth weaker or stronger."""
 
 
 def failing() -> Conditions:

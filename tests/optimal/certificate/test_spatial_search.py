@@ -209,7 +209,7 @@ def test_a_program_mends_commands(arriving: np.ndarray) -> None:
     spoilt[2, i], spoilt[3, j] = 1 - spoilt[2, i], 1 - spoilt[3, j]
     model = _Model(query, spoilt.astype(float))
     assert model.miss > 0.1
-    mended = model.solved(np.zeros_like(model.shares), np.ones_like(model.shares), 3.0, 4)
+    mended = model.solved(np.zeros_like(model.shares), np.ones_like(model.shares), 60.0, 4)
     assert mended is not None
     assert np.abs(np.round(mended) - spoilt).sum() <= 4
     assert _Model(query, np.round(mended)).miss < 0.5 * model.miss
