@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import torch
@@ -11,7 +12,7 @@ import torch
 from rans.errors import ConfigError, brief, meant
 from rans.fast.learn.config import Failures, PPOSettings, TrainConfig
 from rans.fast.learn.curriculum import Ramp
-from rans.fast.learn.troubles import failing, failing_in_other_bodies, robust, robust_in_space
+from rans.fast.learn.troubles import failing_in_other_bodies, robust, robust_in_space
 from rans.model.conditions import Conditions
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
@@ -82,6 +83,7 @@ _HOLD = {"fine_weight": 1.0, "rest_position": 0.006}
 _LARGE: dict[str, Any] = {"n_envs": 4096, "n_steps": 32, "batch_size": 32768, "layers": (256, 256)}
 _ADAPTIVE_LARGE = {"n_envs": 16384, "n_steps": 16, "n_epochs": 2, "matmul": "bf16"}
 _SOON_LARGE = {**_ADAPTIVE_LARGE, "layers": (512, 256)}
+_WIDEST = {**_ADAPTIVE_LARGE, "layers": (512, 512)}
 _LONGER = 16  # on a GPU
 _PLATFORM, _SHARED, _FLYER, _FLYER_SHARED = (
     "floating-platform", "floating-platform-shared", "free-flyer", "free-flyer-shared")
@@ -128,7 +130,7 @@ RECIPES: dict[str, Recipe] = {
          "verge_weight": 200.0, "rest_position": 0.004, "rest_attitude": 0.02, "thrust_weight": 1.5},
         replace(_SOON, n_steps=32, batch_size=2048, reward_scale=0.008), 80_000_000,
         (Ramp("thrust_weight", 0.15, 15_000_000, shape="geometric"), *_THERE),
-        large={**_SOON_LARGE, "layers": (512, 512)}, large_timesteps=3_400_000_000, episode_steps=60),
+        large=_WIDEST, large_timesteps=3_400_000_000, episode_steps=60),
     "go-to-pose-2d-thrifty": Recipe(
         "go-to-pose", _PLATFORM,
         {"spawn_distance": (2.0, 4.3), "fine_weight": 2.5, "fine_position_scale": 0.015,
@@ -146,7 +148,7 @@ RECIPES: dict[str, Recipe] = {
          "price": (0.2, 80.0)},
         replace(_SOON, reward_scale=0.012, gamma=0.99, layers=_WIDE), 60_000_000,
         (Ramp("thrust_weight", 0.1, 30_000_000, shape="geometric"), *_THERE),
-        large={**_SOON_LARGE, "layers": (512, 512)}, large_timesteps=4_000_000_000, episode_steps=100),
+        large=_WIDEST, large_timesteps=4_000_000_000, episode_steps=100),
     "go-to-pose-2d-robust": Recipe(
         "go-to-pose", _PLATFORM,
         {**_LOOSE, **_ARRIVED, "verge_weight": 40.0, "thrust_weight": 0.25},
@@ -157,9 +159,11 @@ RECIPES: dict[str, Recipe] = {
         (_PRICED_LATE,), robust, _ADAPTIVE_LARGE, _STEADY_STEPS[task])
         for task, settings in _STEADY.items()},
     "go-to-pose-2d-faults": Recipe(
-        "go-to-pose", _PLATFORM, {**_LOOSE, **_ARRIVED, "verge_weight": 20.0, "thrust_weight": 0.06},
-        replace(_INFORMED, reward_scale=0.05), 60_000_000, (_PRICED_LATE, _STAYED), failing_in_other_bodies,
-        _SOON_LARGE, 2_200_000_000),
+        "go-to-pose", _PLATFORM,
+        {**_LOOSE, **_ARRIVED, "arrived_weight": 8.0, "arrived_fine_weight": 2.7, "verge_weight": 20.0,
+         "thrust_weight": 0.05},
+        replace(_INFORMED, reward_scale=0.04), 60_000_000, (_PRICED_LATE, _STAYED),
+        partial(failing_in_other_bodies, 0.04), _WIDEST, 6_000_000_000),
     "go-to-pose-2d-shared": Recipe(
         "go-to-pose", _SHARED,
         {"fine_weight": 1.0, "fine_position_scale": 0.006, "fine_attitude_scale": 0.006,
@@ -189,7 +193,7 @@ RECIPES: dict[str, Recipe] = {
          "spin_weight": 0.1, "verge_weight": 30.0},
         replace(_SOON, layers=_WIDE, reward_scale=0.05), 62_500_000,
         (Ramp("thrust_weight", 0.04, 12_000_000, shape="geometric"),
-         _STAYED), large={**_SOON_LARGE, "layers": (512, 512)}, large_timesteps=2_600_000_000),
+         _STAYED), large=_WIDEST, large_timesteps=9_000_000_000),
     "go-to-pose-3d-robust": Recipe(
         "go-to-pose", _FLYER, {**_LOOSE, "verge_weight": 6.0, "thrust_weight": 0.12},
         replace(_INFORMED, layers=_WIDE), 60_000_000, (_PRICED_LATE, _STAYED_LATER), robust_in_space,
@@ -201,8 +205,8 @@ RECIPES: dict[str, Recipe] = {
         for task, settings in _STEADY_IN_SPACE.items()},
     "go-to-pose-3d-faults": Recipe(
         "go-to-pose", _FLYER, {**_LOOSE, "thrust_weight": 0.06}, replace(_INFORMED, layers=_WIDE), 12_000_000,
-        (_PRICED_LATE,), failing,
-        _SOON_LARGE, 1_800_000_000, _COARSE),
+        (_PRICED_LATE,), failing_in_other_bodies,
+        _SOON_LARGE, 6_400_000_000, _COARSE),
     "go-to-position-3d": Recipe(
         "go-to-position", _FLYER,
         {"fine_weight": 0.5, "rest_position": 0.007, "rest_spin": 0.03, "thrust_weight": 0.05,
@@ -217,7 +221,7 @@ RECIPES: dict[str, Recipe] = {
         "track-velocity-heading", _FLYER, {"fine_scale": 0.02}, replace(_PLANE, layers=_WIDE), 8_000_000),
     "multi-task-3d": Recipe(
         "multi-task", _FLYER, _EVERY_WITHIN, replace(_SHARP, initial_duty=0.3, layers=_WIDE), 16_000_000,
-        large={**_SOON_LARGE, "layers": (512, 512)}, large_timesteps=2_500_000_000),
+        large=_WIDEST, large_timesteps=5_800_000_000),
 }
 """By the agent's name."""
 
