@@ -5,8 +5,8 @@ from __future__ import annotations
 import contextlib
 import multiprocessing
 import os
-import pickle
 import signal
+import sys
 import tempfile
 import threading
 from collections.abc import Callable, Iterable, Iterator
@@ -15,6 +15,8 @@ from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import resource_tracker
 from pathlib import Path
 from typing import Any, TypeVar
+
+import cloudpickle
 
 from rans.errors import RansError
 
@@ -44,8 +46,8 @@ def submitted(function: Callable[..., Answer], jobs: Iterable[tuple[Any, ...]], 
             workers or processors(), multiprocessing.get_context("spawn"),
             _begin, (_unpickled, (file,))) as pool:
         try:
-            with _interrupts_deferred():
-                futures = [pool.submit(function, *job) for job in jobs]
+            with _interrupts_deferred(), _script_left_alone():
+                futures = [pool.submit(_answered, cloudpickle.dumps((function, job))) for job in jobs]
             yield futures
         except BaseException:
             for process in set(multiprocessing.active_children()) - others:
@@ -73,13 +75,32 @@ def _pickled(prepare: Callable[..., object], arguments: tuple[Any, ...]) -> Iter
     """
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "prepare"
-        file.write_bytes(pickle.dumps((prepare, arguments)))
+        file.write_bytes(cloudpickle.dumps((prepare, arguments)))
         yield file
 
 
 def _unpickled(file: Path) -> None:
-    prepare, arguments = pickle.loads(file.read_bytes())
-    prepare(*arguments)
+    _answered(file.read_bytes())
+
+
+def _answered(asked: bytes) -> Any:
+    function, arguments = cloudpickle.loads(asked)
+    return function(*arguments)
+
+
+@contextlib.contextmanager
+def _script_left_alone() -> Iterator[None]:
+    """A process started now does not import what runs as ``__main__``, as Python has it by default.
+
+    A script that is not guarded by ``if __name__ == "__main__"`` would do all its work again in each.
+    """
+    main = vars(sys.modules["__main__"])
+    kept = {name: main.pop(name) for name in ("__file__", "__spec__") if name in main}
+    main["__spec__"] = None
+    try:
+        yield
+    finally:
+        main.update(kept)
 
 
 @contextlib.contextmanager
@@ -91,7 +112,7 @@ def beside(function: Callable[..., object], *arguments: Any) -> Iterator[None]:
     """
     process = multiprocessing.get_context("spawn").Process(
         target=_begin, args=(function, arguments), daemon=True)
-    with _interrupts_deferred():
+    with _interrupts_deferred(), _script_left_alone():
         process.start()
     try:
         yield

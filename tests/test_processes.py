@@ -6,6 +6,8 @@ import contextlib
 import multiprocessing
 import os
 import signal
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -60,6 +62,30 @@ def test_answers_come_in_the_order_of_the_jobs() -> None:
     assert {tuple(words) for _, words, _ in answers} == {("once",)}
     assert os.getpid() not in {process for *_, process in answers}
     assert len({process for *_, process in answers}) == 1
+
+
+def test_a_script_needs_no_guard_and_its_own_classes_travel(tmp_path: Path) -> None:
+    """By Python's default each worker runs it from the top again, and starts workers, or prints once more."""
+    script = tmp_path / "script.py"
+    script.write_text("""
+from dataclasses import dataclass
+from rans.processes import submitted
+
+@dataclass
+class Pair:
+    first: int
+    second: int
+
+def added(pair):
+    return pair.first + pair.second + base[0]
+
+base = [100]
+print("once")
+with submitted(added, [(Pair(1, 2),), (Pair(3, 4),)], 2, dict, ()) as futures:
+    print([future.result() for future in futures])
+""")
+    ended = subprocess.run([sys.executable, script], capture_output=True, text=True, check=False)
+    assert (ended.stdout, ended.stderr) == ("once\n[103, 107]\n", "")
 
 
 def test_an_interrupt_ends_the_jobs_at_work(tmp_path: Path) -> None:

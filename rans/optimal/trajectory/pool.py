@@ -23,9 +23,9 @@ def solve_all(craft: Spacecraft, task: Task, objectives: Sequence[Objective], st
               guesses: int = 1) -> list[list[Trajectory]]:
     """Solve every objective from every start: per objective N trajectories in the order of the starts.
 
-    See `rans.processes.submitted` for what worker processes ask of a script, and for interrupts. The starts
-    are of arrays (N,), as `rans.scenario.scenarios` gives them. By default there is one worker per processor;
-    one solves in this process. Progress is called once per solved problem. A trajectory whose worker process
+    See `rans.processes.submitted` for worker processes and interrupts. The starts are of arrays (N,), as
+    `rans.scenario.scenarios` gives them. By default there is one worker per processor; one solves in this
+    process. Progress is called once per solved problem. A trajectory whose worker process
     died has the status "Worker_Died" and NaN for numbers.
 
     Raises:
