@@ -72,7 +72,7 @@ CRAFTS = {"lopsided": lopsided, "crossed": crossed}
 @pytest.fixture
 def _bounds_only(monkeypatch: pytest.MonkeyPatch) -> None:
     """No commands are searched for, whatever the clock says."""
-    for search in ("with_pulses", "in_time"):
+    for search in ("with_pulses", "_soonest"):
         monkeypatch.setattr(f"rans.optimal.certificate.spatial_certificate.{search}", lambda *_, **__: None)
 
 
