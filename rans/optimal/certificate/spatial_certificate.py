@@ -25,8 +25,8 @@ from rans.optimal.certificate.spatial_shares import throttled
 
 _INNER = (0.4, 1.0)
 """Shares of the tolerances that throttled thrust keeps to, the first that it can: rounding then may miss."""
-_LATER = 10
-"""Periods after twice the bound up to which commands are looked for."""
+_LEVELS = 10
+"""Numbers of periods whose processor time one search may take, throttled thrust with it."""
 _EVALUATIONS = 24
 """Of the dual function, at most, 0.3 s each for 100 periods."""
 
@@ -106,8 +106,14 @@ def least_time(lattice: SpinLattice, aims: Collection[str], start: SpatialState,
 
 
 def _soonest(wanted: Wanted, least: int, most: int) -> np.ndarray | None:
-    """Commands that arrive after the fewest periods for which some are found, from the least on."""
-    for steps in range(least, min(most, 2 * least + _LATER) + 1):
+    """Commands that arrive after the fewest periods for which some are found, from the least on.
+
+    None once time is up.
+    """
+    deadline = time.process_time() + _LEVELS * wanted.seconds
+    for steps in range(least, most + 1):
+        if time.process_time() > deadline:
+            break
         tries = (throttled(wanted.lattice, wanted.start, wanted.goal, _inner(wanted.goal_set, share), steps)
                  for share in _INNER)
         shares = [one.shares for one in next(filter(None, tries), [])]
