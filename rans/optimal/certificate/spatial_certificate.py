@@ -1,7 +1,7 @@
 """What no on/off controller can beat in space, and controls that come near: see `spatial` for the bound.
 
 There is no branching: the bound is the dual value alone, rounded up to whole periods and pulses. Controls are
-looked for from more time or fuel than needed downwards: see `spatial_search`.
+looked for from more fuel than needed downwards, and from the least time upwards: see `spatial_search`.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Collection
+from dataclasses import replace
 
 import numpy as np
 
@@ -22,6 +23,10 @@ from rans.optimal.certificate.spatial import ReachRelaxation, SpinLattice
 from rans.optimal.certificate.spatial_search import Wanted, arrived, in_time, with_pulses
 from rans.optimal.certificate.spatial_shares import throttled
 
+_INNER = (0.4, 1.0)
+"""Shares of the tolerances that throttled thrust keeps to, the first that it can: rounding then may miss."""
+_LEVELS = 10
+"""Numbers of periods whose processor time one search may take, throttled thrust with it."""
 _EVALUATIONS = 24
 """Of the dual function, at most, 0.3 s each for 100 periods."""
 
@@ -94,21 +99,33 @@ def least_time(lattice: SpinLattice, aims: Collection[str], start: SpatialState,
         if value <= 0.0:
             break
         lower += 1
-    # commands for a third more time, or more, then for ever fewer periods
     wanted = Wanted(lattice, start, goal, goal_set, "spin" in aims, effort.seconds)
-    found = None
-    for steps in range(math.ceil(1.35 * lower), min(2 * lower, most_steps) + 1, max(1, lower // 10)):
-        found = in_time(wanted, steps)
-        if found is not None:
-            break
-    while found is not None and len(found) > lower:
-        quietest = int(found.sum(axis=1).argmin())
-        better = in_time(wanted, len(found) - 1, np.delete(found, quietest, axis=0))
-        if better is None:
-            break
-        found = better
+    found = _soonest(wanted, lower, most_steps)
     upper = math.inf if found is None else len(found) * h
     return Certificate(lower * h, upper, found, loose, nodes, time.monotonic() - began)
+
+
+def _soonest(wanted: Wanted, least: int, most: int) -> np.ndarray | None:
+    """Commands that arrive after the fewest periods for which some are found, from the least on.
+
+    None once time is up.
+    """
+    deadline = time.process_time() + _LEVELS * wanted.seconds
+    for steps in range(least, most + 1):
+        if time.process_time() > deadline:
+            break
+        tries = (throttled(wanted.lattice, wanted.start, wanted.goal, _inner(wanted.goal_set, share), steps)
+                 for share in _INNER)
+        shares = [one.shares for one in next(filter(None, tries), [])]
+        found = in_time(wanted, shares) if shares else None
+        if found is not None:
+            return found
+    return None
+
+
+def _inner(goal_set: GoalSet, share: float) -> GoalSet:
+    return replace(goal_set, position=share * goal_set.position, velocity=share * goal_set.velocity,
+                   heading=share * goal_set.heading)
 
 
 def _raised(relaxation: ReachRelaxation, first: tuple[float, ...]) -> tuple[float, int]:

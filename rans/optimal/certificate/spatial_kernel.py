@@ -8,6 +8,9 @@ import numpy as np
 
 from rans.optimal.certificate.compiled import compiled
 
+_HEAT = 0.05
+"""Temperature of annealing, radii: at three times as much the turn of the first commands is lost."""
+
 
 @compiled
 def stages(pulls: np.ndarray, forces: np.ndarray, thrust: np.ndarray, kinds: np.ndarray, count: int,
@@ -130,7 +133,7 @@ def fly(commands: np.ndarray, first: int, wrenches: np.ndarray, h: float, rule: 
         for i in range(len(wrenches)):
             if commands[k, i] != 0:
                 for c in range(6):
-                    total[c] += commands[k, i] * wrenches[i, c]
+                    total[c] += wrenches[i, c]
         step(path[k], path[k + 1], total, h, rule)
 
 
@@ -160,41 +163,6 @@ def step(now: np.ndarray, new: np.ndarray, wrench: np.ndarray, h: float, rule: n
 
 
 @compiled
-def slopes(shares: np.ndarray, wrenches: np.ndarray, start: np.ndarray, goal: np.ndarray, h: float,
-           rule: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """What shares (N, thrusters) between 0 and 1 end off by, (12,), and its slopes (12, N * thrusters).
-
-    Position, velocity, turn from the goal in W, spin in B. Slopes are differences of 1e-6, good to 1e-5.
-    """
-    steps, count = shares.shape
-    path, off, found = np.zeros((steps + 1, 13)), np.empty((2, 12)), np.empty((12, steps * count))
-    path[0] = start
-    fly(shares, 0, wrenches, h, rule, path)
-    _off(path[steps], goal, off[0])
-    for k in range(steps - 1, -1, -1):  # what comes before stays as it is
-        for i in range(count):
-            new, share = path[k:].copy(), shares[k, i]
-            shares[k, i] = share + 1e-6
-            fly(shares[k:], 0, wrenches, h, rule, new)
-            shares[k, i] = share
-            _off(new[steps - k], goal, off[1])
-            for c in range(12):
-                found[c, k * count + i] = (off[1, c] - off[0, c]) / 1e-6
-    return off[0], found
-
-
-@compiled
-def _off(state: np.ndarray, goal: np.ndarray, off: np.ndarray) -> None:
-    for c in range(3):
-        off[c], off[3 + c] = state[c] - goal[c], state[7 + c] - goal[7 + c]
-        off[9 + c] = state[10 + c] - goal[10 + c]
-    s, x, y, z = product((state[3], state[4], state[5], state[6]), (goal[3], -goal[4], -goal[5], -goal[6]))
-    size = math.sqrt(x * x + y * y + z * z)
-    turn = math.copysign(2.0 * math.atan2(size, abs(s)), s) / max(size, 1e-12)
-    off[6], off[7], off[8] = turn * x, turn * y, turn * z
-
-
-@compiled
 def miss(state: np.ndarray, goal: np.ndarray, radii: np.ndarray, quantum: float) -> float:
     """By how many radii of position, velocity and attitude a state is off; a quantum of spin counts as 5."""
     far, fast, spin, same = 0.0, 0.0, 0.0, 0.0
@@ -212,21 +180,21 @@ def miss(state: np.ndarray, goal: np.ndarray, radii: np.ndarray, quantum: float)
 
 @compiled
 def anneal(commands: np.ndarray, wrenches: np.ndarray, mates: np.ndarray, start: np.ndarray, goal: np.ndarray,
-           radii: np.ndarray, quantum: float, h: float, rule: np.ndarray, tries: int, heat: float,
+           radii: np.ndarray, quantum: float, h: float, rule: np.ndarray, tries: int,
            random: np.random.Generator) -> float:
     """Change commands (N, thrusters) until they end in the goal set.
 
-    Simulated annealing, from a temperature of ``heat`` to 0.05 radii. A change opens or shuts two thrusters,
-    mostly so that their torques cancel: at once, a little later or anywhere; or one. Mates, (thrusters,
-    thrusters), are 1 where torques are the same, -1 where opposite, 0 else. What is left in ``commands`` is
-    the best; returned is its miss, 0 within the set.
+    Simulated annealing at one temperature, so that the first commands should turn as they must. A change
+    opens or shuts two thrusters, mostly so that their torques cancel: at once, a little later or anywhere; or
+    one. Mates, (thrusters, thrusters), are 1 where torques are the same, -1 where opposite, 0 else. What is
+    left in ``commands`` is the best; returned is its miss, 0 within the set.
     """
     steps, count = commands.shape
     path, new, best_commands = np.zeros((steps + 1, 13)), np.zeros((steps + 1, 13)), commands.copy()
     path[0] = start
     fly(commands, 0, wrenches, h, rule, path)
     best = value = miss(path[steps], goal, radii, quantum)
-    for attempt in range(tries):
+    for _ in range(tries):
         if best <= 0.0:
             break
         # which thruster, and which with it
@@ -247,8 +215,8 @@ def anneal(commands: np.ndarray, wrenches: np.ndarray, mates: np.ndarray, start:
         first = k if single else min(k, k2)
         new[first] = path[first]
         fly(commands, first, wrenches, h, rule, new)
-        changed, now = miss(new[steps], goal, radii, quantum), heat * (0.05 / heat) ** (attempt / tries)
-        if changed <= value or random.random() < math.exp((value - changed) / now):
+        changed = miss(new[steps], goal, radii, quantum)
+        if changed <= value or random.random() < math.exp((value - changed) / _HEAT):
             value, path[first:] = changed, new[first:]
             if value < best:
                 best, best_commands[:] = value, commands

@@ -1,4 +1,4 @@
-"""The search for on/off controls in space: its equations, its slopes, and what it must find."""
+"""The search for on/off controls in space: its equations, its roundings, and what it must find."""
 
 from __future__ import annotations
 
@@ -13,16 +13,17 @@ import pytest
 from rans.model.dynamics import SpatialState
 from rans.model.fields import Quat, Vec3
 from rans.optimal.certificate import hull
+from rans.optimal.certificate.certificate import Effort
 from rans.optimal.certificate.impulses_kernel import _off, _projected, _slopes, refined
 from rans.optimal.certificate.lattice import GoalSet
 from rans.optimal.certificate.onoff import replay
 from rans.optimal.certificate.pulses_kernel import ended
 from rans.optimal.certificate.spatial import SpinLattice
-from rans.optimal.certificate.spatial_kernel import slopes
+from rans.optimal.certificate.spatial_certificate import least_time
 from rans.optimal.certificate.spatial_search import (
     Wanted,
     _drawn,
-    _Model,
+    _rounded,
     arrived,
     gauss,
     in_time,
@@ -111,28 +112,6 @@ def test_instants_are_moved_until_they_arrive() -> None:
     assert np.abs(moved - when).max() > 1e-3
 
 
-def test_slopes_of_shares_are_those_of_the_engines() -> None:
-    """Their equations, opened by 1e-4 more and less, in eight substeps."""
-    query, shares = wanted(moving(2, 0.2), still(7)), np.random.default_rng(2).uniform(0.1, 0.9, (4, 16))
-    off, found = slopes(shares.copy(), query.wrenches, *query.ends, PERIOD, gauss())
-    final: Any = replay(FLYER, query.start, shares, PERIOD, 8)
-    assert off[:3] == pytest.approx(np.subtract(final.p.columns(), query.goal.p.columns()), abs=1e-6)
-    turn = query.goal.attitude.normalised().to(final.attitude.normalised()).magnitude()
-    assert np.linalg.norm(off[6:9]) == pytest.approx(turn, abs=1e-5)  # Magnus, order four
-    for k, i in ((0, 0), (1, 5), (3, 15)):
-        more, less = (_columns(replay(FLYER, query.start, _opened(shares, k, i, by), PERIOD, 8))
-                      for by in (1e-4, -1e-4))
-        slope = (more - less) / 2e-4
-        assert found[[0, 1, 2, 3, 4, 5, 9, 10, 11], 16 * k + i] == pytest.approx(
-            slope[[0, 1, 2, 7, 8, 9, 10, 11, 12]], abs=1e-5)
-
-
-def _opened(shares: np.ndarray, k: int, i: int, by: float) -> np.ndarray:
-    changed = shares.copy()
-    changed[k, i] += by
-    return changed
-
-
 def test_few_pulses_are_found_where_some_arrive() -> None:
     """Where two random pulses end at rest is a goal, to 4 mm and 0.6 degrees; 9 m away is none."""
     start, steps = still(4), 6
@@ -185,46 +164,49 @@ def _away() -> tuple[SpatialState, SpatialState]:
     return replace(goal, p=Vec3(1.5, -1.0, 0.5), attitude=Quat(0.8, 0.0, 0.6, 0.0)), goal
 
 
-@pytest.fixture(scope="module")
-def arriving() -> np.ndarray:
-    """Commands that arrive after 3.4 s; the time is for who compiles first."""
-    found = in_time(wanted(*_away(), seconds=600.0), 17)
-    assert found is not None
-    return found
+def test_roundings_sum_up_as_shares_do() -> None:
+    """To less than a period at any time; what is shut stays shut, and open open."""
+    shares = np.random.default_rng(3).uniform(0.0, 1.0, (30, 16))
+    shares[:, 0], shares[:, 1], shares[12:, 2], shares[12:, 3] = 0.0, 1.0, 0.0, 1.0
+    commands = _rounded(wanted(still(1), still(2)), shares, np.random.default_rng(0))
+    assert set(np.unique(commands)) == {0, 1}
+    assert np.abs(np.cumsum(commands - shares, axis=0)).max() < 1.0
+    assert (commands[12:, :4] == [0, 1, 0, 1]).all()
 
 
-def test_commands_that_arrive_in_time(arriving: np.ndarray) -> None:
-    """In 3.4 s, and not in one: 8 N on 5.32 kg for a second are 0.75 m."""
+def test_one_rounding_of_many_is_chosen() -> None:
+    """Two thrusters of opposite torque, half open for a second: every other rounding leaves no spin."""
+    i, j = next(pair for pair in itertools.product(range(16), repeat=2) if LATTICE.products[pair] == -1)
+    shares = np.zeros((5, 16))
+    shares[:, [i, j]] = 0.5
+    for seed in range(10):
+        commands = _rounded(wanted(still(1), still(1)), shares, np.random.default_rng(seed))
+        assert commands[:, i].sum() == commands[:, j].sum()
+
+
+def test_commands_are_found_a_period_above_the_bound() -> None:
+    """Two metres away: 2.8 s are excluded; in 3.2 s on/off commands arrive, by twice as many substeps too."""
     start, goal = _away()
-    assert arriving.shape == (17, 16)
-    assert arrived(replay(FLYER, start, arriving, PERIOD, 16), goal, TASK_SET, True)
-    assert in_time(wanted(*_away(), seconds=0.01), 5) is None
+    found = least_time(LATTICE, REST, start, goal, 40, TASK_SET, Effort(20.0))
+    assert found.lower == pytest.approx(3.0)
+    assert found.upper == pytest.approx(3.2)
+    assert found.commands is not None
+    assert found.commands.shape == (16, 16)
+    assert arrived(replay(FLYER, start, found.commands, PERIOD, 16), goal, TASK_SET, True)
 
 
-def test_a_program_mends_commands(arriving: np.ndarray) -> None:
-    """Those that arrive, with one pair of a torque and its opposite opened or shut: four changes suffice."""
-    query, spoilt = wanted(*_away()), arriving.copy()
-    i, j = next((i, j) for i, j in itertools.product(range(16), repeat=2)
-                if query.mates[i, j] == -1 and spoilt[2, i] == spoilt[3, j])
-    spoilt[2, i], spoilt[3, j] = 1 - spoilt[2, i], 1 - spoilt[3, j]
-    model = _Model(query, spoilt.astype(float))
-    assert model.miss > 0.1
-    mended = model.solved(np.zeros_like(model.shares), np.ones_like(model.shares), 60.0, 4)
-    assert mended is not None
-    assert np.abs(np.round(mended) - spoilt).sum() <= 4
-    assert _Model(query, np.round(mended)).miss < 0.5 * model.miss
+def test_commands_at_the_edge_of_the_goal_set() -> None:
+    """From 6 cm: four nozzles at 45 degrees, 2.8 N, for a period and back make 2.1 cm: inside 5 cm, not 2.
+
+    One period ends at 0.1 m/s.
+    """
+    start = replace(still(1), p=Vec3(0.06, 0.0, 0.0), attitude=Quat(1.0, 0.0, 0.0, 0.0))
+    goal = replace(start, p=Vec3(0.0, 0.0, 0.0))
+    found = least_time(LATTICE, REST, start, goal, 40, TASK_SET, Effort(20.0))
+    assert found.upper == pytest.approx(0.4)
 
 
-def test_a_programs_shares_are_nearer() -> None:
-    """All half open miss by metres; one linear program's shares miss less, at rest, within their limits."""
-    query = wanted(still(1), still(2))
-    model = _Model(query, np.full((12, 16), 0.5))
-    trial = model.solved(np.full((12, 16), 0.3), np.full((12, 16), 0.7))
-    assert trial is not None
-    assert trial.min() >= 0.3
-    assert trial.max() <= 0.7
-    assert _Model(query, trial).miss < model.miss
-    whole = model.solved(np.zeros((12, 16)), np.ones((12, 16)), 60.0)  # which it does not need
-    assert whole is not None
-    assert set(np.unique(np.round(whole, 6))) <= {0.0, 1.0}
-    assert LATTICE.spin * np.linalg.norm(_Model(query, np.round(whole)).spin) < 1e-9
+def test_no_commands_where_none_arrive() -> None:
+    """In one second 8 N on 5.32 kg are 0.75 m."""
+    start, goal = _away()
+    assert in_time(wanted(start, goal, seconds=0.05), [np.ones((5, 16))]) is None
