@@ -16,7 +16,7 @@ def test_only_what_lacks_an_optional_library_is_skipped(pytester: pytest.Pyteste
     monkeypatch.setitem(sys.modules, "pydrake", None)
     monkeypatch.setitem(sys.modules, "casadi", ModuleType("casadi"))
     pytester.makeconftest("from tests.conftest import pytest_pycollect_makemodule")
-    pytester.makepyfile(test_absent="import pydrake.math", test_misspelt="import casadi.nowhere",
+    pytester.makepyfile(test_absent="import pydrake", test_misspelt="import casadi.nowhere",
                         test_unknown="import no_such_library", test_good="def test_it(): pass")
     run = pytester.runpytest_inprocess("--import-mode=importlib", "--continue-on-collection-errors", "-rs",
                                        "-p", "no:cacheprovider")
