@@ -102,7 +102,8 @@ def test_the_browser_finds_the_body_where_it_flew(tmp_path: Path) -> None:
 PLAYED = """<script>
 viewer.animate = () => {};
 function probe() {
-  if (!viewer.animator.actions.length || !window.ready) return setTimeout(probe, 200, window.ready = true);
+  if (!viewer.animator.actions.length) return setTimeout(probe, 100);
+  if (!window.ready) return setTimeout(probe, 200, window.ready = true);  // the page looks every 50 ms
   const shown = () => {
     const found = [];
     viewer.scene.traverse(x => { if (/^(plume|trail) /.test(x.name) && x.visible) found.push(x.name); });
