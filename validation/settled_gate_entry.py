@@ -73,8 +73,8 @@ class Train:
     """Train an agent of one axis into RUN/agent.safetensors."""
 
     run_folder: Annotated[Path, Positional, tyro.conf.arg(metavar="RUN")]
-    iterations: int = 110
-    """Of 256 new axes for 64 s each."""
+    iterations: int = 220
+    """Of 1,024 new axes for 64 s each."""
     seed: int = 0
 
     def run(self) -> None:
