@@ -45,19 +45,19 @@ _OTHER_BODY = BodyConditions(mass=(0.8, 1.25), inertia=(0.8, 1.25), centre=(0.0,
 """Than promised, by so much that thrust seems a fourth weaker or stronger."""
 
 
-def failing() -> Conditions:
+def _failing() -> Conditions:
     """`faults`, and as often with all of them there from the start, of which an agent sees too few else."""
     late = load_conditions("faults")
     return replace(late, others=(replace(late, faults=replace(late.faults, count=(1.0, 2.0), time=0.0)),))
 
 
 def failing_in_other_bodies(weight: float = 0.06) -> Conditions:
-    """`failing`, each with this weight beside it in bodies of other mass, inertia and centre of mass as well.
+    """`faults`, and as often there from the start; each with this weight in other bodies as well.
 
     Who has met weaker accelerations than promised holds thrusters at a share of their force, which no
     training has; who meets them often brakes early in every flight (decision 018).
     """
-    given = failing()
+    given = _failing()
     return replace(given, others=(*given.others, *(
         replace(one, body=_OTHER_BODY, others=(), weight=weight) for one in (given, *given.others))))
 
