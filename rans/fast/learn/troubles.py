@@ -70,7 +70,8 @@ def robust(share: float = 0.4) -> Conditions:
 
 
 def robust_in_space() -> Conditions:
-    """`robust`, and valves that stay open oftener, which take longest to learn there."""
-    given, slow = robust(), TROUBLES["least on-time"]
-    return replace(given, others=tuple(replace(one, weight=4.0) if one == slow else one
-                                       for one in given.others))
+    """`robust`, with what takes longest to learn there oftener: noise, and valves that stay open."""
+    given, slow, noisy = robust(), Conditions(thrusters=ThrusterConditions(least_on=0.4)), _HARD[-1].sensors
+    oftener = tuple(replace(one, weight=6.0) if replace(one, weight=1.0) == slow else
+                    replace(one, weight=9.0) if one.sensors == noisy else one for one in given.others)
+    return replace(given, others=oftener, weight=20.0)
