@@ -48,6 +48,7 @@ from rans.tasks import (
 
 if TYPE_CHECKING:
     from rans.evaluation.fly.controllers import CONTROLLERS
+    from rans.evaluation.fly.lookahead import Lookahead
     from rans.evaluation.fly.pilot import Pilot
     from rans.fast.engine import Engine
     from rans.fast.envs.sb3 import SB3VecEnv
@@ -68,7 +69,8 @@ _LAZY = {
     "Engine": "rans.fast.engine", "PPO": "rans.fast.learn.front", "PPOSettings": "rans.fast.learn.config",
     "SB3VecEnv": "rans.fast.envs.sb3", "SpacecraftEnv": "rans.fast.envs.single",
     "SpacecraftVectorEnv": "rans.fast.envs.vector",
-    "CONTROLLERS": "rans.evaluation.fly.controllers", "Pilot": "rans.evaluation.fly.pilot",
+    "CONTROLLERS": "rans.evaluation.fly.controllers", "Lookahead": "rans.evaluation.fly.lookahead",
+    "Pilot": "rans.evaluation.fly.pilot",
     "Controller": "rans.flight", "Flight": "rans.flight", "fly": "rans.flight",
     "LQR": "rans.optimal.control.lqr", "Switching": "rans.optimal.control.switching",
     "MPC": "rans.optimal.control.mpc", "ObserverMPC": "rans.optimal.control.observer",
@@ -83,7 +85,7 @@ __all__ = [
     "TrackVelocityHeading", "MultiTask",
     "load_task", "Conditions", "BodyConditions", "ThrusterConditions", "FaultConditions",
     "DisturbanceConditions", "SensorConditions", "SensorsConditions", "load_conditions", "conditions_names",
-    "CONTROLLERS", "Controller", "LQR", "Switching", "MPC", "ObserverMPC", "MPPI", "Pilot",
+    "CONTROLLERS", "Controller", "LQR", "Switching", "MPC", "ObserverMPC", "MPPI", "Lookahead", "Pilot",
     "pretrained_names", "Scenario", "Timing", "Flight", "fly",
     "Engine", "PPO", "PPOSettings", "SB3VecEnv", "SpacecraftEnv", "SpacecraftVectorEnv",
     "ConfigError", "NonFiniteState", "RansError", "SolverFailed", "WorkerLost",

@@ -33,7 +33,8 @@ class Evaluate:
     """
 
     contestant: Annotated[str, Positional, arg(metavar="RUN")]
-    """A run folder, pretrained:NAME, or CONTROLLER:TASK-2d or -3d (with @SPACECRAFT if you like)."""
+    """A run folder, pretrained:NAME, either after lookahead:, or CONTROLLER:TASK-2d or -3d (with @SPACECRAFT
+    if you like)."""
     protocol: Literal["own", "paper", "original"] = "own"
     """Conditions: those of the training, with the task's evaluation starts; or of the paper: the floating
     platform, 250 steps, starts 3 to 4 m away, with 1 N a thruster (paper) or in all (original)."""

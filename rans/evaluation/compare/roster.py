@@ -13,6 +13,7 @@ from rans.evaluation.fly.contestants import contestant, controller_name
 from rans.evaluation.fly.controllers import CONTROLLERS, controller, is_user_policy
 from rans.evaluation.fly.judge import EngineName
 from rans.evaluation.fly.knob import without_knob
+from rans.evaluation.fly.lookahead import PREFIX, Lookahead
 from rans.evaluation.fly.tuned import tuned
 from rans.fast.learn.run_folder import RunFolder
 from rans.files import read_json
@@ -102,13 +103,14 @@ def enlist(spec: str, contest: Contest, trust: bool = False) -> Contestant:
                           f"{periods[1]:g} s; compare them separately.")
     if name := controller_name(spec):
         return Contestant(run.controller.name, run.controller, _MODEL, _budget(name, contest))
-    return Contestant(run.controller.name, run.controller, _OBSERVATION, _tuning(spec),
+    sees = _MODEL if isinstance(run.controller, Lookahead) else _OBSERVATION
+    return Contestant(run.controller.name, run.controller, sees, _tuning(spec),
                       getattr(run.controller, "knob", None))
 
 
 def _tuning(spec: str) -> str:
     """What was spent on an agent or a policy, as far as its files tell."""
-    spec, _, _ = spec.partition("#")
+    spec = spec.partition("#")[0].removeprefix(f"{PREFIX}:")
     kind, _, name = spec.partition(":")
     if is_user_policy(spec):
         return "not known"

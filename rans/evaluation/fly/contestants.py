@@ -8,6 +8,7 @@ from pathlib import Path
 from rans.errors import ConfigError, brief, meant
 from rans.evaluation.fly.agent import Agent, LoadedRun, load_agent
 from rans.evaluation.fly.controllers import CONTROLLERS, controller, is_user_policy, user_policy
+from rans.evaluation.fly.lookahead import PREFIX, Lookahead
 from rans.evaluation.fly.protocols import ProtocolName, under_protocol
 from rans.flight import Setup
 from rans.model.spacecraft_file import USUAL, load_spacecraft
@@ -15,7 +16,8 @@ from rans.model.timing import Timing
 from rans.pretrained import pretrained_folder, pretrained_names
 from rans.tasks import TASKS
 
-FORMS = (f"a run folder, pretrained:NAME, {', '.join(f'{name}:TASK-2d' for name in CONTROLLERS)} or "
+FORMS = (f"a run folder, pretrained:NAME, either after {PREFIX}:, "
+         f"{', '.join(f'{name}:TASK-2d' for name in CONTROLLERS)} or "
          "MODULE:NAME:TASK-2d (or -3d, with @SPACECRAFT if you like)")
 """What `contestant` understands, for messages."""
 
@@ -46,6 +48,9 @@ def contestant(spec: str, protocol: ProtocolName = "own", lent: Setup | None = N
                               f"RUN {spec}.")
         return LoadedRun(user_policy(spec, lent.craft, lent.task, trust), *lent)
     kind, name, part = _parse(spec)
+    if kind == PREFIX:
+        run = contestant(f"{name}#{part}" if part else name, protocol)
+        return run._replace(controller=Lookahead(run))
     if kind not in ("", "pretrained"):
         setup = under_protocol(protocol, _picked(_named_setup(name, spec), part, spec))
         return LoadedRun(controller(kind, setup), *setup)
@@ -106,7 +111,7 @@ def controller_name(spec: str) -> str:
     if spec in CONTROLLERS:
         return spec
     kind = "" if is_user_policy(spec) else _parse(spec)[0]
-    return "" if kind == "pretrained" else kind
+    return "" if kind in ("pretrained", PREFIX) else kind
 
 
 def picked_task(spec: str) -> str:
@@ -118,7 +123,7 @@ def _parse(spec: str) -> tuple[str, str, str]:
     """Kind, name and picked task; a run folder has no kind."""
     spec, _, part = spec.partition("#")
     kind, _, name = spec.partition(":")
-    kinds = "pretrained", *CONTROLLERS
+    kinds = "pretrained", PREFIX, *CONTROLLERS
     if kind in kinds and name:
         return kind, name, part
     if ":" in spec and not Path(spec).exists():
