@@ -71,12 +71,15 @@ class Assure:
         """Fly, fly again what failed, write and print."""
         from rans.evaluation.assure.assurance import made
         from rans.evaluation.assure.bounds import plan
+        from rans.evaluation.assure.search import unit
         from rans.evaluation.fly.contestants import output_folder, picked_task
 
         check_count("--episodes", self.episodes)
         for name, value in (("--worst", self.worst), ("--rare", self.rare)):
             if value < 0:
                 raise ConfigError(f"{name} must be >= 0, got {value}.")
+        if self.search:
+            unit(self.search)  # a wrong name is told before anything flies
         episodes = _EPISODES if self.episodes is None and self.failure_below is None else self.episodes
         planned = plan(self.confidence, episodes, self.failure_below)
         assurance = made(self.agent, self.conditions, planned, self.seed, command_line())

@@ -18,7 +18,7 @@ from rans.evaluation.assure.chances import Chances
 from rans.evaluation.assure.evidence import hashes
 from rans.evaluation.assure.rare import Rare, rare
 from rans.evaluation.assure.replay import Replays, replays
-from rans.evaluation.assure.search import Searched, on_device, searched
+from rans.evaluation.assure.search import Searched, on_device, searched, unit
 from rans.evaluation.fly.agent import Agent, LoadedRun
 from rans.evaluation.fly.contestants import contestant, judged_separately
 from rans.fast.distributed import ALONE, Processes
@@ -27,7 +27,7 @@ from rans.fast.verdicts import Failure
 from rans.files import environment as this_environment
 from rans.files import read_json
 from rans.model.conditions import Conditions
-from rans.model.conditions_file import conditions_text, load_conditions
+from rans.model.conditions_file import conditions_text
 
 
 @dataclass
@@ -100,7 +100,7 @@ class Assurance:
 
     def search(self, world: str, device: str, told: Callable[[int], object] = lambda _: None) -> None:
         """Look for the smallest disturbance that breaks the agent, see `rans.evaluation.assure.search`."""
-        self.searched = searched(world, load_conditions(world), self.run.controller,
+        self.searched = searched(world, unit(world), self.run.controller,
                                  on_device(self._network, device), self.run.judged, self.campaign.seed, told)
 
     @property
