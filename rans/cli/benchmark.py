@@ -111,8 +111,9 @@ class Benchmark:
         shares = list(bounds(measured))
         name = torch.cuda.get_device_name(device) if device.startswith("cuda") else "CPU"
         about = environment() | {"device": name, "threads": str(torch.get_num_threads())}
-        console.print(table(_hardware(about), ("ratio", "value", "of"),
-                            [(r.name, f"{r.value:,.3g}", r.note) for r in (*ratios, *shares)]))
+        # The first column of a table never breaks, and names are long.
+        console.print(table(_hardware(about), ("value", "ratio", "of"),
+                            [(f"{r.value:,.3g}", r.name, r.note) for r in (*ratios, *shares)]))
         console.print(table("", ("", "measurement", "value", "unit", "warm-up", "note"),
                             map(_measured, measured)))
         if peers:

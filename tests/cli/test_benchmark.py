@@ -88,15 +88,17 @@ def test_interrupted_it_shows_and_writes_what_was_measured(
     """Ctrl-C comes while the first agent is timed: the figure has no panel of agents."""
     def measured(*_: object) -> Iterator[Measurement]:
         yield Measurement("memory", "memory copy", 12.5, "GB/s")
-        yield Measurement("engine", "7 environments", 3.0, "M steps/s", bound=4.0, bound_name="the copy")
+        yield Measurement("engine", "7 environments", 3.0, "M steps/s", bound=4.0,
+                          bound_name="what the copy bandwidth allows to it")
         raise KeyboardInterrupt
 
     monkeypatch.setattr("validation.speed.suite.measurements", measured)
+    monkeypatch.setenv("COLUMNS", "60")
     file = tmp_path / "speed.json"
     assert main(["benchmark", *QUICK, "--output", str(file)]) == 130
     said = capsys.readouterr()
     assert "12.5" in said.out
-    assert "0.75" in said.out  # its share of the bound
+    assert "0.75" in said.out  # its share of the bound, also on a narrow terminal
     assert "Interrupted; writing what was found." in said.err
     assert [row["value"] for row in json.loads(file.read_text())["measurements"]] == [12.5, 3.0]
     assert "7 environments" in file.with_suffix(".svg").read_text()
