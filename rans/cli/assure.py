@@ -61,7 +61,7 @@ class Assure:
     device: str = "auto"
     """auto (a GPU if there is one), cpu or cuda."""
     restart: bool = False
-    """Begin anew, though an equal campaign was interrupted."""
+    """Begin anew, though a campaign was interrupted."""
     output: Path | None = None
     """Folder of the results; by default the agent's."""
     trust: bool = False
@@ -88,7 +88,10 @@ class Assure:
             return 0
         folder = ready_folder(self.output or output_folder(self.agent))
         names = "assurance", picked_task(self.agent), Path(self.conditions or "").stem
-        first = self._fly(assurance, folder / f"{'-'.join(filter(None, names))}.json")
+        file = folder / f"{'-'.join(filter(None, names))}.json"
+        if not self.restart:
+            assurance.check_replaces_nothing(file)
+        first = self._fly(assurance, file)
         shown = self.failure_below is None or assurance.campaign.decision == "below"
         return 0 if shown or not first else 1
 
