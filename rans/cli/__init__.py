@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import io
 import os
 import sys
 import time
@@ -31,6 +32,8 @@ def main(arguments: list[str] | None = None) -> int:
     sentence is shown; it is 1 when the reader of the output has left, as in ``rans list | head -1``.
     """
     arguments = sys.argv[1:] if arguments is None else arguments
+    if isinstance(sys.stdout, io.TextIOWrapper):  # which may know fewer letters than tables have, as in ASCII
+        sys.stdout.reconfigure(errors="replace")
     try:
         with warnings.catch_warnings():
             warnings.showwarning = _show_warning

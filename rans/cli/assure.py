@@ -61,20 +61,25 @@ class Assure:
     device: str = "auto"
     """auto (a GPU if there is one), cpu or cuda."""
     restart: bool = False
-    """Begin anew, though an equal campaign was interrupted."""
+    """Begin anew, though a campaign was interrupted."""
     output: Path | None = None
     """Folder of the results; by default the agent's."""
+    trust: bool = False
+    """Run the module of a task that a run folder names as MODULE:NAME; only if you know its author."""
 
     def run(self) -> int:
         """Fly, fly again what failed, write and print."""
         from rans.evaluation.assure.assurance import made
         from rans.evaluation.assure.bounds import plan
+        from rans.evaluation.assure.search import unit
         from rans.evaluation.fly.contestants import output_folder, picked_task
 
         check_count("--episodes", self.episodes)
         for name, value in (("--worst", self.worst), ("--rare", self.rare)):
             if value < 0:
                 raise ConfigError(f"{name} must be >= 0, got {value}.")
+        if self.search:
+            unit(self.search)  # a wrong name is told before anything flies
         episodes = _EPISODES if self.episodes is None and self.failure_below is None else self.episodes
         planned = plan(self.confidence, episodes, self.failure_below)
         assurance = made(self.agent, self.conditions, planned, self.seed, command_line())
@@ -83,7 +88,10 @@ class Assure:
             return 0
         folder = ready_folder(self.output or output_folder(self.agent))
         names = "assurance", picked_task(self.agent), Path(self.conditions or "").stem
-        first = self._fly(assurance, folder / f"{'-'.join(filter(None, names))}.json")
+        file = folder / f"{'-'.join(filter(None, names))}.json"
+        if not self.restart:
+            assurance.check_replaces_nothing(file)
+        first = self._fly(assurance, file)
         shown = self.failure_below is None or assurance.campaign.decision == "below"
         return 0 if shown or not first else 1
 

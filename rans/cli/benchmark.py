@@ -15,7 +15,7 @@ from rans.errors import ConfigError
 from rans.files import command_line, environment, ready_folder, write_json, write_text
 from rans.model.spacecraft_file import load_spacecraft
 from rans.tasks import TASKS
-from rans.terminal import Terminal, table
+from rans.terminal import Terminal, kept, table
 
 if TYPE_CHECKING:
     from validation.peers.runner import PeerResult
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 class Benchmark:
     """Measure engine, trainer, optimiser and agents; compile time is reported apart.
 
-    An otherwise idle machine is needed for figures that repeat.
+    An otherwise idle machine is needed for figures that repeat. Ctrl-C keeps what was measured.
     """
 
     spacecraft: tuple[str, ...] = ("floating-platform", "free-flyer")
@@ -49,15 +49,12 @@ class Benchmark:
     """JSON file to write everything to; a figure goes beside it."""
 
     def run(self) -> int:
-        """Print ratios first, then every figure behind them."""
+        """Print ratios first, then every figure behind them; all there is, if it is interrupted."""
         import torch
 
         from rans.fast.learn.trainer import check_device
 
         laboratory.enter()
-        from validation.peers.unmeasured import UNMEASURED
-        from validation.speed.ratios import bounds
-
         if self.output is not None:
             if self.output.suffix != ".json":
                 raise ConfigError(f"--output must end in .json, got {str(self.output)!r}.")
@@ -67,13 +64,56 @@ class Benchmark:
         if not (device.startswith("cuda") or self.quick):
             _check_compiler()
         console = Terminal()
-        measured = self._measure(console, device)
+        measured: list[Measurement] = []
+        peers: list[tuple[PeerResult, list[Ratio]]] = []
+        with kept(lambda: self._show(console, device, measured, peers)):
+            self._measure(console, device, measured)
+            self._compare(console, device, peers)
+        return 0
+
+    def _measure(self, console: Terminal, device: str, found: list[Measurement]) -> None:
+        from validation.speed.suite import effort, measurements
+
+        crafts, task = [load_spacecraft(name) for name in self.spacecraft], TASKS[self.task]()
+        usual = (16_384, 262_144, 4_194_304) if device.startswith("cuda") else (1024, 16_384, 262_144)
+        sizes = self.num_envs or ((1024,) if self.quick else usual)
+        with console.status("measuring ...") as status:
+            for m in measurements(crafts, self.task, task, sizes, effort(device, self.quick)):
+                found.append(m)
+                gc.collect()  # engines hang in reference cycles, and with them the device's memory
+                status.update(f"measured {m.name}")
+
+    def _compare(self, console: Terminal, device: str, found: list[tuple[PeerResult, list[Ratio]]]) -> None:
+        """Peers, and ratios over them."""
+        from validation.peers.runner import default_folder
+        from validation.speed.ratios import compare_peers
+        from validation.speed.suite import effort
+
+        if not self.peers:
+            return
+        folder = self.peer_folder or default_folder()
+        with console.status("measuring peers ...") as status:
+            for peer, ratios in compare_peers(effort(device, self.quick), folder, self.quick, lambda name: (
+                    status.update(f"measuring {name}, and ours; it may have to be installed ..."))):
+                found.append((peer, ratios))
+
+    def _show(self, console: Terminal, device: str, measured: list[Measurement],
+              compared: list[tuple[PeerResult, list[Ratio]]]) -> None:
+        """Print what there is, and write it; nothing, where nothing was measured."""
+        import torch
+
+        from validation.peers.unmeasured import UNMEASURED
+        from validation.speed.ratios import bounds
+
+        if not measured:
+            return
+        peers, ratios = [peer for peer, _ in compared], [ratio for _, some in compared for ratio in some]
+        shares = list(bounds(measured))
         name = torch.cuda.get_device_name(device) if device.startswith("cuda") else "CPU"
         about = environment() | {"device": name, "threads": str(torch.get_num_threads())}
-        shares = list(bounds(measured))
-        peers, ratios = self._compare(console, device)
-        console.print(table(_hardware(about), ("ratio", "value", "of"),
-                            [(r.name, f"{r.value:,.3g}", r.note) for r in (*ratios, *shares)]))
+        # The first column of a table never breaks, and names are long.
+        console.print(table(_hardware(about), ("value", "ratio", "of"),
+                            [(f"{r.value:,.3g}", r.name, r.note) for r in (*ratios, *shares)]))
         console.print(table("", ("", "measurement", "value", "unit", "warm-up", "note"),
                             map(_measured, measured)))
         if peers:
@@ -82,33 +122,6 @@ class Benchmark:
             console.print(table("", ("not measured", "why", "tried"), map(astuple, UNMEASURED)))
         if self.output is not None:
             self._write(self.output, about, measured, shares, peers, ratios)
-        return 0
-
-    def _measure(self, console: Terminal, device: str) -> list[Measurement]:
-        from validation.speed.suite import effort, measurements
-
-        crafts, task, found = [load_spacecraft(name) for name in self.spacecraft], TASKS[self.task](), []
-        usual = (16_384, 262_144, 4_194_304) if device.startswith("cuda") else (1024, 16_384, 262_144)
-        sizes = self.num_envs or ((1024,) if self.quick else usual)
-        with console.status("measuring ...") as status:
-            for m in measurements(crafts, self.task, task, sizes, effort(device, self.quick)):
-                found.append(m)
-                gc.collect()  # engines hang in reference cycles, and with them the device's memory
-                status.update(f"measured {m.name}")
-        return found
-
-    def _compare(self, console: Terminal, device: str) -> tuple[list[PeerResult], list[Ratio]]:
-        """Peers, and ratios over them."""
-        from validation.peers.runner import default_folder
-        from validation.speed.ratios import compare_peers
-        from validation.speed.suite import effort
-
-        if not self.peers:
-            return [], []
-        with console.status("measuring peers ...") as status:
-            return compare_peers(
-                effort(device, self.quick), self.peer_folder or default_folder(), self.quick,
-                lambda name: status.update(f"measuring {name}, and ours; it may have to be installed ..."))
 
     def _write(self, file: Path, about: dict[str, str], measured: list[Measurement], shares: list[Ratio],
                peers: list[PeerResult], ratios: list[Ratio]) -> None:

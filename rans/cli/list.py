@@ -6,6 +6,7 @@ import json
 import math
 import tomllib
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Annotated, Any
@@ -40,9 +41,9 @@ class List:
     """Show the spacecraft, tasks and agents there are; with a name, one of them in detail."""
 
     name: Annotated[str | None, conf.Positional, conf.arg(metavar="[NAME]")] = None
-    """A spacecraft, a task, an agent, a controller, conditions, or the .toml file of your own spacecraft or
-    conditions. SPACECRAFT, TASKS, AGENTS, CONTROLLERS, CONDITIONS: all of them; TRAINING: the settings of a
-    training."""
+    """A spacecraft, a task, an agent, a controller, conditions, the .toml file of your own spacecraft or
+    conditions, or MODULE:NAME of your own spacecraft, task or conditions. SPACECRAFT, TASKS, AGENTS,
+    CONTROLLERS, CONDITIONS: all of them; TRAINING: the settings of a training."""
     picture: Annotated[Path | None, conf.arg(metavar="FILE")] = None
     """Save a drawing of the spacecraft's thrusters here (.png, .svg or .pdf)."""
     json: bool = False
@@ -91,7 +92,7 @@ class List:
         if name.endswith(".toml"):
             return _kind_of_file(Path(name))
         if ":" in name:
-            return "spacecraft"
+            return _kind_of_object(name)
         near = meant(name, [one for names in known.values() for one in names])
         raise ConfigError(
             f"there is no spacecraft, task, agent, controller or set of conditions named {name!r}{near}; "
@@ -105,6 +106,16 @@ def _kind_of_file(file: Path) -> str:
     except (ValueError, RecursionError):
         return "spacecraft"
     return "conditions" if keys and keys <= {one.name for one in fields(Conditions)} else "spacecraft"
+
+
+def _kind_of_object(name: str) -> str:
+    """What MODULE:NAME is; what is neither of these is told by the check of spacecraft."""
+    registries: dict[str, Registry[Any]] = {"task": TASKS, "conditions": CONDITIONS}
+    for kind, registry in registries.items():
+        with suppress(ConfigError):
+            registry[name]
+            return kind
+    return "spacecraft"
 
 
 def _everything(_: str) -> Iterable[str | Listing]:
@@ -203,7 +214,8 @@ def _spacecraft_details(name: str) -> Iterable[str | Listing]:
 def _task_details(name: str) -> Iterable[str | Listing]:
     task = load_task(name)
     yield f"{name}: {_summary(type(task))}"
-    yield f"Gymnasium: {', '.join(gymnasium_ids(name))}; task flag: {_flag(task)}"
+    ids = _environments(name)
+    yield (f"Gymnasium: {', '.join(ids)}; " if ids else "") + f"task flag: {_flag(task)}"
     yield from task_listings(task, "settings.")
     yield "Any of these: rans train --set settings.NAME=VALUE. Those of every training: rans list TRAINING."
 
@@ -217,7 +229,7 @@ def _training_details(_: str) -> list[Listing]:
 
 def _conditions_details(name: str) -> Iterable[str]:
     load_conditions(name)  # says what is wrong with it
-    text = CONDITIONS[name].text if name in CONDITIONS else legible(read_text(Path(name)), 20_000)
+    text = legible(read_text(Path(name)), 20_000) if name.endswith(".toml") else CONDITIONS[name].text
     yield from text.rstrip().splitlines()
 
 
@@ -239,10 +251,15 @@ def _flag(task: object) -> str:
     return str(getattr(task, "flag", "drawn"))
 
 
+def _environments(task: str) -> tuple[str, ...]:
+    """Their Gymnasium ids; those of MODULE:NAME are not registered."""
+    return () if ":" in task else gymnasium_ids(task)
+
+
 def _task_facts(name: str) -> dict[str, Any]:
     task: Any = load_task(name)
     parts = task.parts()
-    return {"summary": _summary(type(task)), "gymnasium": gymnasium_ids(name), "settings": asdict(task),
+    return {"summary": _summary(type(task)), "gymnasium": _environments(name), "settings": asdict(task),
             "flag": getattr(task, "flag", None),
             "reward": {part or name: reward_formulas(one) for part, one in parts.items()},
             "tolerances": {part or name: one.tolerances() for part, one in parts.items()},

@@ -84,7 +84,10 @@ class Train:
 
         if self.resume is not None:
             if replace(self, resume=None, view=False, terms=False, log=(), trust=False) != Train():
-                raise ConfigError("--resume takes everything from the run folder; give nothing else.")
+                file = self.resume / "config.json"
+                raise ConfigError("--resume takes everything from the run folder; give nothing else. To "
+                                  f"train longer, raise total_timesteps in {file} (and make solved_share "
+                                  f"null, if it is solved); to change more, begin anew with --config {file}.")
             run = RunFolder(self.resume)
             config = run.config()
             trainer = Trainer([config], run.spacecraft(), run, join(config.device))
@@ -121,7 +124,10 @@ class Train:
             table["conditions"] = json.loads(json.dumps(asdict(load_conditions(self.conditions))))
         for change in self.set:
             _change(table, change)
-        return from_table(table)
+        config = from_table(table)
+        if self.config is not None and self.spacecraft is None and config.spacecraft == begun.spacecraft:
+            _check_unchanged(config.spacecraft, self.config)
+        return config
 
     def run(self) -> int:
         """Train with progress; 130 when it was stopped early."""
@@ -225,6 +231,21 @@ def _change(table: dict[str, Any], change: str) -> None:
         inner[last] = json.loads(text)
     except (ValueError, RecursionError):
         inner[last] = text
+
+
+def _check_unchanged(spacecraft: str, config: Path) -> None:
+    """Refuse a spacecraft that is another one by now than that of the run whose config names it."""
+    flown = config.with_name("spacecraft.toml")
+    if not flown.exists():
+        return
+    then = f"--spacecraft {shlex.quote(str(flown))} takes that of then"
+    try:
+        now = load_spacecraft(spacecraft)
+    except ConfigError as error:
+        raise ConfigError(f"{error} {config} names it; {then}.") from error
+    if now != load_spacecraft(flown):
+        raise ConfigError(f"{spacecraft} is another spacecraft now than {config} was used with: {then}, "
+                          f"--spacecraft {shlex.quote(spacecraft)} that of now.")
 
 
 def _keys(table: dict[str, Any], place: str = "") -> Iterator[str]:

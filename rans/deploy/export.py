@@ -21,11 +21,14 @@ from rans.fast.learn.config import PPOSettings, to_table
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.policy import write_policy
 from rans.fast.saved import SavedPolicy, read_policy
-from rans.files import plain, read_json, write_json, write_text
+from rans.files import plain, read_json, read_text, write_json, write_text
 from rans.flight import Setup
 from rans.scenario import EVALUATION_SEED
 
 Form = Literal["sb3", "onnx", "numpy"]
+_FILES: dict[Form, tuple[str, ...]] = {
+    "sb3": ("policy.zip", "config.json"), "onnx": ("agent.onnx",), "numpy": ("agent.py", "agent.npz")}
+"""Of the agent, by its form."""
 
 
 def export(run: Path, folder: Path, form: Form = "sb3", episodes: int = 1024,
@@ -42,7 +45,8 @@ def export(run: Path, folder: Path, form: Form = "sb3", episodes: int = 1024,
     a multi-task agent, with each of its tasks. An agent that was exported before keeps its card.
 
     Raises:
-        ConfigError: the run holds no agent, the folder is the run, a package is missing, or the disk refused.
+        ConfigError: the run holds no agent, the folder is a run or another agent's, a package is missing, or
+            the disk refused.
     """
     if folder.resolve() == run.resolve():
         raise ConfigError(f"{folder} is the run itself: export it into another folder.")
@@ -52,6 +56,8 @@ def export(run: Path, folder: Path, form: Form = "sb3", episodes: int = 1024,
     saved = read_policy(source.policy_file, craft, config.settings)
     network, text = saved.network, source.spacecraft_file.read_text("utf-8")
     seen = observed(network, Setup(craft, config.settings, config.timing, config.conditions.or_none))
+    pairs = json.dumps(golden(network, seen)) + "\n"
+    _check_alone(folder, form, pairs)
     about = contract(name, config, craft, text, network.architecture.memory, seen)
     write_agent(folder, form, saved, config.ppo, f"{name}: flies {craft.name} by RANS's task {config.task}.",
                 json.dumps(plain(about)))
@@ -59,7 +65,7 @@ def export(run: Path, folder: Path, form: Form = "sb3", episodes: int = 1024,
         write_json(target.config_file, to_table(config) | {"spacecraft": craft.name})
     write_text(target.spacecraft_file, text)
     write_json(folder / "contract.json", about)
-    write_text(folder / "golden.json", json.dumps(golden(network, seen)) + "\n")
+    write_text(folder / "golden.json", pairs)
 
     if "evaluation" not in card:
         card |= {"episodes": episodes, "evaluation_seed": seed, "date": datetime.now(UTC).date().isoformat(),
@@ -68,6 +74,19 @@ def export(run: Path, folder: Path, form: Form = "sb3", episodes: int = 1024,
     card = {"name": name, "task": config.task, "spacecraft": craft.name} | card
     write_json(folder / "card.json", card)
     return card
+
+
+def _check_alone(folder: Path, form: Form, pairs: str) -> None:
+    """Refuse to lay an agent's contract and golden pairs beside files that are another agent's."""
+    if RunFolder(folder).metrics_file.exists():
+        raise ConfigError(f"{folder} is the run folder of a training: export into another folder.")
+    others = [name for other, names in _FILES.items() if other != form for name in names
+              if (folder / name).exists()]
+    file = folder / "golden.json"
+    if others and not (file.exists() and read_text(file) == pairs):
+        raise ConfigError(f"{folder} holds another agent's {' and '.join(others)}, to which this one's "
+                          "contract and golden pairs would not apply: export into another folder, or delete "
+                          "them.")
 
 
 def write_agent(folder: Path, form: Form, saved: SavedPolicy, settings: PPOSettings, title: str,

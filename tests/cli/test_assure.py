@@ -72,9 +72,16 @@ def test_ctrl_c_keeps_what_was_flown_and_the_same_command_goes_on(monkeypatch: p
     told = capsys.readouterr()
     assert "Interrupted" in told.out
     assert "writing what was found" in told.err
-    assert main(command) == 0
+    before = Path("here/assurance.json").read_bytes()
+    assert main([*command, "--episodes", "48", "--seed", "7"]) == 2  # flights that took long are not lost
+    told = capsys.readouterr()
+    assert "holds 32 of 64 flights of a campaign that was interrupted" in told.err
+    assert "another one (by its seed, looks)" in told.err
+    assert Path("here/assurance.json").read_bytes() == before
+    assert main(["assure", AGENT.removeprefix("pretrained:"), *command[2:]]) == 0  # as of a moved folder
     assert calls == [0, 32, 32]
     assert json.loads(Path("here/assurance.json").read_text("utf-8"))["campaign"]["flights"] == 64
+    assert main([*command, "--episodes", "48"]) == 0  # what was complete is made anew
 
 
 def test_a_plan_says_what_a_bound_takes(capsys: pytest.CaptureFixture[str]) -> None:
@@ -98,13 +105,15 @@ def test_a_bound_that_is_refuted_ends_with_1(capsys: pytest.CaptureFixture[str])
     ([AGENT, "--confidence", "99"], "--confidence"),
     ([AGENT, "--failure-below", "1e-12"], "2,147,483,647 flights cannot show"),
     ([AGENT, "--episodes", "1", "--search", "perfect"], "--search perfect"),
+    ([AGENT, "--episodes", "1", "--search", "labb"], "did you mean lab?"),
     ([AGENT, "--device", "abacus", "--episodes", "1"], "abacus")])
 def test_wrong_input_is_refused_in_a_sentence(arguments: list[str], words: str,
                                               capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["assure", *arguments]) == 2
-    told = capsys.readouterr().err
-    assert words in told
-    assert told.count("\n") == 1
+    told = capsys.readouterr()
+    assert words in told.err
+    assert told.err.count("\n") == 1
+    assert told.out == ""  # before anything flies
 
 
 def test_it_needs_neither_drake_nor_pictures(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from rans.tasks import TASKS
 from rans.terminal import Terminal
 from validation.peers.runner import Peer, PeerResult
 from validation.speed.measurement import Measurement
+from validation.speed.ratios import Ratio
 
 
 @pytest.fixture(autouse=True)
@@ -81,6 +83,54 @@ def test_peers_that_cannot_be_installed_are_rows_that_say_why(
     assert "trained steps/s, over stable-baselines3" in content["ratios"][0]["name"]
 
 
+def test_interrupted_it_shows_and_writes_what_was_measured(
+        capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ctrl-C comes while the first agent is timed: the figure has no panel of agents."""
+    def measured(*_: object) -> Iterator[Measurement]:
+        yield Measurement("memory", "memory copy", 12.5, "GB/s")
+        yield Measurement("engine", "7 environments", 3.0, "M steps/s", bound=4.0,
+                          bound_name="what the copy bandwidth allows to it")
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("validation.speed.suite.measurements", measured)
+    monkeypatch.setenv("COLUMNS", "60")
+    file = tmp_path / "speed.json"
+    assert main(["benchmark", *QUICK, "--output", str(file)]) == 130
+    said = capsys.readouterr()
+    assert "12.5" in said.out
+    assert "0.75" in said.out  # its share of the bound, also on a narrow terminal
+    assert "Interrupted; writing what was found." in said.err
+    assert [row["value"] for row in json.loads(file.read_text())["measurements"]] == [12.5, 3.0]
+    assert "7 environments" in file.with_suffix(".svg").read_text()
+
+
+def test_interrupted_among_peers_it_keeps_those_before(
+        capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    def compared(*_: object) -> Iterator[tuple[PeerResult, list[Ratio]]]:
+        yield PeerResult("brax", "python brax.py", reason="no wheel"), [Ratio("steps/s, over brax", 8.0)]
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("validation.speed.suite.measurements", lambda *_: [
+        Measurement("engine", "7 environments", 3.0, "M steps/s")])
+    monkeypatch.setattr("validation.speed.ratios.compare_peers", compared)
+    assert main(["benchmark", *QUICK, "--peers"]) == 130
+    out = capsys.readouterr().out
+    assert "no wheel" in out
+    assert "steps/s, over brax" in out
+
+
+def test_interrupted_before_anything_was_measured_it_writes_nothing(
+        capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def measured(*_: object) -> Iterator[Measurement]:
+        raise KeyboardInterrupt
+        yield
+
+    monkeypatch.setattr("validation.speed.suite.measurements", measured)
+    assert main(["benchmark", *QUICK, "--output", str(tmp_path / "speed.json")]) == 130
+    assert capsys.readouterr().out == ""
+    assert list(tmp_path.iterdir()) == []
+
+
 @pytest.mark.parametrize(("arguments", "message"), [
     (["--device", "tpu"], "device must be cpu or cuda, got 'tpu'"),
     ([*QUICK, "--num-envs", "0"], "must be a whole number >= 1 and < 2^31, got 0"),
@@ -125,7 +175,7 @@ def test_sizes(options: dict[str, Any], expected: tuple[int, ...], monkeypatch: 
     """What was asked for, or what its help promises."""
     asked: list[tuple[Any, ...]] = []
     monkeypatch.setattr("validation.speed.suite.measurements", lambda *given: asked.append(given) or ())
-    assert Benchmark(task="track-twist", **options)._measure(Terminal(), options["device"]) == []
+    Benchmark(task="track-twist", **options)._measure(Terminal(), options["device"], [])
     [(crafts, name, task, sizes, _)] = asked
     assert sizes == expected
     assert ([craft.name for craft in crafts], name) == (["floating-platform", "free-flyer"], "track-twist")

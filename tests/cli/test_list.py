@@ -192,3 +192,22 @@ def test_a_task_tells_its_reward_ends_and_keys(capsys: pytest.CaptureFixture[str
                  "125 control periods of 0.2 s"):
         assert told in text
     assert "ppo.n_envs" in listed(capsys, "TRAINING")
+
+
+def test_what_a_module_has(capsys: pytest.CaptureFixture[str], tmp_path: Path,
+                           monkeypatch: pytest.MonkeyPatch) -> None:
+    """A task and conditions too, not only spacecraft; the task has no id of Gymnasium."""
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "listed.py").write_text(
+        "import rans\nfrom rans import GoToPose\n"
+        "late = rans.Conditions(thrusters=rans.ThrusterConditions(latency=0.125))\n")
+    assert main(["list", "listed:GoToPose"]) == 0
+    out = capsys.readouterr().out
+    assert "settings.fine_weight" in out
+    assert "Gymnasium" not in out
+    assert main(["list", "listed:GoToPose", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["gymnasium"] == []
+    assert main(["list", "listed:late"]) == 0
+    assert "latency = 0.125" in capsys.readouterr().out
+    assert main(["list", "listed:nothing"]) == 2
+    assert "the spacecraft 'listed:nothing' cannot be used" in capsys.readouterr().err

@@ -18,6 +18,7 @@ from rans.cli import main, train
 from rans.cli.train import StopGently, Train, compile_in_this_process
 from rans.fast.learn.config import to_table
 from rans.fast.learn.run_folder import RunFolder, read_config
+from rans.model.spacecraft_file import spacecraft_text
 from tests.fast.training import weights
 from tests.processes import PATIENCE, command
 
@@ -101,6 +102,30 @@ def test_options_change_a_config() -> None:
     assert config.spacecraft == "floating-platform-air-tank"
     assert config.ppo.layers == (16, 16)
     assert (trained("first") != trained("second")).any()
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_a_config_trains_the_spacecraft_that_it_was_used_with(capsys: pytest.CaptureFixture[str]) -> None:
+    """One whose file was changed since, or moved away, is not taken or missed silently."""
+    craft, then = Path("my craft.toml"), "first/spacecraft.toml"
+    craft.write_text(spacecraft_text("floating-platform"))
+    assert main([*tiny(), "--total-timesteps", "100", "--spacecraft", str(craft), "--run", "first"]) == 0
+    assert main(["train", "--config", "first/config.json", "--run", "same"]) == 0
+    craft.write_text(craft.read_text().replace("mass = 5.32", "mass = 9.0"))
+    capsys.readouterr()
+    said = refused(capsys, "--config", "first/config.json", "--run", "other")
+    assert "my craft.toml is another spacecraft now" in said
+    assert f"--spacecraft {then} takes that of then" in said
+    assert "--spacecraft 'my craft.toml' that of now" in said
+    for given, mass in ((then, 5.32), (str(craft), 9.0)):
+        run = f"of-{mass}"
+        assert main(["train", "--config", "first/config.json", "--spacecraft", given, "--run", run]) == 0
+        assert RunFolder(Path(run)).spacecraft().mass == mass
+    craft.unlink()
+    capsys.readouterr()
+    said = refused(capsys, "--config", "first/config.json", "--run", "other")
+    assert "cannot read the spacecraft file my craft.toml" in said
+    assert f"--spacecraft {then} takes that of then" in said
 
 
 @pytest.mark.usefixtures("undrawn")

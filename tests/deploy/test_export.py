@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from dataclasses import replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
@@ -18,7 +19,7 @@ from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.measure.aggregate import measure
 from rans.flight import fly
 from rans.scenario import scenarios
-from tests.fast.training import tiny_trainer
+from tests.fast.training import CONFIG, tiny_trainer
 
 
 @pytest.fixture(scope="module")
@@ -106,7 +107,7 @@ def test_what_cannot_be_exported_is_one_sentence(run: Path, shipped: Path, tmp_p
     assert not (tmp_path / "again").exists()
     bare = Path(shutil.copytree(run, tmp_path / "bare"))
     (bare / "policy.zip").unlink()
-    with pytest.raises(ConfigError, match=r"has no policy\.zip yet"):
+    with pytest.raises(ConfigError, match=r"has no policy\.zip: its training has not come"):
         export(bare, tmp_path / "again")
 
 
@@ -119,3 +120,20 @@ def test_a_copy_of_the_sources_that_is_not_installed(run: Path, tmp_path: Path,
     export(run, tmp_path / "first", episodes=2)
     assert json.loads((tmp_path / "first" / "contract.json").read_text())["rans"] == "not installed"
     assert rans.__version__ == "not installed"
+
+
+def test_another_agents_files_are_not_mixed_with_its_own(run: Path, tmp_path: Path) -> None:
+    """The same agent's forms share a folder, and one form is written over; neither is a run written over."""
+    folder, other = tmp_path / "agents", tmp_path / "other"
+    tiny_trainer(other, replace(CONFIG, seed=5)).train(lambda _: None)
+    export(run, folder, "numpy", episodes=4)
+    export(run, folder, "onnx", episodes=4)
+    before = {file: file.read_bytes() for file in (*folder.iterdir(), *other.glob("*.*"))}
+    with pytest.raises(ConfigError, match=r"agents holds another agent's agent\.py and agent\.npz, to which"):
+        export(other, folder, "onnx", episodes=4)
+    with pytest.raises(ConfigError, match="other is the run folder of a training"):
+        export(run, other, episodes=4)
+    assert before == {file: file.read_bytes() for file in before}
+    (folder / "agent.onnx").unlink()
+    export(other, folder, "numpy", episodes=4)
+    assert (folder / "agent.npz").read_bytes() != before[folder / "agent.npz"]

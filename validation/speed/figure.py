@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import partial
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -17,27 +18,25 @@ from validation.speed.ratios import Ratio
 
 @styled
 def speed_figure(title: str, measured: Sequence[Measurement], ratios: Sequence[Ratio]) -> Figure:
-    """Bars with their values; the engine's bound is a red line.
+    """Bars with their values; the engine's bound is a red line. What was not measured has no panel.
 
     Args:
         title: hardware and versions.
-        measured: of `validation.speed.suite.measurements`.
+        measured: of `validation.speed.suite.measurements`, all or some.
         ratios: of ours over peers', if there are any.
     """
     engine = [m for m in measured if m.kind == "engine"]
     agents = [m for m in measured if m.kind == "policy" and m.value is not None]
-    rows = [len(engine), len(agents), *([len(ratios)] if ratios else [])]
-    figure = Figure(figsize=(9.0, 1.0 + 0.28 * sum(rows) + 0.7 * len(rows)), layout="constrained")
+    panels = [(len(rows), draw) for rows, draw in (
+        (engine, partial(_roofline, engine=engine)), (agents, partial(_answers, agents=agents)),
+        (ratios, partial(_over_peers, ratios=ratios))) if rows]
+    sizes = [size for size, _ in panels]
+    figure = Figure(figsize=(9.0, 1.0 + 0.28 * sum(sizes) + 0.7 * len(sizes)), layout="constrained")
     figure.suptitle(title, fontsize=9, color=INK)
-    panels = figure.subplots(len(rows), 1, height_ratios=rows, squeeze=False)[:, 0]
-    _roofline(panels[0], engine)
-    _bars(panels[1], [m.name for m in agents], [m.value or 0.0 for m in agents], 0.0)
-    label(panels[1], "an agent on one CPU core", "microseconds to answer one observation", "")
-    if ratios:
-        _bars(panels[2], [r.name for r in ratios], [r.value for r in ratios], 1.0)
-        panels[2].set_xscale("log")
-        label(panels[2], "ours over peers on this machine", "ratio; 1: as fast", "")
-    for axes in panels:
+    grid = figure.add_gridspec(len(sizes) or 1, 1, height_ratios=sizes or None)
+    for row, (_, draw) in enumerate(panels):
+        axes = figure.add_subplot(grid[row])
+        draw(axes)
         axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:,g}"))
     return figure
 
@@ -52,6 +51,17 @@ def _roofline(axes: Axes, engine: Sequence[Measurement]) -> None:
     axes.set_xscale("log")
     axes.set_xlim(left=start)
     label(axes, "the engine; red: what the copy bandwidth allows", "M environment steps/s", "")
+
+
+def _answers(axes: Axes, agents: Sequence[Measurement]) -> None:
+    _bars(axes, [m.name for m in agents], [m.value or 0.0 for m in agents], 0.0)
+    label(axes, "an agent on one CPU core", "microseconds to answer one observation", "")
+
+
+def _over_peers(axes: Axes, ratios: Sequence[Ratio]) -> None:
+    _bars(axes, [r.name for r in ratios], [r.value for r in ratios], 1.0)
+    axes.set_xscale("log")
+    label(axes, "ours over peers on this machine", "ratio; 1: as fast", "")
 
 
 def _bars(axes: Axes, names: Sequence[str], values: Sequence[float], start: float) -> None:

@@ -37,7 +37,7 @@ def bounds(measured: Sequence[Measurement]) -> Iterator[Ratio]:
 
 
 def compare_peers(spend: Effort, folder: Path, quick: bool, progress: Callable[[str], object],
-                  ) -> tuple[list[PeerResult], list[Ratio]]:
+                  ) -> Iterator[tuple[PeerResult, list[Ratio]]]:
     """Measure every peer, and ours right after it.
 
     Args:
@@ -46,12 +46,10 @@ def compare_peers(spend: Effort, folder: Path, quick: bool, progress: Callable[[
         quick: as little as possible of theirs; nobody trains until solved.
         progress: told who is measured.
     """
-    results, ratios = [], []
     for peer in PEERS:
         progress(peer.package)
-        results.append(measure_peer(peer, spend.clock.device, folder, quick))
-        ratios.extend(_ratios(results[-1], spend))
-    return results, ratios
+        result = measure_peer(peer, spend.clock.device, folder, quick)
+        yield result, list(_ratios(result, spend))
 
 
 def _ratios(peer: PeerResult, spend: Effort) -> Iterator[Ratio]:

@@ -18,7 +18,7 @@ from rans.evaluation.assure.chances import Chances
 from rans.evaluation.assure.evidence import hashes
 from rans.evaluation.assure.rare import Rare, rare
 from rans.evaluation.assure.replay import Replays, replays
-from rans.evaluation.assure.search import Searched, on_device, searched
+from rans.evaluation.assure.search import Searched, on_device, searched, unit
 from rans.evaluation.fly.agent import Agent, LoadedRun
 from rans.evaluation.fly.contestants import contestant, judged_separately
 from rans.fast.distributed import ALONE, Processes
@@ -27,7 +27,7 @@ from rans.fast.verdicts import Failure
 from rans.files import environment as this_environment
 from rans.files import read_json
 from rans.model.conditions import Conditions
-from rans.model.conditions_file import conditions_text, load_conditions
+from rans.model.conditions_file import conditions_text
 
 
 @dataclass
@@ -100,7 +100,7 @@ class Assurance:
 
     def search(self, world: str, device: str, told: Callable[[int], object] = lambda _: None) -> None:
         """Look for the smallest disturbance that breaks the agent, see `rans.evaluation.assure.search`."""
-        self.searched = searched(world, load_conditions(world), self.run.controller,
+        self.searched = searched(world, unit(world), self.run.controller,
                                  on_device(self._network, device), self.run.judged, self.campaign.seed, told)
 
     @property
@@ -117,12 +117,37 @@ class Assurance:
     def go_on(self, file: Path) -> bool:
         """Take over what an earlier, equal campaign wrote; whether there was one."""
         before = read_json(file) if file.exists() else {}
-        if not isinstance(before, dict) or before.get("about") != self.about:
+        if not isinstance(before, dict) or self._differs_in(before.get("about")):
             return False
         self.campaign.go_on_from(before.get("campaign", {}))
         if self.campaign.over:
             self.environment = before["environment"]
         return True
+
+    def check_replaces_nothing(self, file: Path) -> None:
+        """Refuse (`ConfigError`) to write over another campaign that was interrupted: flights take long."""
+        before = read_json(file) if file.exists() else {}
+        try:
+            flights, most = before["campaign"]["flights"], before["about"]["looks"][-1][0]
+            interrupted = before["decision"] == "open" and 0 < flights < most
+        except (KeyError, TypeError, IndexError):
+            return  # no campaign
+        if interrupted and (differing := self._differs_in(before["about"])):
+            raise ConfigError(f"{file} holds {flights:,} of {most:,} flights of a campaign that was "
+                              f"interrupted, and this is another one (by its {', '.join(differing)}): go on "
+                              "with the command that the file tells, choose another folder with --output, or "
+                              "replace it with --restart.")
+
+    def _differs_in(self, about: Any) -> list[str]:
+        """What of `about` is another; that the agent's folder was moved does not matter, its hashes tell."""
+        def told(about: Any) -> dict[str, Any]:
+            known = about if isinstance(about, dict) else {}
+            hashes = known.get("hashes")
+            return {key: value for key, value in known.items() if key not in ("agent", "hashes")} | (
+                hashes if isinstance(hashes, dict) else {})
+
+        ours, theirs = told(self.about), told(about)
+        return [key for key in ours if key not in theirs or theirs[key] != ours[key]]
 
     def to_json(self) -> dict[str, Any]:
         """For `rans.files.write_json`."""

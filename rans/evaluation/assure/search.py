@@ -22,6 +22,7 @@ from rans.fast.learn.network import Network
 from rans.fast.verdicts import Failure
 from rans.flight import Controller, Flight, Setup
 from rans.model.conditions import BodyConditions, Conditions, ThrusterConditions
+from rans.model.conditions_file import load_conditions
 from rans.model.random import generator
 
 _LARGEST = 2.0
@@ -105,25 +106,33 @@ class Searched:
                     "again": {judge: kind.name if kind else None for judge, kind in found.again.items()}}}
 
 
+def unit(world: str) -> Conditions:
+    """Conditions whose ranges a disturbance can be measured in.
+
+    Raises:
+        ConfigError: there are none of this name, or they are a mixture or a perfect world, which has no size.
+    """
+    conditions = load_conditions(world)
+    if conditions.others or conditions.or_none is None:
+        raise ConfigError(f"--search {world} gives no unit of disturbance: it must be conditions that are no "
+                          "mixture and not perfect, such as lab.")
+    return conditions
+
+
 def searched(world: str, conditions: Conditions, controller: Controller, network: Network, setup: Setup,
              seed: int, told: Callable[[int], object] = lambda _: None) -> Searched:
     """Search over starts and conditions within bounds; flights that fail are flown again before one is named.
 
     Args:
         world: name of the conditions.
-        conditions: whose ranges the disturbance is measured in; they and the start are searched over.
+        conditions: its `unit`, whose ranges the disturbance is measured in; they and the start are searched
+            over.
         controller: the agent.
         network: its own, of one member on the device to search on.
         setup: what flies, and what for.
         seed: of the search.
         told: called with the number of flights flown since the last call.
-
-    Raises:
-        ConfigError: the conditions are a mixture, or a perfect world, which has no size.
     """
-    if conditions.others or conditions.or_none is None:
-        raise ConfigError(f"--search {world} gives no unit of disturbance: it must be conditions that are no "
-                          "mixture and not perfect, such as lab.")
     chances = Chances.of(setup._replace(conditions=sized(conditions)))
     device = next(iter(network.tensors.values())).device
     score, largest = chances.scores(network, device), min(_LARGEST, room(conditions))

@@ -78,7 +78,8 @@ def load_agent(path: Path) -> LoadedRun:
     run = RunFolder(path)
     config, craft = run.config(), run.spacecraft()
     if not run.policy_file.exists():
-        raise ConfigError(f"{path} has no policy.zip yet: training was stopped before its first checkpoint.")
+        raise ConfigError(f"{path} has no policy.zip: its training has not come to its first checkpoint "
+                          "yet, or was stopped before.")
     network = read_policy(run.policy_file, craft, config.settings).network
     _check_fit(network, craft, config.settings, run)
     return LoadedRun(Agent(network, path.resolve().name), craft, config.settings, config.timing,

@@ -78,8 +78,11 @@ class Member:
 
     @property
     def solved(self) -> bool:
-        """Whether enough reports in a row found the task solved."""
-        return self.in_a_row >= SOLVED_IN_A_ROW
+        """Whether enough reports in a row found the task solved, and that is asked for.
+
+        Who goes on with a solved agent strikes ``solved_share`` from its config.
+        """
+        return self.config.solved_share is not None and self.in_a_row >= SOLVED_IN_A_ROW
 
     @property
     def diverged(self) -> bool:

@@ -68,7 +68,11 @@ class RunFolder:
     def config(self) -> TrainConfig:
         """The training's config; ConfigError where the folder holds none, or one of another version."""
         if not self.config_file.exists():
-            why = "it has no config.json" if self.path.exists() else "there is nothing of that name"
+            why, best = "there is nothing of that name", self.path / "best"
+            if self.path.exists():
+                why = "it has no config.json"
+            if (best / "config.json").exists():
+                why += f"; the best agent of this sweep is {best}"
             raise ConfigError(f"{self.path} is not a run folder: {why}.")
         return read_config(self.config_file)
 

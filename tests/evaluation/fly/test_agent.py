@@ -64,7 +64,7 @@ def test_it_flies(trained: Path) -> None:
 
 def test_no_agent_yet(run_folder: Path) -> None:
     (run_folder / "policy.zip").unlink()
-    with pytest.raises(ConfigError, match=r"has no policy\.zip yet"):
+    with pytest.raises(ConfigError, match=r"has no policy\.zip: its training"):
         load_agent(run_folder)
     with pytest.raises(ConfigError, match="is not a run folder"):
         load_agent(run_folder / "nowhere")

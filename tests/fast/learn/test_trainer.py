@@ -52,7 +52,10 @@ def test_what_a_run_holds(tmp_path: Path) -> None:
 
 
 def test_solved_twice_in_a_row(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """One lucky report does not end a training; nor does a stop between reports make two of one."""
+    """One lucky report does not end a training; nor does a stop between reports make two of one.
+
+    A solved training goes on where its config says so.
+    """
     config = replace(CONFIG, report_interval=2, solved_share=0.9, total_timesteps=10_000)
     found = iter([0.95, 0.2, 0.9, 0.91, 0.99, 0.99])
     trainer = tiny_trainer(tmp_path / "run", config)
@@ -65,6 +68,13 @@ def test_solved_twice_in_a_row(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     again.train(ignore)
     assert again.solved
     assert again.steps == 8 * 128
+    file = tmp_path / "run/config.json"
+    file.write_text(file.read_text().replace('"solved_share": 0.9', '"solved_share": null')
+                    .replace('"total_timesteps": 10000', '"total_timesteps": 1280'))
+    longer = resumed(tmp_path / "run")
+    longer.train(ignore)
+    assert not longer.solved
+    assert longer.steps == 10 * 128
 
 
 def test_the_bound_of_the_step_size_falls_towards_the_end(tmp_path: Path) -> None:

@@ -52,3 +52,9 @@ def test_without_peers_there_is_no_panel_of_ratios(ratios: list[Ratio], panels: 
     figure = speed_figure("machine", MEASURED, ratios)
     assert len(figure.axes) == panels
     assert figure.get_suptitle() == "machine"
+
+
+@pytest.mark.parametrize(("kinds", "panels"), [({"memory"}, 0), ({"memory", "engine"}, 1), ({"policy"}, 1)])
+def test_what_was_not_measured_has_no_panel(kinds: set[str], panels: int) -> None:
+    figure = speed_figure("machine", [m for m in MEASURED if m.kind in kinds], [])
+    assert len(figure.axes) == panels

@@ -65,7 +65,7 @@ def compared(monkeypatch: pytest.MonkeyPatch, asked: str, **figures: Any) -> dic
     monkeypatch.setattr(ratios, "PEERS", (Peer("other", "other", "other.py", ()),))
     monkeypatch.setattr(ratios, "measure_peer", lambda *_: PeerResult("other", "command", figures=figures))
     said: list[str] = []
-    [result], found = compare_peers(effort(asked, quick=True), Path(), True, said.append)
+    [(result, found)] = compare_peers(effort(asked, quick=True), Path(), True, said.append)
     assert said == [result.package] == ["other"]
     return {ratio.name: ratio.value for ratio in found}
 
