@@ -59,6 +59,7 @@ def run(trained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Itera
 
 
 COMMANDS = ["evaluate run --episodes 2", "compare run --with lqr", "view run --save page.html", "stress run",
+            "assure run --episodes 2",
             "follow run", "export run --output out", "train --resume run", "train --config run/config.json",
             "train --config craft.json", "sweep --resume sweep"]
 

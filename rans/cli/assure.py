@@ -64,6 +64,8 @@ class Assure:
     """Begin anew, though an equal campaign was interrupted."""
     output: Path | None = None
     """Folder of the results; by default the agent's."""
+    trust: bool = False
+    """Run the module of a task that a run folder names as MODULE:NAME; only if you know its author."""
 
     def run(self) -> int:
         """Fly, fly again what failed, write and print."""
