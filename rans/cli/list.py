@@ -20,7 +20,7 @@ from rans.model.conditions_file import CONDITIONS, load_conditions
 from rans.model.spacecraft_file import SPACECRAFT, load_spacecraft, spacecraft_names
 from rans.model.timing import Timing
 from rans.pretrained import pretrained_card, pretrained_folder, pretrained_names
-from rans.registry import Registry
+from rans.registry import Registry, from_here, resolve
 from rans.show.layout_text import AWAY, TOWARDS, layout_text
 from rans.show.listing import (
     Listing,
@@ -30,7 +30,7 @@ from rans.show.listing import (
     task_listings,
     thruster_listing,
 )
-from rans.tasks import TASKS, gymnasium_ids, load_task, observation_columns
+from rans.tasks import TASKS, Task, gymnasium_ids, load_task, observation_columns
 from rans.tasks.formula import reward_formulas
 from rans.terminal import Terminal
 
@@ -40,9 +40,9 @@ class List:
     """Show the spacecraft, tasks and agents there are; with a name, one of them in detail."""
 
     name: Annotated[str | None, conf.Positional, conf.arg(metavar="[NAME]")] = None
-    """A spacecraft, a task, an agent, a controller, conditions, or the .toml file of your own spacecraft or
-    conditions. SPACECRAFT, TASKS, AGENTS, CONTROLLERS, CONDITIONS: all of them; TRAINING: the settings of a
-    training."""
+    """A spacecraft, a task, an agent, a controller, conditions, the .toml file of your own spacecraft or
+    conditions, or MODULE:NAME of whatever is your own. SPACECRAFT, TASKS, AGENTS, CONTROLLERS, CONDITIONS:
+    all of them; TRAINING: the settings of a training."""
     picture: Annotated[Path | None, conf.arg(metavar="FILE")] = None
     """Save a drawing of the spacecraft's thrusters here (.png, .svg or .pdf)."""
     json: bool = False
@@ -91,7 +91,7 @@ class List:
         if name.endswith(".toml"):
             return _kind_of_file(Path(name))
         if ":" in name:
-            return "spacecraft"
+            return _kind_of_object(name)
         near = meant(name, [one for names in known.values() for one in names])
         raise ConfigError(
             f"there is no spacecraft, task, agent, controller or set of conditions named {name!r}{near}; "
@@ -105,6 +105,19 @@ def _kind_of_file(file: Path) -> str:
     except (ValueError, RecursionError):
         return "spacecraft"
     return "conditions" if keys and keys <= {one.name for one in fields(Conditions)} else "spacecraft"
+
+
+def _kind_of_object(reference: str) -> str:
+    """What an object of somebody's module is; what is nothing else is told by the spacecraft's reader."""
+    try:
+        found = resolve(from_here(reference))
+    except ConfigError as error:
+        raise ConfigError(f"{reference} cannot be shown: {error}") from error
+    if isinstance(found, Conditions):
+        return "conditions"
+    if isinstance(found, type) and issubclass(found, Task):
+        return "task"
+    return "controller" if hasattr(found, "act") else "spacecraft"
 
 
 def _everything(_: str) -> Iterable[str | Listing]:
@@ -203,7 +216,8 @@ def _spacecraft_details(name: str) -> Iterable[str | Listing]:
 def _task_details(name: str) -> Iterable[str | Listing]:
     task = load_task(name)
     yield f"{name}: {_summary(type(task))}"
-    yield f"Gymnasium: {', '.join(gymnasium_ids(name))}; task flag: {_flag(task)}"
+    own = f"rans.fast.envs.single.SpacecraftEnv({name!r}, 2), in space 3"
+    yield f"Gymnasium: {', '.join(gymnasium_ids(name)) if name in TASKS else own}; task flag: {_flag(task)}"
     yield from task_listings(task, "settings.")
     yield "Any of these: rans train --set settings.NAME=VALUE. Those of every training: rans list TRAINING."
 
@@ -217,7 +231,7 @@ def _training_details(_: str) -> list[Listing]:
 
 def _conditions_details(name: str) -> Iterable[str]:
     load_conditions(name)  # says what is wrong with it
-    text = CONDITIONS[name].text if name in CONDITIONS else legible(read_text(Path(name)), 20_000)
+    text = legible(read_text(Path(name)), 20_000) if name.endswith(".toml") else CONDITIONS[name].text
     yield from text.rstrip().splitlines()
 
 
@@ -242,7 +256,8 @@ def _flag(task: object) -> str:
 def _task_facts(name: str) -> dict[str, Any]:
     task: Any = load_task(name)
     parts = task.parts()
-    return {"summary": _summary(type(task)), "gymnasium": gymnasium_ids(name), "settings": asdict(task),
+    return {"summary": _summary(type(task)), "gymnasium": gymnasium_ids(name) if name in TASKS else (),
+            "settings": asdict(task),
             "flag": getattr(task, "flag", None),
             "reward": {part or name: reward_formulas(one) for part, one in parts.items()},
             "tolerances": {part or name: one.tolerances() for part, one in parts.items()},
@@ -270,4 +285,4 @@ _FACTS: dict[str, Callable[[str], Any]] = {
 
 
 def _summary(described: object) -> str:
-    return (described.__doc__ or "").strip().splitlines()[0]
+    return next(iter((described.__doc__ or "").strip().splitlines()), "no docstring")

@@ -9,6 +9,7 @@ import pytest
 
 from rans.cli import main
 from rans.cli.list import _solved
+from rans.model.conditions import Conditions
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.spacecraft_file import load_spacecraft, spacecraft_names
 from rans.show.layout_text import layout_text
@@ -102,6 +103,32 @@ def test_names_as_contestants_have_them(capsys: pytest.CaptureFixture[str]) -> N
     agent = listed(capsys, "pretrained:go-to-pose-2d")
     assert agent.startswith("go-to-pose-2d: go-to-pose with floating-platform")
     assert "Linear-quadratic regulator" in listed(capsys, "lqr")
+
+
+class Own(GoToPose):
+    """Of a module that is nowhere enrolled."""
+
+
+class Bare:
+    def act(self, state: object, goal: object, observation: object) -> None: ...
+
+
+WINDY = Conditions(description="windy")
+
+
+@pytest.mark.parametrize(("name", "told"), [
+    ("tests.cli.test_list:Own", "Of a module that is nowhere enrolled"),
+    ("tests.cli.test_list:Own", "SpacecraftEnv('tests.cli.test_list:Own', 2)"),
+    ("tests.cli.test_list:WINDY", 'description = "windy"'),
+    ("tests.cli.test_list:Bare", "no docstring"),
+    ("rans.optimal.control.lqr:LQR", "rans.optimal.control.lqr:LQR after a first one"),
+    ("tests.crafts:nasty_planar", "Thrusters")])
+def test_whatever_a_module_has(capsys: pytest.CaptureFixture[str], name: str, told: str) -> None:
+    assert told in listed(capsys, name)
+
+
+def test_what_no_module_has(capsys: pytest.CaptureFixture[str]) -> None:
+    assert "nowhere_at_all:x cannot be shown: ModuleNotFoundError" in refused(capsys, "nowhere_at_all:x")
 
 
 def test_missing_file(capsys: pytest.CaptureFixture[str]) -> None:
