@@ -104,12 +104,13 @@ class Flight:
         return self.task.errors(self.states, self.goals)
 
     def rewards(self) -> dict[str, np.ndarray]:
-        """Reward terms of every step, each (T, N)."""
+        """Reward terms of every step, each (T, N); one that is a plain number is that at every step."""
         after = map_leaves(lambda x: x[1:], self.states)
         goals = map_leaves(lambda x: x[1:] if x.ndim == 2 else x, self.goals)
         command = np.moveaxis(self.commands, 2, 0)
         previous = np.insert(command[:, :-1], 0, 0.0, axis=1)
-        return self.task.reward(Transition(after, goals, tuple(command), tuple(previous)))
+        terms = self.task.reward(Transition(after, goals, tuple(command), tuple(previous)))
+        return {name: np.broadcast_to(term, command.shape[1:]) for name, term in terms.items()}
 
     def failed(self) -> np.ndarray:
         """(N,) whether the task ever declared the episode failed, or its state was no longer finite."""

@@ -9,13 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rans.evaluation.measure.metrics import returns
 from rans.flight import fly
 from rans.model.fields import leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.scenario import batch, scenario, scenarios
-from rans.tasks import GoToPose, observation_width
+from rans.tasks import GoToPose, Transition, observation_width
 
 
 @dataclass
@@ -88,6 +89,22 @@ def test_reward_is_that_of_the_state_reached() -> None:
     pushed = fly(craft, task, pilot, scenarios(task, craft, 0, 3), Timing(episode_steps=3))
     fallen = -0.25 * np.log(pushed.rewards()["position"])
     np.testing.assert_allclose(fallen, pushed.errors()["position"][1:], rtol=1e-13)
+
+
+@dataclass(frozen=True)
+class Alive(GoToPose):
+    """Pays a plain number for every step."""
+
+    def reward(self, transition: Transition) -> dict[str, Any]:
+        return {**super().reward(transition), "alive": 0.5}
+
+
+def test_a_reward_may_be_a_plain_number() -> None:
+    craft = load_spacecraft("floating-platform")
+    starts = scenarios(GoToPose(), craft, 0, 3)
+    with_it, without = (fly(craft, task, Recorded(8), starts, Timing(episode_steps=4))
+                        for task in (Alive(), GoToPose()))
+    np.testing.assert_allclose(returns(with_it) - returns(without), 4 * 0.5, rtol=1e-13)
 
 
 def test_constant_thrust_gives_half_a_t_squared() -> None:

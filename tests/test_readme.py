@@ -24,6 +24,7 @@ from rans.fast.learn.config import Failures, PPOSettings
 from rans.flight import fly
 from rans.model.conditions import Conditions, SensorsConditions
 from rans.model.conditions_file import CONDITIONS
+from rans.model.fields import map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft, parse_spacecraft
 from rans.model.timing import Timing
@@ -59,6 +60,18 @@ def test_examples_of_the_python_page_run() -> None:
         exec(example, names)
     assert names["engine"].num_envs == 64
     assert names["observation"].shape == (10,)
+
+
+def test_the_task_of_the_tasks_page_is_met_and_its_goal_moves() -> None:
+    (example,) = blocks(ROOT / "docs" / "tasks.md", "python")
+    names: dict[str, Any] = {}
+    exec(example, names)
+    task = names["Meet"]()
+    flight = fly(CRAFT, task, rans.LQR(CRAFT, task), scenarios(task, CRAFT, 0, 4), Timing())
+    moved = flight.goals.p - map_leaves(lambda x: x[0], flight.goals.p)
+    # 25 s at 0.03 m/s
+    assert moved.norm()[-1] == pytest.approx(0.75, rel=1e-12)
+    assert flight.errors()["position"][-1].max() < task.position_tolerance
 
 
 def test_the_python_page_has_every_function() -> None:

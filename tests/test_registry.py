@@ -154,6 +154,21 @@ class Strange(GoToPose):
     gap_tolerance: float = 0.1
 
 
+@dataclass(frozen=True)
+class Unheard(GoToPose):
+    """Nobody knows how to show one of its errors, which has no tolerance."""
+
+    def errors(self, state: Any, goal: Any) -> dict[str, Any]:
+        return super().errors(state, goal) | {"gap": state.p.x}
+
+
+@dataclass(frozen=True)
+class Soft(GoToPose):
+    """Has a tolerance of what it does not measure."""
+
+    velocity_tolerance: float = 0.1
+
+
 @dataclass(frozen=True, kw_only=True)
 class Demanding(GoToPose):
     """A setting of it has no default."""
@@ -170,6 +185,8 @@ def no_task() -> None:
     ("tests.test_registry:Unfinished", "Unfinished has no errors, failed, reward, sample, sight, which"),
     ("tests.test_registry:Boundless", "Boundless has no tolerances, which every task must have"),
     ("tests.test_registry:Strange", "Strange has a tolerance of gap; errors can be of position, att"),
+    ("tests.test_registry:Unheard", "Unheard has an error of gap; errors can be of position, attitude, vel"),
+    ("tests.test_registry:Soft", "Soft has a tolerance of velocity, but its errors are of position, att"),
     ("tests.test_registry:Demanding", "the settings limit of Demanding have no defaults"),
 ])
 def test_what_is_no_task(name: str, said: str) -> None:

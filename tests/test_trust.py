@@ -59,8 +59,9 @@ def run(trained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Itera
 
 
 COMMANDS = ["evaluate run --episodes 2", "compare run --with lqr", "view run --save page.html", "stress run",
-            "assure run", "follow run", "export run --output out", "train --resume run",
-            "train --config run/config.json", "train --config craft.json", "sweep --resume sweep"]
+            "assure run --episodes 2",
+            "follow run", "export run --output out", "train --resume run", "train --config run/config.json",
+            "train --config craft.json", "sweep --resume sweep"]
 
 
 @pytest.mark.parametrize("command", COMMANDS)

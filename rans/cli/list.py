@@ -6,7 +6,6 @@ import json
 import math
 import tomllib
 from collections.abc import Callable, Iterable
-from contextlib import suppress
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Annotated, Any
@@ -21,7 +20,7 @@ from rans.model.conditions_file import CONDITIONS, load_conditions
 from rans.model.spacecraft_file import SPACECRAFT, load_spacecraft, spacecraft_names
 from rans.model.timing import Timing
 from rans.pretrained import pretrained_card, pretrained_folder, pretrained_names
-from rans.registry import Registry
+from rans.registry import Registry, from_here, resolve
 from rans.show.layout_text import AWAY, TOWARDS, layout_text
 from rans.show.listing import (
     Listing,
@@ -31,7 +30,7 @@ from rans.show.listing import (
     task_listings,
     thruster_listing,
 )
-from rans.tasks import TASKS, gymnasium_ids, load_task, observation_columns
+from rans.tasks import TASKS, Task, gymnasium_ids, load_task, observation_columns
 from rans.tasks.formula import reward_formulas
 from rans.terminal import Terminal
 
@@ -42,8 +41,8 @@ class List:
 
     name: Annotated[str | None, conf.Positional, conf.arg(metavar="[NAME]")] = None
     """A spacecraft, a task, an agent, a controller, conditions, the .toml file of your own spacecraft or
-    conditions, or MODULE:NAME of your own spacecraft, task or conditions. SPACECRAFT, TASKS, AGENTS,
-    CONTROLLERS, CONDITIONS: all of them; TRAINING: the settings of a training."""
+    conditions, or MODULE:NAME of whatever is your own. SPACECRAFT, TASKS, AGENTS, CONTROLLERS, CONDITIONS:
+    all of them; TRAINING: the settings of a training."""
     picture: Annotated[Path | None, conf.arg(metavar="FILE")] = None
     """Save a drawing of the spacecraft's thrusters here (.png, .svg or .pdf)."""
     json: bool = False
@@ -108,14 +107,17 @@ def _kind_of_file(file: Path) -> str:
     return "conditions" if keys and keys <= {one.name for one in fields(Conditions)} else "spacecraft"
 
 
-def _kind_of_object(name: str) -> str:
-    """What MODULE:NAME is; what is neither of these is told by the check of spacecraft."""
-    registries: dict[str, Registry[Any]] = {"task": TASKS, "conditions": CONDITIONS}
-    for kind, registry in registries.items():
-        with suppress(ConfigError):
-            registry[name]
-            return kind
-    return "spacecraft"
+def _kind_of_object(reference: str) -> str:
+    """What an object of somebody's module is; what is nothing else is told by the spacecraft's reader."""
+    try:
+        found = resolve(from_here(reference))
+    except ConfigError as error:
+        raise ConfigError(f"{reference} cannot be shown: {error}") from error
+    if isinstance(found, Conditions):
+        return "conditions"
+    if isinstance(found, type) and issubclass(found, Task):
+        return "task"
+    return "controller" if hasattr(found, "act") else "spacecraft"
 
 
 def _everything(_: str) -> Iterable[str | Listing]:
@@ -214,8 +216,8 @@ def _spacecraft_details(name: str) -> Iterable[str | Listing]:
 def _task_details(name: str) -> Iterable[str | Listing]:
     task = load_task(name)
     yield f"{name}: {_summary(type(task))}"
-    ids = _environments(name)
-    yield (f"Gymnasium: {', '.join(ids)}; " if ids else "") + f"task flag: {_flag(task)}"
+    own = f"rans.fast.envs.single.SpacecraftEnv({name!r}, 2), in space 3"
+    yield f"Gymnasium: {', '.join(_environments(name)) or own}; task flag: {_flag(task)}"
     yield from task_listings(task, "settings.")
     yield "Any of these: rans train --set settings.NAME=VALUE. Those of every training: rans list TRAINING."
 
@@ -287,4 +289,4 @@ _FACTS: dict[str, Callable[[str], Any]] = {
 
 
 def _summary(described: object) -> str:
-    return (described.__doc__ or "").strip().splitlines()[0]
+    return next(iter((described.__doc__ or "").strip().splitlines()), "no docstring")

@@ -66,7 +66,7 @@ class Optimal:
     def run(self) -> int:
         """Print a table of the starts."""
         from rans.evaluation.compare.optima import optima, table, write
-        from rans.optimal.trajectory.arrival import aims
+        from rans.optimal.trajectory.arrival import check_goal
         from rans.optimal.trajectory.objectives import objective_of
 
         self._check()
@@ -75,7 +75,7 @@ class Optimal:
                                  self.intervals)
         starts = scenarios(task, craft, self.seed, self.episodes)
         usual = Path("runs") / f"optimal-{self.task}-{craft.name}-{self.objective}"
-        aims(task)  # before anything is written: some tasks have no goal of their own
+        check_goal(task)  # before anything is written
         folder = ready_folder(self.output or usual)
         answers = self._with_progress("optimal trajectories", lambda tick: optima(
             craft, task, objective, starts, self.guesses, self.workers, tick))

@@ -6,7 +6,7 @@ number; for a hundred spacecraft that is what a step's time goes into.
 
 from __future__ import annotations
 
-import contextlib
+import warnings
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
@@ -103,8 +103,11 @@ class ArrayStep:
         """As `rans.fast.step.step_arrays`."""
         small = len(episode.memory()) <= _MOST
         if not self._tried and draws.dtype is np.float32 and small:
-            with contextlib.suppress(*UNTRACEABLE):
+            try:
                 self._straight = StraightStep(world, episode, draws)
+            except UNTRACEABLE as error:
+                warnings.warn("this engine steps slower, as its task does more than arithmetic on fields: "
+                              f"{error}", stacklevel=2)
         self._tried = True
         return self._straight(action) if self._straight else step_arrays(world, episode, action, draws)
 

@@ -74,8 +74,11 @@ def task_listings(task: Task, prefix: str = "") -> Iterator[Listing]:
 def _reward(task: Task, name: str) -> Listing:
     errors = ", ".join(f"{error} ({UNITS.get(error, 'its unit')})" for error in _errors(task))
     return Listing(f"Reward of a step{f' of {name}' if name else ''}, the sum of", ("term", "value"),
-                   [*reward_formulas(task).items()],
+                   [*reward_formulas(task).items()] or [_UNREAD],
                    f"Of the errors {errors}, and {OPEN}, how many thrusters are.")
+
+
+_UNREAD = ("not shown", "does more than arithmetic on fields: no formula, and no generated kernel")
 
 
 def _errors(task: Task) -> Iterable[str]:

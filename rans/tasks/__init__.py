@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import re
+from collections.abc import Set
 from typing import Any
 
 from rans.errors import ConfigError, brief
 from rans.registry import Registry
 from rans.tasks.base import UNITS, SingleTask, Task, observation
-from rans.tasks.derived import observation_columns, observation_width
+from rans.tasks.derived import example_state, observation_columns, observation_width
 from rans.tasks.go_to_pose import GoToPose
 from rans.tasks.go_to_pose_priced import GoToPosePriced
 from rans.tasks.go_to_position import GoToPosition
@@ -29,13 +31,31 @@ def _checked(found: Any) -> type[Any]:
     if bare:
         raise ConfigError(f"the settings {', '.join(bare)} of {found.__name__} have no defaults.")
     if issubclass(found, SingleTask):
-        quantities = found().tolerances().keys()
+        task = found()
+        quantities = task.tolerances().keys()
         if not quantities:
             raise ConfigError(f"{found.__name__} has no tolerances, which every task must have.")
         if unknown := sorted(quantities - UNITS.keys()):
             raise ConfigError(f"{found.__name__} has a tolerance of {', '.join(unknown)}; errors can be of "
                               f"{', '.join(UNITS)}.")
+        _check_errors(task, quantities)
     return found
+
+
+def _check_errors(task: SingleTask, quantities: Set[str]) -> None:
+    """Refuse errors that nobody can name, and tolerances of none; code that fails tells so when it runs."""
+    for dimension in (2, 3):
+        with contextlib.suppress(Exception):  # a task may be for space alone
+            errors = task.errors(*example_state(task, dimension)).keys()
+            break
+    else:
+        return
+    if unknown := sorted(errors - UNITS.keys()):
+        raise ConfigError(f"{type(task).__name__} has an error of {', '.join(unknown)}; errors can be of "
+                          f"{', '.join(UNITS)}.")
+    if missing := sorted(quantities - errors):
+        raise ConfigError(f"{type(task).__name__} has a tolerance of {', '.join(missing)}, but its errors "
+                          f"are of {', '.join(errors)}.")
 
 
 TASKS = Registry("task", "rans.tasks", {

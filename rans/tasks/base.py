@@ -48,7 +48,11 @@ class Task(Settings, ABC):
 
     @abstractmethod
     def sample(self, random: Random) -> tuple[State, State]:
-        """Start and goal of one episode."""
+        """Start and goal of one episode.
+
+        The goal is a state to be in: controllers that need no training fly to it, pages draw it, and
+        `errors` are best zero there. What else a task must know of it goes into its ``notes``.
+        """
 
     def for_evaluation(self) -> Task:
         """The task with the starts and goals that agents are judged on: by default those of training."""
@@ -98,6 +102,9 @@ class Task(Settings, ABC):
 @dataclass(frozen=True)
 class SingleTask(Prices, Task):
     """What the tasks with one kind of goal have in common, a multi-task has not.
+
+    A setting is a number, a range (low, high) or a truth value, and what it may be follows from its name;
+    what is none of these, or may be negative, is a ``ClassVar``, or for a `__post_init__` of your own.
 
     Raises:
         ConfigError: see `rans.tasks.settings.check_settings`.

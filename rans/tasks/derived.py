@@ -74,6 +74,11 @@ def paid(terms: dict[str, Field], terminated: Field) -> tuple[dict[str, Field], 
     return {name: where(known, term, 0.0) for name, term in terms.items()}, where(known, total, 0.0)
 
 
+def goal_stands_still(task: Task) -> bool:
+    """Whether the goal stays where an episode begins: the task has no `Task.next_goal` of its own."""
+    return type(task).next_goal is Task.next_goal
+
+
 def watches_switching(task: Task, craft: Spacecraft) -> bool:
     """Whether the reward looks at the previous command, found by running it on symbols."""
     thrusters = range(len(craft.thrusters))

@@ -15,7 +15,7 @@ Tree = TypeVar("Tree")
 
 
 def check_settings(task: Any) -> None:
-    """Refuse settings no task can work with, by the kind their name tells.
+    """Refuse settings no task can work with, by the kind their name tells; a truth value may be either.
 
     Raises:
         ConfigError: a scale, distance, tolerance or limit is not a finite number > 0, a weight is negative, a
@@ -23,6 +23,8 @@ def check_settings(task: Any) -> None:
     """
     for field in dataclasses.fields(task):
         name, value = field.name, getattr(task, field.name)
+        if isinstance(value, bool):
+            continue
         numbers = [x for x in (value if isinstance(value, tuple) else (value,))
                    if isinstance(x, int | float) or getattr(x, "shape", None) != ()]  # curricula check theirs
         if not all(isinstance(x, int | float) and math.isfinite(x) and x >= 0 for x in numbers):

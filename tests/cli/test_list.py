@@ -9,6 +9,7 @@ import pytest
 
 from rans.cli import main
 from rans.cli.list import _solved
+from rans.model.conditions import Conditions
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.spacecraft_file import load_spacecraft, spacecraft_names
 from rans.show.layout_text import layout_text
@@ -104,6 +105,32 @@ def test_names_as_contestants_have_them(capsys: pytest.CaptureFixture[str]) -> N
     assert "Linear-quadratic regulator" in listed(capsys, "lqr")
 
 
+class Own(GoToPose):
+    """Of a module that is nowhere enrolled."""
+
+
+class Bare:
+    def act(self, state: object, goal: object, observation: object) -> None: ...
+
+
+WINDY = Conditions(description="windy")
+
+
+@pytest.mark.parametrize(("name", "told"), [
+    ("tests.cli.test_list:Own", "Of a module that is nowhere enrolled"),
+    ("tests.cli.test_list:Own", "SpacecraftEnv('tests.cli.test_list:Own', 2)"),
+    ("tests.cli.test_list:WINDY", 'description = "windy"'),
+    ("tests.cli.test_list:Bare", "no docstring"),
+    ("rans.optimal.control.lqr:LQR", "rans.optimal.control.lqr:LQR after a first one"),
+    ("tests.crafts:nasty_planar", "Thrusters")])
+def test_whatever_a_module_has(capsys: pytest.CaptureFixture[str], name: str, told: str) -> None:
+    assert told in listed(capsys, name)
+
+
+def test_what_no_module_has(capsys: pytest.CaptureFixture[str]) -> None:
+    assert "nowhere_at_all:x cannot be shown: ModuleNotFoundError" in refused(capsys, "nowhere_at_all:x")
+
+
 def test_missing_file(capsys: pytest.CaptureFixture[str]) -> None:
     assert "nowhere.toml" in refused(capsys, "nowhere.toml")
 
@@ -194,20 +221,5 @@ def test_a_task_tells_its_reward_ends_and_keys(capsys: pytest.CaptureFixture[str
     assert "ppo.n_envs" in listed(capsys, "TRAINING")
 
 
-def test_what_a_module_has(capsys: pytest.CaptureFixture[str], tmp_path: Path,
-                           monkeypatch: pytest.MonkeyPatch) -> None:
-    """A task and conditions too, not only spacecraft; the task has no id of Gymnasium."""
-    monkeypatch.syspath_prepend(tmp_path)
-    (tmp_path / "listed.py").write_text(
-        "import rans\nfrom rans import GoToPose\n"
-        "late = rans.Conditions(thrusters=rans.ThrusterConditions(latency=0.125))\n")
-    assert main(["list", "listed:GoToPose"]) == 0
-    out = capsys.readouterr().out
-    assert "settings.fine_weight" in out
-    assert "Gymnasium" not in out
-    assert main(["list", "listed:GoToPose", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["gymnasium"] == []
-    assert main(["list", "listed:late"]) == 0
-    assert "latency = 0.125" in capsys.readouterr().out
-    assert main(["list", "listed:nothing"]) == 2
-    assert "the spacecraft 'listed:nothing' cannot be used" in capsys.readouterr().err
+def test_a_task_of_a_module_has_no_id_of_gymnasium(capsys: pytest.CaptureFixture[str]) -> None:
+    assert json.loads(listed(capsys, "tests.cli.test_list:Own", "--json"))["gymnasium"] == []

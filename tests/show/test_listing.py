@@ -50,6 +50,8 @@ def test_a_task_that_symbols_cannot_follow_has_no_formula() -> None:
             return {"x": float(transition.state.p.x)}
 
     assert reward_formulas(Own()) == {}
+    (row,) = next(iter(task_listings(Own()))).rows
+    assert row[1] == "does more than arithmetic on fields: no formula, and no generated kernel"
 
 
 def test_ends_and_ranges_by_value() -> None:

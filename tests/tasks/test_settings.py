@@ -24,6 +24,18 @@ class Settings:
     fail_distance: float = 4.6
 
 
+@dataclass(frozen=True)
+class Choice:
+    """A setting that is no number."""
+
+    spins: bool = False
+
+
+@pytest.mark.parametrize("spins", [False, True])
+def test_a_truth_value_may_be_either(spins: bool) -> None:
+    check_settings(Choice(spins))
+
+
 @pytest.mark.parametrize("change", [
     {}, {"scale": 1e-300}, {"scale": 3}, {"price_weight": 2.0}, {"rest_angle": 0.1},
     {"spawn_distance": (0.0, 0.0)}, {"spawn_distance": (2.0, 2.0)},

@@ -29,6 +29,7 @@ from rans.optimal.trajectory.arrival import aims
 from rans.processes import deaths_told, submitted
 from rans.scenario import Scenario
 from rans.tasks.base import Task
+from rans.tasks.derived import goal_stands_still
 
 REST_SPEED = 0.05
 """A position counts as arrived at only below this speed relative to the goal's, m/s: 1 cm in a period."""
@@ -125,7 +126,7 @@ def goal_set(task: Task) -> GoalSet:
 
     `ConfigError` if something pulls at the spacecraft, or the goal moves: the bounds would be wrong.
     """
-    if task.drift != FREE or type(task).next_goal is not Task.next_goal:
+    if task.drift != FREE or not goal_stands_still(task):
         raise ConfigError("bounds hold for free flight to a goal that stands still; "
                           f"{type(task).__name__} has {task.drift.name} or a goal that moves.")
     tolerances = task.tolerances()

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from rans.errors import RansError, counted
+from rans.errors import ConfigError, RansError, counted
 from rans.evaluation.compare import relaxed, roster
-from rans.evaluation.compare.bounds import Amounts, Bound, Event, no_certificate, staying_set
+from rans.evaluation.compare.bounds import Amounts, Bound, Event, goal_set, no_certificate, staying_set
 from rans.evaluation.compare.certified import certify
 from rans.evaluation.compare.contest import Contest, Contestant, Entry
 from rans.evaluation.compare.front import Front, certify_front
@@ -21,6 +21,7 @@ from rans.files import first_line
 from rans.optimal.certificate.hull import staying_time
 from rans.optimal.trajectory.arrival import aims
 from rans.shown import Shown
+from rans.tasks.derived import goal_stands_still
 
 _HORIZONS = (0.24, 0.32, 0.4, 0.6, 0.8, 1.0)
 """Shares of an episode at which the least thrust-time is certified: 6, 8, 10, 15, 20 and 25 s of 25 s."""
@@ -30,8 +31,6 @@ _FRONT = (0.24, 0.28, *_HORIZONS[1:])
 
 _RELAXED = (0.4, 0.8)
 """Those of them for which the relaxed optimum is found too."""
-
-_IMPERFECT = "Optima and bounds are those of a perfect world; under these conditions none is claimed."
 
 Track = Callable[[str, int], Callable[..., object]]
 """Called with what begins and how many steps it has; what it returns is called after each, or after
@@ -84,7 +83,7 @@ class Comparison(Shown):
         answers = {c.start: c for c in self.certified if c.event == event}
         rows = [answers[k] for k in self.certified_starts()]
         lower, upper = np.array([(c.best, c.upper) for c in rows]).reshape(-1, 2).T
-        if event.kind == "settling":
+        if event.kind == "settling" and rows:
             lower = np.minimum(lower, self._last_watched())
         return Amounts(event, lower), Amounts(event, upper)
 
@@ -131,8 +130,8 @@ def fill(comparison: Comparison, contestants: Mapping[str, Contestant], beside: 
                 comparison.entries.append(_entry(comparison, simple, track, workers))
             comparison.curve += [_entry(comparison, one, track, workers)
                                  for one in roster.swept(name, comparison.contest)]
-    if "optimal" in beside and comparison.contest.conditions is not None:
-        comparison.notes.append(_IMPERFECT)
+    if "optimal" in beside and (reason := _nothing_claimed(comparison.contest)):
+        comparison.notes.append(reason)
     elif "optimal" in beside:
         _find_relaxed(comparison, track, workers)
         _find_certified(comparison, certified, cache, track, workers)
@@ -153,8 +152,8 @@ def trace(comparison: Comparison, between: Mapping[str, Contestant], seconds: fl
             front.entries.append(_entry(comparison, one, track, workers))
     if not front.lines():
         comparison.notes.append("Nobody has a knob to turn: the front has points, but no line.")
-    if comparison.contest.conditions is not None:
-        comparison.notes += [] if _IMPERFECT in comparison.notes else [_IMPERFECT]
+    if reason := _nothing_claimed(comparison.contest):
+        comparison.notes += [] if reason in comparison.notes else [reason]
         return
     with _noted(comparison, "the certified front"):
         certify_front(front, seconds, cache, workers, track("certified front", len(front.questions())))
@@ -162,6 +161,16 @@ def trace(comparison: Comparison, between: Mapping[str, Contestant], seconds: fl
     if not front.starts():
         comparison.notes.append(f"No start has all bounds of the front after {seconds:g} s: give it a "
                                 "larger --budget.")
+
+
+def _nothing_claimed(contest: Contest) -> str:
+    """Why neither optima nor bounds are claimed; nothing if they are."""
+    if contest.conditions is not None:
+        return "Optima and bounds are those of a perfect world; under these conditions none is claimed."
+    if not goal_stands_still(contest.task):
+        return ("Optima and bounds are those of goals that stand still; none is claimed, as "
+                f"{type(contest.task).__name__} moves its goal.")
+    return ""
 
 
 def _entry(comparison: Comparison, contestant: Contestant, track: Track, workers: int | None) -> Entry:
@@ -201,6 +210,11 @@ def _find_relaxed(comparison: Comparison, track: Track, workers: int | None) -> 
 def _find_certified(comparison: Comparison, count: int, cache: Path | None, track: Track,
                     workers: int | None) -> None:
     contest, events = comparison.contest, comparison.events()
+    try:
+        goal_set(contest.task)
+    except ConfigError as reason:
+        comparison.notes.append(f"No bound is certified: {reason}")
+        return
     count = min(count, contest.episodes)
     missing = no_certificate(contest.craft, aims(contest.task), contest.timing.control_period)
     if missing:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from importlib.util import find_spec
 from pathlib import Path
 
 from rans.errors import ConfigError, brief, meant
@@ -14,6 +15,7 @@ from rans.flight import Setup
 from rans.model.spacecraft_file import USUAL, load_spacecraft
 from rans.model.timing import Timing
 from rans.pretrained import pretrained_folder, pretrained_names
+from rans.registry import from_here
 from rans.tasks import TASKS
 
 FORMS = (f"a run folder, pretrained:NAME, either after {PREFIX}:, "
@@ -37,10 +39,11 @@ def contestant(spec: str, protocol: ProtocolName = "own", lent: Setup | None = N
             the end picks one of the tasks of a multi-task agent, ``#0.3`` a position of a knob. Policies
             made elsewhere (see `user_policy`) know no task of their own: `ConfigError` if they are lent none.
         protocol: see `rans.evaluation.fly.protocols.under_protocol`.
-        lent: somebody's setup, in which policies made elsewhere fly, and a controller by its bare name.
+        lent: somebody's setup, in which policies made elsewhere fly, and a controller by its bare name or
+            MODULE:NAME.
         trust: whether a policy made elsewhere may be a pickle, which runs code when it is opened.
     """
-    if lent is not None and spec in CONTROLLERS:
+    if lent is not None and _is_controller(spec):
         return LoadedRun(controller(spec, lent), *lent)
     if is_user_policy(spec):
         if lent is None:
@@ -52,7 +55,7 @@ def contestant(spec: str, protocol: ProtocolName = "own", lent: Setup | None = N
         run = contestant(f"{name}#{part}" if part else name, protocol)
         return run._replace(controller=Lookahead(run))
     if kind not in ("", "pretrained"):
-        setup = under_protocol(protocol, _picked(_named_setup(name, spec), part, spec))
+        setup = under_protocol(protocol, _picked(_named_setup(kind, name, spec), part, spec))
         return LoadedRun(controller(kind, setup), *setup)
     run = load_agent(agent_folder(spec))
     own = _picked(Setup(run.craft, run.task, run.timing, run.conditions), part, spec)
@@ -108,7 +111,7 @@ def output_folder(spec: str) -> Path:
 
 def controller_name(spec: str) -> str:
     """Which of `CONTROLLERS` a text names, or nothing: these need no training."""
-    if spec in CONTROLLERS:
+    if _is_controller(spec):
         return spec
     kind = "" if is_user_policy(spec) else _parse(spec)[0]
     return "" if kind in ("pretrained", PREFIX) else kind
@@ -117,6 +120,16 @@ def controller_name(spec: str) -> str:
 def picked_task(spec: str) -> str:
     """Name of the task that was picked from a multi-task agent's, or nothing."""
     return _parse(spec)[2]
+
+
+def _is_controller(spec: str) -> bool:
+    """Whether a text is the bare name of a controller, or MODULE:NAME of a module that exists."""
+    if spec in CONTROLLERS:
+        return True
+    module, _, name = spec.partition(":")
+    others = module in ("pretrained", PREFIX, *CONTROLLERS) or is_user_policy(spec) or Path(spec).exists()
+    dotted = all(part.isidentifier() for part in f"{module}.{name}".split("."))
+    return dotted and not others and find_spec(from_here(module).partition(".")[0]) is not None
 
 
 def _parse(spec: str) -> tuple[str, str, str]:
@@ -130,6 +143,8 @@ def _parse(spec: str) -> tuple[str, str, str]:
         module, (own, _, name) = kind, name.partition(":")
         if own and name:
             return f"{module}:{own}", name, part
+        if _is_controller(spec):
+            raise ConfigError(f"{spec} knows no task; add one, as in {spec}:go-to-pose-2d.")
         raise ConfigError(f"there is no contestant {brief(spec)}{meant(kind, kinds)}; known are {FORMS}.")
     if spec in pretrained_names() and not Path(spec).exists():
         return "pretrained", spec, part
@@ -139,13 +154,12 @@ def _parse(spec: str) -> tuple[str, str, str]:
     return "", spec, part
 
 
-def _named_setup(name: str, spec: str) -> Setup:
-    """The setup behind "TASK-2d@SPACECRAFT"."""
+def _named_setup(kind: str, name: str, spec: str) -> Setup:
+    """The setup behind "TASK-2d@SPACECRAFT", of a controller."""
     name, _, spacecraft = name.partition("@")
     task, _, dimension = name.rpartition("-")
     if dimension not in ("2d", "3d"):
-        raise ConfigError(f"{spec!r} must say in how many dimensions, as in {spec.partition(':')[0]}:"
-                          "go-to-pose-2d or -3d.")
+        raise ConfigError(f"{spec!r} must say in how many dimensions, as in {kind}:go-to-pose-2d or -3d.")
     axes = int(dimension[0])
     craft = load_spacecraft(spacecraft or USUAL[axes])
     if craft.dimension != axes:

@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from rans.errors import ConfigError
+from rans.errors import ConfigError, is_finite
 from rans.files import read_json, write_json
 from rans.flight import Setup
 from rans.model.spacecraft import Spacecraft
@@ -91,16 +91,27 @@ def task_name(task: Task) -> str:
 
 
 def defaults(maker: Callable[..., Any], keys: Iterable[str]) -> dict[str, float]:
-    """The default of every setting, by names such as "weights.position"."""
-    parameters = inspect.signature(maker).parameters
-    return {key: getattr(parameters[group].default, field)
-            for key in keys for group, _, field in [key.partition(".")]}
+    """The default of every setting, by names such as "weights.position", or "gain" of an argument itself.
+
+    Raises:
+        ConfigError: the controller has no such argument, or it has no default that is, or holds, a number.
+    """
+    parameters, found = inspect.signature(maker).parameters, {}
+    for key in keys:
+        group, _, field = key.partition(".")
+        default = getattr(parameters.get(group), "default", None)
+        found[key] = getattr(default, field, None) if field else default
+        if not is_finite(found[key]):
+            raise ConfigError(f"`tunable` names {key!r}, which must be an argument of the controller, or a "
+                              "field of a dataclass that is one (as \"weights.position\"), with a number as "
+                              "its default.")
+    return found
 
 
 def arguments(maker: Callable[..., Any], settings: Mapping[str, float]) -> dict[str, Any]:
-    """Keyword arguments of a controller from settings such as {"weights.position": 0.6}.
+    """Keyword arguments of a controller from settings such as {"weights.position": 0.6} or {"gain": 0.6}.
 
-    The rest of each argument, a dataclass, is as its default.
+    The rest of an argument that is a dataclass is as its default.
 
     Raises:
         ConfigError: it has no such argument or field, or the value is out of bounds.
@@ -111,7 +122,8 @@ def arguments(maker: Callable[..., Any], settings: Mapping[str, float]) -> dict[
         group, _, field = key.partition(".")
         groups.setdefault(group, {})[field] = value
     try:
-        return {group: replace(parameters[group].default, **values) for group, values in groups.items()}
+        return {group: values[""] if "" in values else replace(default, **values)
+                for group, values in groups.items() for default in [parameters[group].default]}
     except (KeyError, TypeError) as error:
         raise ConfigError(f"settings {', '.join(settings)} are not those of the controller: {error}; tune it "
                           "again with rans tune.") from error

@@ -9,10 +9,11 @@ from typing import Any, Literal
 import casadi as ca
 import numpy as np
 
+from rans.errors import ConfigError
 from rans.model.dynamics import State
 from rans.model.fields import leaves, map_leaves
 from rans.tasks.base import Task
-from rans.tasks.derived import residual
+from rans.tasks.derived import goal_stands_still, residual
 
 Ending = Literal["exact", "set", "free"]
 """At the goal; within the task's tolerances of it; or anywhere."""
@@ -44,6 +45,17 @@ def aims(task: Task) -> frozenset[str]:
     return frozenset(wanted) | {_RATES[name] for name in wanted if name in _RATES}
 
 
+def check_goal(task: Task) -> None:
+    """Refuse (`ConfigError`) a task without a goal of its own, or with one that moves.
+
+    A trajectory to a goal that moves would end where the goal was.
+    """
+    aims(task)
+    if not goal_stands_still(task):
+        raise ConfigError(f"optimal trajectories are for goals that stand still, and {type(task).__name__} "
+                          "moves its goal (`next_goal`).")
+
+
 class Arrival:
     """Conditions on the last state: ``low <= conditions(state, goal) <= high``.
 
@@ -56,9 +68,13 @@ class Arrival:
 
     As a set: the task's errors within its tolerances, and the same rates. The goal, of floats, may be any of
     the task's.
+
+    Raises:
+        ConfigError: see `check_goal`; or what the task shows has no gradient at its goal.
     """
 
     def __init__(self, task: Task, goal: State, ending: Ending) -> None:
+        check_goal(task)
         there = replace(goal, notes=())  # a state there: what a goal notes is of the goal alone
         state, aim = (map_leaves(lambda _: ca.SX.sym("s"), given) for given in (there, goal))
         arguments = [ca.vertcat(*leaves(s)) for s in (state, aim)]
@@ -66,7 +82,12 @@ class Arrival:
         if ending == "exact":
             gaps = [*residual(task, state, aim), *rates]
             self.conditions = ca.Function("arrival", arguments, [ca.vertcat(*gaps)])
-            self.high = np.where(_independent(self.conditions, leaves(there), leaves(goal)), 0.0, _BRANCH)
+            gradient = _gradient(self.conditions, leaves(there), leaves(goal))
+            if not np.isfinite(gradient).all():
+                raise ConfigError(f"what {type(task).__name__} shows (its `sight`) has no gradient at the "
+                                  "goal, which optimal trajectories need; the usual cause is the length of a "
+                                  "vector that is zero there.")
+            self.high = np.where(_independent(gradient), 0.0, _BRANCH)
         else:
             tolerances = task.tolerances() if ending == "set" else {}
             errors = task.errors(state, aim)
@@ -84,11 +105,15 @@ def _rate_gaps(task: Task, state: Any, goal: Any) -> list[Any]:
     return [b - a for a, b in pairs]
 
 
-def _independent(conditions: ca.Function, there: Sequence[float], goal: Sequence[float]) -> np.ndarray:
-    """Whether each condition's gradient at the goal is none of those before it combined."""
+def _gradient(conditions: ca.Function, there: Sequence[float], goal: Sequence[float]) -> np.ndarray:
+    """Of every condition, by the state there, a row each."""
     state, aim = (ca.SX.sym("s", len(given)) for given in (there, goal))
     gradient = ca.Function("gradient", [state, aim], [ca.jacobian(conditions(state, aim), state)])
-    rows = np.array(gradient(there, goal))
+    return np.array(gradient(there, goal))
+
+
+def _independent(rows: np.ndarray) -> np.ndarray:
+    """Whether each row is none of those before it combined."""
     ranks = [0, *(np.linalg.matrix_rank(rows[:k + 1], tol=1e-9) for k in range(len(rows)))]
     return np.diff(ranks) > 0
 

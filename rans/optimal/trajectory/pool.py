@@ -7,11 +7,11 @@ from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
 
 from rans.model.spacecraft import Spacecraft
-from rans.optimal.trajectory.arrival import aims
+from rans.optimal.trajectory.arrival import Arrival
 from rans.optimal.trajectory.objectives import Objective
 from rans.optimal.trajectory.transcription import Trajectory, Transcription, unsolved
 from rans.processes import processors, submitted
-from rans.scenario import Scenario, each
+from rans.scenario import Scenario, each, scenario
 from rans.tasks.base import Task
 
 _transcriptions: list[Transcription] = []
@@ -31,8 +31,10 @@ def solve_all(craft: Spacecraft, task: Task, objectives: Sequence[Objective], st
     Raises:
         ConfigError: see `Transcription`.
     """
-    aims(task)  # says here, not in every worker, if this task has no goal of its own
-    jobs = [(index, scenario, guesses) for index in range(len(objectives)) for scenario in each(starts)]
+    example = scenario(task, craft.dimension, seed=0, episode=0)
+    for objective in objectives:  # says here, not in every worker, if this task has no such trajectories
+        Arrival(task, example.goal, objective.ending)
+    jobs = [(index, one, guesses) for index in range(len(objectives)) for one in each(starts)]
     workers, answers = workers or processors(), []
     if workers == 1:
         _build(craft, task, objectives)
@@ -43,9 +45,9 @@ def solve_all(craft: Spacecraft, task: Task, objectives: Sequence[Objective], st
         with submitted(_solve, jobs, workers, _build, (craft, task, objectives)) as futures:
             for _ in as_completed(futures):
                 progress()
-            answers = [unsolved(objectives[index], craft, scenario.start, "Worker_Died")
+            answers = [unsolved(objectives[index], craft, one.start, "Worker_Died")
                        if isinstance(future.exception(), BrokenProcessPool) else future.result()
-                       for future, (index, scenario, _) in zip(futures, jobs, strict=True)]
+                       for future, (index, one, _) in zip(futures, jobs, strict=True)]
     count = len(jobs) // max(1, len(objectives))
     return [answers[i * count:(i + 1) * count] for i in range(len(objectives))]
 
@@ -54,5 +56,5 @@ def _build(craft: Spacecraft, task: Task, objectives: Sequence[Objective]) -> No
     _transcriptions[:] = [Transcription(craft, task, objective) for objective in objectives]
 
 
-def _solve(index: int, scenario: Scenario, guesses: int) -> Trajectory:
-    return _transcriptions[index].solve(scenario.start, scenario.goal, guesses)
+def _solve(index: int, one: Scenario, guesses: int) -> Trajectory:
+    return _transcriptions[index].solve(one.start, one.goal, guesses)

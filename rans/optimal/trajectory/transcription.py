@@ -95,11 +95,10 @@ class Transcription:
     Hessian a third of the operations.
 
     One integration step a control period (`rans.model.dynamics.advance`) is exact in the plane and of order
-    six in space, which a replay in Drake shows to be enough. Points drift as the task says, but the goal
-    stands still.
+    six in space, which a replay in Drake shows to be enough. Points drift as the task says.
 
     Raises:
-        ConfigError: the task is a multi-task.
+        ConfigError: see `Arrival`.
     """
 
     def __init__(self, craft: Spacecraft, task: Task, objective: Objective) -> None:

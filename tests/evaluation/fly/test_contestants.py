@@ -12,7 +12,7 @@ import pytest
 
 import rans.pretrained
 from rans.errors import ConfigError
-from rans.evaluation.fly.contestants import contestant, judged_separately, output_folder
+from rans.evaluation.fly.contestants import contestant, controller_name, judged_separately, output_folder
 from rans.evaluation.fly.judge import flown
 from rans.evaluation.fly.protocols import fitting_protocols, under_protocol
 from rans.flight import Setup, fly
@@ -60,6 +60,14 @@ def test_simple_controllers_by_name(spec: str, craft: str, task: object) -> None
     assert found.timing == Timing()
 
 
+@pytest.mark.parametrize("spec", ["lqr", "rans.optimal.control.lqr:LQR"])
+def test_after_somebody_a_controller_needs_no_task(spec: str) -> None:
+    first = Setup(load_spacecraft("free-flyer"), GoToPosition(), Timing(0.1))
+    found = contestant(spec, lent=first)
+    assert (found.controller.name, *found[1:]) == ("LQR", *first)
+    assert controller_name(spec) == spec
+
+
 def test_an_agent_that_comes_with_rans(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(rans.pretrained, "FOLDER", run.parent)
     assert contestant("pretrained:poser").controller.name == "poser"
@@ -91,6 +99,9 @@ def test_results_stay_inside_their_folder() -> None:
     ("lqr:go-to-pose-2d#go-to-pose", "picks the task 'go-to-pose', but there is only one task"),
     ("pretraned:x", r"no contestant .pretraned:x. \(did you mean pretrained\?\); known are a run folder,"),
     ("lqr:", "there is no contestant 'lqr:'"),
+    ("rans.optimal.control.lqr:LQR", r"LQR knows no task; add one, as in rans.*LQR:go-to-pose-2d\.$"),
+    ("nowhere_at_all:Idle", "there is no contestant 'nowhere_at_all:Idle'"),
+    ("rans.optimal.control.lqr:LQR:go-to-pose", "as in rans.optimal.control.lqr:LQR:go-to-pose-2d or -3d"),
     ("nowhere", "nowhere is not a run folder"),
     ("go-to-pose-2", r"not a run folder, and no agent or controller \(did you mean go-to-pose-2d\?\)"),
     ("sb3:mine.zip", "sb3:mine.zip knows no task: .*, as in rans compare RUN sb3:mine.zip"),

@@ -66,6 +66,23 @@ def test_own_goes_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
         tuned("lqr", SETUP)
 
 
+def gained(craft: object, task: object, timing: object, gain: float = 0.6, weights: object = None) -> None:
+    """Takes a number of its own."""
+
+
+def test_a_setting_may_be_an_argument_itself() -> None:
+    assert defaults(gained, ["gain"]) == {"gain": 0.6}
+    assert arguments(gained, {"gain": 1.5}) == {"gain": 1.5}
+    with pytest.raises(ConfigError, match="are not those of the controller"):
+        arguments(gained, {"damping": 1.5})
+
+
+@pytest.mark.parametrize("key", ["gian", "weights", "weights.position", "craft", "gain.x"])
+def test_what_is_no_setting_is_a_sentence(key: str) -> None:
+    with pytest.raises(ConfigError, match=f"names '{key}', which must be an argument of the controller"):
+        defaults(gained, [key])
+
+
 def test_settings_become_arguments() -> None:
     given = arguments(LQR, {"weights.position": 1.5, "deadband.spin": 0.2, "weights.spin": 0.3})
     assert given == {"weights": Weights(position=1.5, spin=0.3), "deadband": Deadband(spin=0.2)}

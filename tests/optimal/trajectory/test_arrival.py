@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -10,14 +11,47 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from rans.errors import ConfigError
 from rans.model.dynamics import PlanarState, SpatialState
 from rans.model.fields import Heading, Quat, Vec2, Vec3, leaves, map_leaves
+from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.trajectory.arrival import ROUNDINGS, rounded
-from rans.tasks import TASKS
+from rans.optimal.trajectory.objectives import MinimumTime
+from rans.optimal.trajectory.pool import solve_all
+from rans.scenario import scenarios
+from rans.tasks import TASKS, GoToPose
 from rans.tasks.rewards import Transition, nearness
+from rans.tasks.sight import Entry, Scalar
 
 X, Y = ca.SX.sym("x"), ca.SX.sym("y")  # type: ignore[call-arg]
 NORM = ca.Function("norm", [X, Y], [ca.sqrt(X * X + Y * Y), ca.fabs(X - 2 * Y) * 3.0])
+
+
+@dataclass(frozen=True)
+class Chase(GoToPose):
+    """Its goal moves."""
+
+    def next_goal(self, goal: Any, state: Any, period: Any) -> Any:
+        return replace(goal, p=goal.p + goal.v.scale(period))
+
+
+@dataclass(frozen=True)
+class Distant(GoToPose):
+    """Shows a distance, which has a corner at the goal."""
+
+    def sight(self, state: Any, goal: Any) -> tuple[Entry, ...]:
+        return *super().sight(state, goal), Scalar("distance", "m", (goal.p - state.p).norm())
+
+
+@pytest.mark.parametrize(("task", "said"), [
+    (Chase(), "for goals that stand still, and Chase moves its goal"),
+    (Distant(), "what Distant shows .* has no gradient at the goal")])
+def test_what_cannot_be_optimised_is_said_before_any_process_starts(
+        task: GoToPose, said: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delattr("rans.optimal.trajectory.pool.submitted")
+    craft = load_spacecraft("floating-platform")
+    with pytest.raises(ConfigError, match=said):
+        solve_all(craft, task, [MinimumTime()], scenarios(task, craft, 0, 1), workers=2)
 
 
 @given(x=st.floats(-5, 5), y=st.floats(-5, 5))
