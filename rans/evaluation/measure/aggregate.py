@@ -17,8 +17,8 @@ from rich.table import Table
 from rich.text import Text
 
 from rans.errors import counted
-from rans.evaluation.measure.metrics import samples
-from rans.evaluation.measure.statistics import Bootstrap, figure
+from rans.evaluation.measure.metrics import Sample, samples
+from rans.evaluation.measure.statistics import Bootstrap, Estimate, figure, share
 from rans.files import number, replace_file
 from rans.flight import Flight
 from rans.model.fields import leaves
@@ -109,10 +109,18 @@ class Metrics(Shown):
 
 
 def measure(flight: Flight) -> Metrics:
-    """Measure a batch of episodes of any task; equal flights have equal intervals."""
+    """Measure a batch of episodes of any task; equal flights have equal intervals.
+
+    Of shares of episodes they are Wilson's, which have a width where all succeed, else a `Bootstrap`'s.
+    """
     steps, episodes, _ = flight.commands.shape
     bootstrap = Bootstrap(episodes)
-    rows = [Metric(*s[:4], *dataclasses.astuple(bootstrap.of(s.centre, s.values))) for s in samples(flight)]
+
+    def estimated(one: Sample) -> Estimate:
+        return (share(one.values).scaled(100.0) if one.values.dtype == bool else
+                bootstrap.of(one.centre, one.values))
+
+    rows = [Metric(*one[:4], *dataclasses.astuple(estimated(one))) for one in samples(flight)]
     return Metrics(flight.controller, flight.engine, flight.craft.name, episodes, steps,
                    flight.timing.control_period, tuple(rows))
 
@@ -137,7 +145,7 @@ def save_episodes(flight: Flight, file: Path, trajectories: bool = False) -> Non
     - ``start`` and ``goal`` (N, k), and ``columns`` (k,), what each column is;
     - with trajectories: ``times`` (T + 1,) s, ``states`` (T + 1, N, k) and ``commands`` (T, N, thrusters).
     """
-    arrays: dict[str, Any] = {s.name.replace(" ", "_"): s.values for s in samples(flight)}
+    arrays: dict[str, Any] = {s.name.replace(" ", "_"): s.numbers for s in samples(flight)}
     states = np.stack(leaves(flight.states), axis=-1)
     arrays |= {"start": states[0], "goal": np.stack(leaves(flight.goals), axis=-1)}
     if trajectories:

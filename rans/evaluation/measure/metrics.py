@@ -52,8 +52,13 @@ class Sample(NamedTuple):
     """Equal for metrics that differ in the bound in their name only: tables show them in one line."""
     unit: str
     values: np.ndarray
-    """(N,), one per episode."""
+    """(N,), one per episode; truth values where the metric is the share of episodes of which it is true."""
     centre: Callable[..., Any] = np.mean
+
+    @property
+    def numbers(self) -> np.ndarray:
+        """(N,) values in the metric's unit."""
+        return 100.0 * self.values if self.values.dtype == bool else self.values
 
 
 def samples(flight: Flight) -> Iterator[Sample]:
@@ -127,9 +132,9 @@ def _success(flight: Flight) -> Iterator[Sample]:
             ("solved", "within all tolerances at every step of the last fifth", solved(flight)),
             ("solved in the mean", "mean errors of the last fifth within tolerances", mean),
             ("settled", "enters all tolerances and stays", np.isfinite(settling))):
-        yield Sample("success", name, meaning, "%", 100.0 * inside)
+        yield Sample("success", name, meaning, "%", inside)
     yield Sample("success", "settling time", "median time to enter and stay", "s", settling, np.median)
-    yield Sample("success", "failed", "declared failed by the task at any time", "%", 100.0 * flight.failed())
+    yield Sample("success", "failed", "declared failed by the task at any time", "%", flight.failed())
 
 
 def _held(flight: Flight) -> Iterator[Sample]:
@@ -140,7 +145,7 @@ def _held(flight: Flight) -> Iterator[Sample]:
         inside = np.all([(end < _HELD[name][grade]).all(axis=0) for name, end in ends.items()], axis=0)
         bounds = " ".join(f"{_HELD[name][grade]} {DISPLAY[name][1]}" for name in ends)
         yield Sample("success", f"held {bounds}", "within so much at every step of the last fifth", "%",
-                     100.0 * inside)
+                     inside)
 
 
 def _accuracy(flight: Flight, quantity: str, error: np.ndarray) -> Iterator[Sample]:
@@ -153,9 +158,9 @@ def _accuracy(flight: Flight, quantity: str, error: np.ndarray) -> Iterator[Samp
     threshold, whole, half, margin = _REACH[quantity]
     for bound, text in ((threshold, whole), (threshold / 2, half)):
         ever: Any = (after < bound).any(axis=0)
-        yield Sample(quantity, f"reach {text}", "ever closer than that", "%", 100.0 * ever)
+        yield Sample(quantity, f"reach {text}", "ever closer than that", "%", ever)
     yield Sample(quantity, f"stay {margin}", f"once closer than {whole}, never farther than that", "%",
-                 100.0 * _stays(after, threshold))
+                 _stays(after, threshold))
     yield Sample(quantity, f"{quantity} error", "mean over the last fifth", unit,
                  factor * last_fifth(error).mean(axis=0))
     tracked = flight.times > _TRANSIENT

@@ -19,21 +19,21 @@ from rans.scenario import scenarios
 from tests.evaluation.flights import TrackNothing, flight_of, two_episodes
 
 LINES = """\
-success | solved | 50 % | 0 to 100 | within all tolerances at every step of the last fifth
-success | solved in the mean | 100 % | 100 to 100 | mean errors of the last fifth within tolerances
-success | settled | 50 % | 0 to 100 | enters all tolerances and stays
+success | solved | 50 % | 9.45 to 90.5 | within all tolerances at every step of the last fifth
+success | solved in the mean | 100 % | 34.2 to 100 | mean errors of the last fifth within tolerances
+success | settled | 50 % | 9.45 to 90.5 | enters all tolerances and stays
 success | settling time | never | 2.5 to never | median time to enter and stay
-success | failed | 0 % | 0 to 0 | declared failed by the task at any time
-success | held 5 cm 3 deg / 2 cm 2 deg / 1 cm 1 deg | 50 / 50 / 50 % | up to ± 50 \
+success | failed | 0 % | 0 to 65.8 | declared failed by the task at any time
+success | held 5 cm 3 deg / 2 cm 2 deg / 1 cm 1 deg | 50 / 50 / 50 % | up to ± 40.5 \
 | within so much at every step of the last fifth
 position | PT10 / 5 / 2 / 1 | 90 / 85 / 25 / 15 % | up to ± 25 \
 | time steps with position error below so many cm
-position | reach 2 cm / 1 cm | 50 / 50 % | up to ± 50 | ever closer than that
-position | stay 15 cm | 50 % | 0 to 100 | once closer than 2 cm, never farther than that
+position | reach 2 cm / 1 cm | 50 / 50 % | up to ± 40.5 | ever closer than that
+position | stay 15 cm | 50 % | 9.45 to 90.5 | once closer than 2 cm, never farther than that
 position | position error | 2.45 cm | 0.4 to 4.5 | mean over the last fifth
 attitude | OT5 / 2 / 1 | 80 / 70 / 65 % | up to ± 35 | time steps with attitude error below so many deg
-attitude | reach 5 deg / 2.5 deg | 100 / 100 % | up to ± 0 | ever closer than that
-attitude | stay 37 deg | 100 % | 100 to 100 | once closer than 5 deg, never farther than that
+attitude | reach 5 deg / 2.5 deg | 100 / 100 % | up to ± 65.8 | ever closer than that
+attitude | stay 37 deg | 100 % | 34.2 to 100 | once closer than 5 deg, never farther than that
 attitude | attitude error | 0.25 deg | 0 to 0.5 | mean over the last fifth
 motion | speed | 0.25 m/s | 0 to 0.5 | mean linear speed (ALV)
 motion | spin | 0.1 rad/s | 0 to 0.2 | mean angular speed (AAV)
@@ -45,7 +45,8 @@ effort | on-time | 1 s | 0 to 2 | thruster-seconds an episode
 effort | impulse | 1 N s | 0 to 2 | thrust spent an episode
 """
 """Of two episodes, `tests.evaluation.flights.two_episodes`: a mean of two, resampled, is the one, the other
-or half of both, each with a quarter or more, so that intervals are from the one's to the other's."""
+or half of both, each with a quarter or more, so that intervals are from the one's to the other's. Those of
+shares of episodes are Wilson's: with z^2 = 3.84, (50 +- 40.5) % of one of two, up to z^2 / (2 + z^2) of none."""
 
 
 def printed(measured: Metrics, width: int) -> list[list[str]]:
