@@ -46,7 +46,8 @@ effort | impulse | 1 N s | 0 to 2 | thrust spent an episode
 """
 """Of two episodes, `tests.evaluation.flights.two_episodes`: a mean of two, resampled, is the one, the other
 or half of both, each with a quarter or more, so that intervals are from the one's to the other's. Those of
-shares of episodes are Wilson's: with z^2 = 3.84, (50 +- 40.5) % of one of two, up to z^2 / (2 + z^2) of none."""
+shares of episodes are Wilson's, with z^2 = 3.84: of one of two (50 +- 40.5) %, of none up to z^2 / (2 + z^2).
+"""
 
 
 def printed(measured: Metrics, width: int) -> list[list[str]]:
