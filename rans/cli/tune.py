@@ -43,7 +43,7 @@ class Tune:
         """Print what was found and what it is worth."""
         from rans.evaluation.compare.tuning import ranges, tune
         from rans.evaluation.fly.controllers import CONTROLLERS
-        from rans.evaluation.fly.tuned import OWN, defaults, file_name
+        from rans.evaluation.fly.tuned import OWN, defaults, file_name, tuned
         from rans.flight import Setup
         from rans.model.spacecraft_file import load_spacecraft
         from rans.model.timing import Timing
@@ -59,14 +59,19 @@ class Tune:
             step = partial(bars.advance, bars.add_task(f"tuning {self.controller}", total=self.candidates))
             found = tune(self.controller, setup, self.candidates, self.starts, self.price,
                          command_line(), step)
-        found.write(file)
+        known = None if self.output else tuned(self.controller, setup)
+        beaten = known is not None and known.is_no_worse(found)
+        if not beaten:
+            found.write(file)
         before = defaults(CONTROLLERS[self.controller], within)
         Terminal().print(table(
             f"{self.controller}, {self.task}, {craft.name}: {found.budget()}",
             ("setting", "default", "tuned"), [
                 *((key, f"{before[key]:.3g}", f"{value:.3g}") for key, value in found.settings.items()),
                 ("cost, s", *(f"{value:.3f}" for value in found.costs.values()))]))
-        Terminal().say(f"Written to {file}.")
+        Terminal().say(f"Written to {file}." if not beaten else
+                       "Not written: the settings in use cost no more on the same starts; --output FILE "
+                       "writes these all the same.")
         if found.candidates < self.candidates:
             raise KeyboardInterrupt
         return 0

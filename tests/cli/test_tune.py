@@ -29,6 +29,25 @@ def test_what_is_tuned_flies_from_then_on(tmp_path: Path, monkeypatch: pytest.Mo
     assert simple_controller("lqr", contest).tuning == "tuned: 2 settings on 2 starts"
 
 
+def test_a_worse_result_replaces_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+                                         capsys: pytest.CaptureFixture[str]) -> None:
+    """As of a search that was stopped early; other starts, or a file of its own, are another matter."""
+    monkeypatch.chdir(tmp_path)
+    tune = ["tune", "lqr", "--task", "track-velocity", "--spacecraft", "atmos", "--starts", "2"]
+    assert main([*tune, "--candidates", "4"]) == 0
+    file = OWN / "lqr-track-velocity-atmos.json"
+    good = file.read_text()
+    file.write_text(good.replace('"tuned": ', '"tuned": -'))  # as if far better settings had been found
+    kept = file.read_text()
+    capsys.readouterr()
+    assert main([*tune, "--candidates", "1"]) == 0
+    assert "Not written: the settings in use cost no more" in capsys.readouterr().out
+    assert file.read_text() == kept
+    assert main([*tune, "--candidates", "1", "--output", "mine.json"]) == 0
+    assert main([*tune[:-1], "3", "--candidates", "1"]) == 0
+    assert '"starts": 3' in file.read_text()
+
+
 @pytest.mark.parametrize(("arguments", "sentence"), [
     (["pid"], "no controller named 'pid'"),
     (["lqr", "--candidates", "0"], "--candidates must be >= 1"),

@@ -152,7 +152,7 @@ def trace(comparison: Comparison, between: Mapping[str, Contestant], seconds: fl
             front.entries.append(_entry(comparison, one, track, workers))
     if not front.lines():
         comparison.notes.append("Nobody has a knob to turn: the front has points, but no line.")
-    if reason := _nothing_claimed(comparison.contest):
+    if reason := _nothing_claimed(comparison.contest) or _uncertified(comparison.contest):
         comparison.notes += [] if reason in comparison.notes else [reason]
         return
     with _noted(comparison, "the certified front"):
@@ -170,6 +170,15 @@ def _nothing_claimed(contest: Contest) -> str:
     if not goal_stands_still(contest.task):
         return ("Optima and bounds are those of goals that stand still; none is claimed, as "
                 f"{type(contest.task).__name__} moves its goal.")
+    return ""
+
+
+def _uncertified(contest: Contest) -> str:
+    """Why no bound is certified; nothing if one can be."""
+    try:
+        goal_set(contest.task)
+    except ConfigError as reason:
+        return f"No bound is certified: {reason}"
     return ""
 
 
@@ -210,10 +219,8 @@ def _find_relaxed(comparison: Comparison, track: Track, workers: int | None) -> 
 def _find_certified(comparison: Comparison, count: int, cache: Path | None, track: Track,
                     workers: int | None) -> None:
     contest, events = comparison.contest, comparison.events()
-    try:
-        goal_set(contest.task)
-    except ConfigError as reason:
-        comparison.notes.append(f"No bound is certified: {reason}")
+    if reason := _uncertified(contest):
+        comparison.notes.append(reason)
         return
     count = min(count, contest.episodes)
     missing = no_certificate(contest.craft, aims(contest.task), contest.timing.control_period)

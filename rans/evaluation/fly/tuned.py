@@ -69,6 +69,11 @@ class Tuned:
                 and self.task == task_name(task) and self.control_period == timing.control_period
                 and self.spacecraft == to_toml(craft))
 
+    def is_no_worse(self, other: Tuned) -> bool:
+        """Whether these cost no more than others that were found for the same, on the same starts."""
+        same = all(getattr(self, name) == getattr(other, name) for name in ("starts", "seed", "price"))
+        return same and self.costs["tuned"] <= other.costs["tuned"]
+
     def budget(self) -> str:
         """What they cost, for tables."""
         return f"tuned: {self.candidates} settings on {self.starts} starts"

@@ -18,6 +18,7 @@ from rans.tasks import GoToPose
 from tests.fast.training import after, ignore, resumed, tiny_trainer
 
 
+@pytest.mark.filterwarnings("ignore:this engine steps slower")  # for a reward that no program is made of
 @pytest.mark.parametrize("what", ["weight", "state", "reward"])
 def test_nan_stops_it(tmp_path: Path, what: str, monkeypatch: pytest.MonkeyPatch) -> None:
     trainer = tiny_trainer(tmp_path / "run")
