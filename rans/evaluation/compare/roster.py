@@ -9,7 +9,7 @@ from pathlib import Path
 from rans.errors import ConfigError, RansError
 from rans.evaluation.compare.contest import Contest, Contestant
 from rans.evaluation.fly.agent import LoadedRun
-from rans.evaluation.fly.contestants import contestant, controller_name
+from rans.evaluation.fly.contestants import agent_folder, contestant, controller_name
 from rans.evaluation.fly.controllers import CONTROLLERS, controller, is_user_policy
 from rans.evaluation.fly.judge import EngineName
 from rans.evaluation.fly.knob import without_knob
@@ -20,7 +20,6 @@ from rans.files import read_json
 from rans.flight import Setup
 from rans.model.conditions import Conditions
 from rans.model.random import seed_words
-from rans.pretrained import pretrained_folder
 from rans.scenario import EVALUATION_SEED
 from rans.tasks.go_to_pose_priced import KnobPositions
 
@@ -110,11 +109,9 @@ def enlist(spec: str, contest: Contest, trust: bool = False) -> Contestant:
 
 def _tuning(spec: str) -> str:
     """What was spent on an agent or a policy, as far as its files tell."""
-    spec = spec.partition("#")[0].removeprefix(f"{PREFIX}:")
-    kind, _, name = spec.partition(":")
     if is_user_policy(spec):
         return "not known"
-    folder = pretrained_folder(name) if kind == "pretrained" else Path(spec)
+    folder = agent_folder(spec.removeprefix(f"{PREFIX}:"))
     card, run = folder / "card.json", RunFolder(folder)
     if card.exists():
         training = read_json(card)["training"]

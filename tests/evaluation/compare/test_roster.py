@@ -12,6 +12,7 @@ from rans.errors import ConfigError
 from rans.evaluation.compare import roster
 from rans.evaluation.compare.contest import Contest
 from rans.evaluation.compare.roster import contest_of, enlist, simple_controller, swept
+from rans.evaluation.fly import contestants
 from rans.model.timing import Timing
 from rans.optimal.control.lqr import LQR
 from rans.scenario import EVALUATION_SEED
@@ -76,7 +77,8 @@ def test_the_cost_of_an_agent_is_that_on_its_card(contest: Contest, monkeypatch:
     """Also of one of its tasks, as 'NAME#TASK'."""
     card = {"training": {"steps": 26_200_000, "seconds": 0.2549, "device": "cuda:0"}}
     (tmp_path / "card.json").write_text(json.dumps(card))
-    monkeypatch.setattr(roster, "pretrained_folder", lambda name: tmp_path if name == "mine" else Path("no"))
+    monkeypatch.setattr(contestants, "pretrained_folder",
+                        lambda name: tmp_path if name == "mine" else Path("no"))
     said = "training: 26.2 M steps, 0.255 s on a GPU"
     assert roster._tuning("pretrained:mine") == roster._tuning("pretrained:mine#go-to-pose") == said
     assert roster._tuning(str(tmp_path)) == said

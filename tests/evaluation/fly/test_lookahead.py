@@ -97,9 +97,11 @@ def test_it_is_named_before_an_agent() -> None:
     assert (run[1:], run.controller.name) == (plain[1:], "lookahead:go-to-pose-2d-fast")
     assert controller_name(spec) == ""
     assert output_folder(spec).name == "lookahead-pretrained-go-to-pose-2d-fast"
-    told, ahead = (enlist(one, contest_of(FAST, 4)) for one in (FAST, spec))
+    bare = FAST.removeprefix("pretrained:")
+    told, ahead, named = (enlist(one, contest_of(FAST, 4)) for one in (FAST, spec, bare))
     assert (told.knows, ahead.knows) == ("observation", "state, exact model")
-    assert ahead.tuning == told.tuning
+    assert told.tuning.startswith("training: 3,400.0 M steps")
+    assert told.tuning == ahead.tuning == named.tuning
 
 
 @pytest.mark.parametrize(("spec", "message"), [
