@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import json
 import math
-import re
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -23,7 +21,6 @@ from rans.evaluation.compare.run import Comparison, fill, trace
 from rans.files import plain
 from rans.flight import fly
 from rans.model.conditions_file import load_conditions
-from rans.model.drift import ClohessyWiltshire, Drift, step_goal
 from rans.model.fields import map_leaves
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
@@ -244,39 +241,6 @@ def test_tasks_without_certificate_say_so(spec: str, monkeypatch: pytest.MonkeyP
     assert found.failures == []
     assert len(found.notes) == 1
     assert "certificate exists" in found.notes[0]
-
-
-@dataclass(frozen=True)
-class Orbit(GoToPose):
-    """Something pulls, and the goal stands still."""
-
-    @property
-    def drift(self) -> Drift:
-        return ClohessyWiltshire(0.0011)
-
-
-@dataclass(frozen=True)
-class Chase(Orbit):
-    """The goal moves too."""
-
-    def next_goal(self, goal: Any, state: Any, period: Any) -> Any:
-        return step_goal(goal, self.drift, period)
-
-
-@pytest.mark.parametrize(("task", "said"), [
-    (Orbit(), "No bound is certified: .* Orbit has clohessy-wiltshire"),
-    (Chase(), "stand still; none is claimed, as Chase moves its goal")])
-def test_what_is_not_possible_to_say_is_a_note_and_no_failure(
-        task: GoToPose, said: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("rans.evaluation.compare.relaxed.objectives", lambda *_: [])
-    found = Comparison(replace(CONTEST, task=task))
-    fill(found, enlisted(["lqr"], found.contest), ["optimal"], certified=2, workers=1)
-    trace(found, {}, 1.0)
-    assert [entry.name for entry in found.entries] == ["LQR"]
-    assert found.failures == []
-    note, knob = found.notes  # the front has the first in common
-    assert re.search(said, note)
-    assert "Nobody has a knob" in knob
 
 
 @pytest.mark.usefixtures("undrawn")

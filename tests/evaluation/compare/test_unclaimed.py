@@ -1,0 +1,50 @@
+"""What no optimum or bound is claimed for: a note, and the flights are compared all the same."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Any
+
+import pytest
+
+from rans.evaluation.compare.contest import Contest
+from rans.evaluation.compare.roster import enlisted
+from rans.evaluation.compare.run import Comparison, fill, trace
+from rans.model.drift import ClohessyWiltshire, Drift, step_goal
+from rans.model.spacecraft_file import load_spacecraft
+from rans.model.timing import Timing
+from rans.tasks import GoToPose
+
+
+@dataclass(frozen=True)
+class Orbit(GoToPose):
+    """Something pulls, and the goal stands still."""
+
+    @property
+    def drift(self) -> Drift:
+        return ClohessyWiltshire(0.0011)
+
+
+@dataclass(frozen=True)
+class Chase(Orbit):
+    """The goal moves too."""
+
+    def next_goal(self, goal: Any, state: Any, period: Any) -> Any:
+        return step_goal(goal, self.drift, period)
+
+
+@pytest.mark.parametrize(("task", "said"), [
+    (Orbit(), "No bound is certified: .* Orbit has clohessy-wiltshire"),
+    (Chase(), "stand still; none is claimed, as Chase moves its goal")])
+def test_what_cannot_be_said_is_a_note_and_no_failure(task: GoToPose, said: str,
+                                                      monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("rans.evaluation.compare.relaxed.objectives", lambda *_: [])
+    found = Comparison(Contest(load_spacecraft("floating-platform"), task, Timing(episode_steps=30), 4, 3))
+    fill(found, enlisted(["lqr"], found.contest), ["optimal"], certified=2, workers=1)
+    trace(found, {}, 1.0)
+    assert [entry.name for entry in found.entries] == ["LQR"]
+    assert found.failures == []
+    note, knob = found.notes  # the front has the first in common
+    assert re.search(said, note)
+    assert "Nobody has a knob" in knob
