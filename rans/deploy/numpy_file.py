@@ -16,7 +16,8 @@ from rans.fast.learn.architecture import Architecture
 from rans.files import replace_file, write_text
 
 _PRINTED: dict[str, str] = {
-    "Add": "{0} + {1}", "Sub": "{0} - {1}", "Mul": "{0} * {1}", "Neg": "-{0}", "Equal": "{0} == {1}",
+    "Add": "{0} + {1}", "Sub": "{0} - {1}", "Mul": "{0} * {1}", "Div": "{0} / {1}",
+    "Neg": "-{0}", "Equal": "{0} == {1}",
     "Greater": "{0} > {1}", "Where": "np.where({0}, {1}, {2})", "Clip": "np.clip({0}, {1}, {2})",
     "Tanh": "np.tanh({0})", "Relu": "np.maximum({0}, 0)", "Sigmoid": "0.5 + 0.5 * np.tanh(0.5 * {0})",
     "Elu": "np.where({0} > 0, {0}, np.expm1(np.minimum({0}, 0)))", "MatMul": "{0} @ {1}",
@@ -24,7 +25,7 @@ _PRINTED: dict[str, str] = {
     "GatherElements": "np.take_along_axis({0}, {1}, axis={axis})", "Cast": "({0}).astype(np.float32)",
 }
 """What each operation is in NumPy."""
-_PARTS = {"observation": "o", "body": "b", "turn": "t"}
+_PARTS = {"observation": "o", "body": "b", "turn": "t", "memory": "m", "memory_1": "f", "command": "c"}
 """Short names for columns by themselves."""
 _ROOM, _LINE = 100, 110
 """Longest operation that is written within another, and longest line; characters."""

@@ -16,8 +16,8 @@ from rans.fast.symmetry import AIM, Symmetries
 from rans.model.trace import Symbol, ordered
 from rans.tasks.sight import Columns, Layout
 
-_LOWERED = {"+": "Add", "-": "Sub", "*": "Mul", "==": "Equal", "neg": "Neg", "where": "Where"}
-"""ONNX's names of what a layout does to columns."""
+_LOWERED = {"+": "Add", "-": "Sub", "*": "Mul", "/": "Div", "==": "Equal", "neg": "Neg", "where": "Where"}
+"""ONNX's names of what a layout and filters do to columns."""
 _ACTIVATIONS = {"tanh": "Tanh", "elu": "Elu", "relu": "Relu"}
 
 
@@ -83,7 +83,7 @@ class Program:
                 values[symbol] = self.apply(_LOWERED[symbol.operation], *(values[x] for x in symbol.args))
             else:
                 raise ConfigError(f"the agent's layout takes {symbol.operation!r} of its columns, which no "
-                                  "export knows: only sums, products and choices by equality do.")
+                                  "export knows: only sums, products, quotients and choices by equality do.")
         return [values[symbol] for symbol in results]
 
 
@@ -103,10 +103,14 @@ def agent_program(network: Network) -> Program:
     view = _View.chosen(program, given, body)
     seen = columns if view is None else view.columns(program, given.layout.body, columns)
 
-    # What the trunk is given: columns now, and what is remembered of columns and commands.
+    # What the trunk is given: columns now, as filters have them, and a history of columns and commands.
     x = _looks(program, network, seen)
-    recalled = _recalled(program, network, view) if given.recalled else ""
-    x = program.joined(x, recalled, name="shown") if recalled else x
+    kept = given.rows, given.filtering
+    history, known = program.split("memory", kept) if any(kept) else ("", "")
+    filters = program.split(known, [1] * given.filtering) if given.filters else []
+    filtered = _filtered(program, network, view, body, filters) if given.filters else ""
+    recalled = _recalled(program, network, view, history) if given.recalled else ""
+    x = program.joined(x, filtered, recalled, name="shown") if filtered or recalled else x
     layers = [name for name in weights if name.startswith(f"{EXTRACTOR}trunk.") and name.endswith("weight")]
     for name in layers:
         x = program.linear(x, weights[name], weights[name.removesuffix("weight") + "bias"])
@@ -124,8 +128,10 @@ def agent_program(network: Network) -> Program:
     else:
         opens = program.apply("Greater", head, program.constant(0.0))
         command = program.apply("Cast", opens, name="command", to=1)  # to float32
-    if given.recalled:
-        _remembered(program, given, program.joined(columns, command))
+    if any(kept):
+        newest = program.joined(columns, command) if given.recalled else ""
+        rows = _remembered(program, given, history, newest) if newest else []
+        program.joined(*rows, *_expected(program, given, body, filters), name="memory_out")
     return program
 
 
@@ -224,27 +230,53 @@ def _normalised(program: Program, network: Network, x: str) -> str:
     return program.apply("Clip", scaled, program.constant(-clip), program.constant(clip))
 
 
-def _recalled(program: Program, network: Network, view: _View | None) -> str:
+def _filtered(program: Program, network: Network, view: _View | None, body: Sequence[str],
+              filters: Sequence[str]) -> str:
+    """What filters make of the columns, from the same side, each looked at as the columns are."""
+    given = network.architecture
+    read, memory = _symbols("read", given.seen), _symbols("filter", given.filtering)
+    known = dict(zip((*read, *memory), (*body, *filters), strict=True))
+    _, *blocks = given.filtered((*read, *memory))
+    found = program.joined(*program.lowered([x for block in blocks for x in block], known))
+    found = _shaped(program, found, len(blocks), given.seen)
+    if view is not None:
+        found = view.columns(program, given.layout.body, found, rows=True)
+    width = len(blocks) * given.seen * (2 if given.zoom else 1)
+    return _shaped(program, _looks(program, network, found), width)
+
+
+def _expected(program: Program, given: Architecture, body: Sequence[str], filters: Sequence[str]
+              ) -> list[str]:
+    """What filters remember once the command is given."""
+    if not given.filters:
+        return []
+    names = ("read", given.seen), ("filter", given.filtering), ("told", given.thrusters)
+    symbols = [symbol for name, count in names for symbol in _symbols(name, count)]
+    columns = *body, *filters, *program.split("command", [1] * given.thrusters)
+    return program.lowered(given.expected(symbols), dict(zip(symbols, columns, strict=True)))
+
+
+def _recalled(program: Program, network: Network, view: _View | None, history: str) -> str:
     """What is remembered, (N, m), from the same side and with the columns normalised."""
     given = network.architecture
-    rows = _shaped(program, "memory", given.recalled, given.seen + given.thrusters)
+    rows = _shaped(program, history, given.recalled, given.seen + given.thrusters)
     then, told = program.split(rows, (given.seen, given.thrusters))
     if view is not None:
         then = view.columns(program, given.layout.body, then, rows=True)
         told = view.commands(program, told, given.recalled)
-    return _shaped(program, program.joined(_normalised(program, network, then), told), given.memory)
+    return _shaped(program, program.joined(_normalised(program, network, then), told), given.rows)
 
 
-def _remembered(program: Program, given: Architecture, newest: str) -> None:
+def _remembered(program: Program, given: Architecture, history: str, newest: str) -> list[str]:
     """Averages that move towards the newest columns and command, then the last ones, oldest first."""
     width, count = given.seen + given.thrusters, len(given.averages)
-    averages, _, others = program.split("memory", (count * width, width, (given.history - 1) * width))
+    averages, _, others = program.split(history, (count * width, width, (given.history - 1) * width))
     if count:
         kept = program.constant(np.repeat(np.asarray(given.averages, np.float32), width), "kept")
         often = program.joined(*[newest] * count)
         apart = program.apply("Mul", kept, program.apply("Sub", averages, often))
         averages = program.apply("Add", often, apart)
-    program.joined(averages, others, newest, name="memory_out")
+    return [averages, others, newest]
 
 
 def _core(program: Program, weights: Mapping[str, str], x: str) -> str:

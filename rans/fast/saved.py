@@ -17,6 +17,7 @@ from torch import Tensor
 
 from rans.errors import ConfigError, RansError
 from rans.fast import older
+from rans.fast.filters import Filters
 from rans.fast.learn.architecture import Architecture
 from rans.fast.learn.config import PPOSettings
 from rans.fast.learn.network import Network
@@ -123,10 +124,12 @@ def _table(architecture: Architecture) -> dict[str, Any]:
     """An architecture as `pack` takes it."""
     views = architecture.symmetries
     own = {field.name: plain(getattr(architecture, field.name)) for field in fields(Architecture)
-           if field.name not in ("layout", "symmetries")}
+           if field.name not in ("layout", "symmetries", "filters")}
     tables = None if views is None else {
         name: torch.as_tensor(table) for name, table in views._asdict().items()}
-    return own | {"layout": [_described(block) for block in architecture.layout.blocks], "symmetries": tables}
+    filters = architecture.filters
+    return own | {"layout": [_described(block) for block in architecture.layout.blocks], "symmetries": tables,
+                  "filters": None if filters is None else plain(filters._asdict())}
 
 
 def _architecture(table: dict[str, Any]) -> Architecture:
@@ -134,8 +137,14 @@ def _architecture(table: dict[str, Any]) -> Architecture:
     views = table.pop("symmetries")
     if views is not None:
         views = Symmetries(*(views[name].numpy() for name in Symmetries._fields))
+    filters = table.pop("filters", None)  # which agents of before did not have
+    bank = None if filters is None else Filters(
+        **{name: _numbers(filters[name]) for name in Filters._fields})
     blocks = Layout(tuple(_block(row) for row in table.pop("layout")))
-    given = Architecture(blocks, symmetries=views, **{name: _value(name, x) for name, x in table.items()})
+    given = Architecture(blocks, symmetries=views, filters=bank,
+                         **{name: _value(name, x) for name, x in table.items()})
+    if bank is not None and not bank.fits(blocks.body, given.thrusters):
+        raise ValueError("its filters are of another spacecraft")
     if views is not None and not _are_views(views, given):
         raise ValueError("its symmetries are of another spacecraft")
     if given.nominal and len(given.nominal) != given.privileged:
@@ -148,6 +157,11 @@ def _value(name: str, value: Any) -> Any:
     if name in _LISTS:
         return tuple(map(_LISTS[name], value))
     return int(value) if name == "thrusters" else type(getattr(Architecture, name))(value)
+
+
+def _numbers(value: Any) -> Any:
+    """A number, or tuples of numbers for lists."""
+    return tuple(map(_numbers, value)) if isinstance(value, list) else float(value)
 
 
 def _are_views(views: Symmetries, given: Architecture) -> bool:

@@ -141,7 +141,7 @@ class Turn(Entry):
         """The first two rows of G R G^T, where G is the view and the columns are the first two rows of R."""
         if len(columns) == 2:
             return [columns[0], columns[1] * hand]
-        turned = [view(column) for column in zip(*_rows(columns), strict=True)]
+        turned = [view(column) for column in zip(*matrix_rows(columns), strict=True)]
         return [x for row in list(zip(*turned, strict=True))[:2] for x in view(row)]
 
 
@@ -281,11 +281,11 @@ def to_body(attitude: Columns) -> Turned:
     if len(attitude) == 2:
         c, s = attitude
         return lambda u: [c * u[0] + s * u[1], c * u[1] - s * u[0]]
-    columns = list(zip(*_rows(attitude), strict=True))
+    columns = list(zip(*matrix_rows(attitude), strict=True))
     return lambda u: [p * u[0] + q * u[1] + r * u[2] for p, q, r in columns]
 
 
-def _rows(matrix: Columns) -> list[Columns]:
+def matrix_rows(matrix: Columns) -> list[Columns]:
     """The three rows of a rotation matrix, from the first two."""
     a, b = Vec3(*matrix[:3]), Vec3(*matrix[3:])
     return [row.columns() for row in (a, b, a.cross(b))]

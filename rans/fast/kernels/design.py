@@ -53,7 +53,7 @@ class Design:
     @property
     def columns(self) -> int:
         """Numbers that the first layer is given."""
-        return self.given.seen * (2 if self.given.zoom else 1) + self.given.memory
+        return self.given.inputs
 
     @cached_property
     def widths(self) -> tuple[int, ...]:

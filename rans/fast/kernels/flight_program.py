@@ -44,7 +44,7 @@ class FlightProgram:
     columns: tuple[Symbol, ...]
     """In the body frame: what a history remembers."""
     seen: tuple[Symbol, ...]
-    """The same from the side of the spacecraft that has the goal ahead."""
+    """The same from the side of the spacecraft that has the goal ahead, and as filters have them."""
     then: tuple[Symbol, ...]
     """Earlier columns "then_0" ... from that side."""
     view: Symbol
@@ -84,7 +84,11 @@ def trace_flight(world: World, given: Architecture) -> FlightProgram:
     carried = tuple(Carried(symbol, Symbol.constant(old), Symbol.constant(new))
                     for symbol, old, new in zip(inputs, leaves(begun), after, strict=True)
                     if isinstance(symbol, Symbol))
-    columns, seen, then, view = shown(given, world.observe(now, draws))
+    filters = [Symbol.input(f"filter_{i}") for i in range(given.filtering)]
+    columns, seen, then, view = shown(given, world.observe(now, draws), filters)
+    expected = given.expected((*columns, *filters, *commands))
+    carried += tuple(Carried(symbol, Symbol.constant(0.0), after)
+                     for symbol, after in zip(filters, expected, strict=True))
     return FlightProgram(
         carried, columns, seen, then, view, tally.going, Symbol.constant(tally.failure()),
         tally.going & tally.inside, Symbol.constant(tally.settled),
@@ -99,15 +103,20 @@ def _carried(place: int, value: Any, kind: Kind | None) -> Any:
     return Symbol.input(f"carried_{place}", kind or symbol.kind)  # type: ignore[union-attr]
 
 
-def shown(given: Architecture, observation: Sequence[Field]) -> tuple[_Row, _Row, _Row, Symbol]:
-    """Columns in the body frame, those and earlier ones as they are seen, and from which side."""
+def shown(given: Architecture, observation: Sequence[Field], filters: Sequence[Symbol] = ()
+          ) -> tuple[_Row, _Row, _Row, Symbol]:
+    """Columns in the body frame, those and earlier ones as they are seen, and from which side.
+
+    What filters make of the columns, of what they remember, is seen beside them.
+    """
     columns = tuple(map(Symbol.constant, given.layout.in_body(tuple(observation))))
     body, then = given.layout.body, tuple(Symbol.input(f"then_{i}") for i in range(len(columns)))
-    way = body.ahead(columns)
+    way, blocks = body.ahead(columns), given.filtered((*columns, *filters))
     if given.symmetries is None or way is None:
-        return columns, columns, then, Symbol.constant(0)
+        return columns, tuple(x for block in blocks for x in block), then, Symbol.constant(0)
     which, turn, hand = side(given.symmetries, way)
-    return columns, viewed(body, columns, turn, hand), viewed(body, then, turn, hand), which
+    seen = tuple(x for block in blocks for x in viewed(body, block, turn, hand))
+    return columns, seen, viewed(body, then, turn, hand), which
 
 
 def side(views: Symmetries, way: Sequence[Field]) -> tuple[Symbol, list[list[Field]], Field]:

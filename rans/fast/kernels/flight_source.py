@@ -80,7 +80,7 @@ class _Writer(Lines):
         yield f"float* const outputs = reinterpret_cast<float*>({own} + {design.inputs_bytes // 16});"
 
     def _flight(self) -> Iterator[str]:
-        program, recalled = self._program, self._given.memory
+        program, recalled = self._program, self._given.rows
         yield "const unsigned index = group * 32 + lane();"
         yield "const int number = first + int(index);"
         yield from self.values(carried.begin for carried in program.carried)
@@ -114,15 +114,22 @@ class _Writer(Lines):
         yield f"if (!__any_sync(~0u, {self.operand(program.going)})) break;"
 
     def _shown(self) -> Iterator[str]:
-        """The first layer's inputs: columns as they are seen, zoomed, and the memory's rows."""
+        """The first layer's inputs: columns as they are seen, zoomed, and the memory's rows.
+
+        So are what filters make of them.
+        """
         given, width = self._given, self._given.seen
-        yield from self._row("seen", self._program.seen)
-        yield f"real shown[{width * (2 if given.zoom else 1)}];"
-        yield f"normalise(seen, mean, scale, {given.clip}f, shown);"
-        if given.zoom:
-            yield f"for (int i = 0; i < {width}; ++i)"
-            yield f"  shown[{width} + i] = activated<{self._design.parts}, Tanh>(seen[i] * zoom[i]);"
-        yield "inputs.show(0, shown);"
+        size = width * (2 if given.zoom else 1)
+        for start in range(0, given.looks, width):
+            yield "{"
+            yield from indented(self._row("seen", self._program.seen[start:start + width]))
+            yield f"  real shown[{size}];"
+            yield f"  normalise(seen, mean, scale, {given.clip}f, shown);"
+            if given.zoom:
+                yield f"  for (int i = 0; i < {width}; ++i)"
+                yield f"    shown[{width} + i] = activated<{self._design.parts}, Tanh>(seen[i] * zoom[i]);"
+            yield "  " + f"inputs.show({start // width * size}, shown);"
+            yield "}"
         if given.recalled:
             yield from self._recalled()
 
@@ -130,7 +137,7 @@ class _Writer(Lines):
         """Averages and moments from the side seen now; thrusters are where they look like in it."""
         given, program = self._given, self._program
         width = given.seen + given.thrusters
-        first = given.seen * (2 if given.zoom else 1)
+        first = given.looks * (2 if given.zoom else 1)
         yield f"for (int row = 0; row < {given.recalled}; ++row) {{"
         yield f"  const int at = row * {width};"
         known = dict(self.names)

@@ -19,6 +19,7 @@ from torch import Tensor
 
 from rans.fast.kernels.flight_program import side, viewed
 from rans.fast.kernels.launch import CudaError, Function
+from rans.fast.kernels.opaque import opaque
 from rans.fast.kernels.source import Lines, indented
 from rans.fast.learn.architecture import Architecture
 from rans.fast.symmetry import Symmetries
@@ -43,8 +44,15 @@ class Look(ABC):
         """The columns (N, k) of observations (N, width) in the body frame."""
 
     @abstractmethod
-    def seen(self, columns: Tensor) -> tuple[Tensor, Tensor]:
-        """Columns (N, k) from the side that has the goal ahead, and which side that is, (N,) int64."""
+    def seen(self, rows: Tensor) -> tuple[Tensor, Tensor]:
+        """Columns from the side that has the goal ahead, and which side that is, (N,) int64.
+
+        Rows are columns (N, k) and what filters remember; what these make of the columns stands beside them.
+        """
+
+    @abstractmethod
+    def expected(self, rows: Tensor) -> Tensor:
+        """What filters remember after such rows, each with the command that was given."""
 
     def whole(self, observation: Tensor, tensors: Mapping[str, Tensor]) -> tuple[Tensor, Tensor] | None:
         """Log-odds (N, thrusters) and values (N,) of a network with these weights; None: not in one go."""
@@ -66,37 +74,48 @@ class TorchLook(Look):
     """By torch's operations."""
 
     def __init__(self, given: Architecture, views: Symmetries | None) -> None:
-        self._layout, self._views = given.layout, views
+        self._given, self._layout, self._views = given, given.layout, views
 
     def in_body(self, observation: Tensor) -> Tensor:
         """See `Look`."""
         return torch.stack(self._layout.in_body(observation.unbind(dim=1)), dim=1)
 
-    def seen(self, columns: Tensor) -> tuple[Tensor, Tensor]:
-        """See `Look`; there are several sides, and a way to go."""
-        layout, fields = self._layout.body, columns.unbind(dim=1)
-        way = layout.ahead(fields)
-        assert self._views is not None
-        assert way is not None
-        which = self._views.which(way)
-        return torch.stack(self._views.viewed(layout, fields, which), dim=1), which
+    def seen(self, rows: Tensor) -> tuple[Tensor, Tensor]:
+        """See `Look`; there are filters, or several sides and a way to go."""
+        layout, blocks = self._layout.body, self._given.filtered(rows.unbind(dim=1))
+        way, views = layout.ahead(blocks[0]), self._views
+        if views is None or way is None:
+            seen = torch.stack([x for block in blocks for x in block], dim=1)
+            return seen, torch.zeros_like(rows[:, 0], dtype=torch.int64)
+        which = views.which(way)
+        return torch.stack([x for block in blocks for x in views.viewed(layout, block, which)], dim=1), which
+
+    def expected(self, rows: Tensor) -> Tensor:
+        """See `Look`."""
+        return torch.stack(self._given.expected(rows.unbind(dim=1)), dim=1)
 
 
-def row_programs(given: Architecture) -> tuple[tuple[RowProgram, int], tuple[RowProgram, int]]:
-    """What changes observations to the body frame and what chooses a side, and of how many columns."""
+def row_programs(given: Architecture) -> list[tuple[RowProgram, int]]:
+    """What changes observations to the body frame, chooses a side, and filters; of how many columns each."""
     layout = given.layout
 
     def turned(columns: Sequence[Symbol]) -> tuple[list[Symbol], Symbol]:
         return list(map(Symbol.constant, layout.in_body(columns))), Symbol.constant(0)
 
     def seen(columns: Sequence[Symbol]) -> tuple[list[Symbol], Symbol]:
-        way = layout.body.ahead(columns)
+        blocks = given.filtered(columns)
+        way = layout.body.ahead(blocks[0])
         if given.symmetries is None or way is None:
-            return list(columns), Symbol.constant(0)
+            return [x for block in blocks for x in block], Symbol.constant(0)
         which, turn, hand = side(given.symmetries, way)
-        return list(viewed(layout.body, columns, turn, hand)), which
+        return [x for block in blocks for x in viewed(layout.body, block, turn, hand)], which
 
-    return (turned, layout.width), (seen, layout.body.width)
+    def expected(row: Sequence[Symbol]) -> tuple[list[Symbol], Symbol]:
+        return list(map(Symbol.constant, given.expected(row))), Symbol.constant(0)
+
+    width = given.seen + given.filtering
+    programs = [(turned, layout.width), (seen, width)]
+    return [*programs, (expected, width + given.thrusters)] if given.filters else programs
 
 
 class ArrayLook(Look):
@@ -117,9 +136,13 @@ class ArrayLook(Look):
         """See `Look`."""
         return self._rows(0, observation)[0] if self._works(observation) else self._plain.in_body(observation)
 
-    def seen(self, columns: Tensor) -> tuple[Tensor, Tensor]:
+    def seen(self, rows: Tensor) -> tuple[Tensor, Tensor]:
         """See `Look`."""
-        return self._rows(1, columns) if self._works(columns) else self._plain.seen(columns)
+        return self._rows(1, rows) if self._works(rows) else self._plain.seen(rows)
+
+    def expected(self, rows: Tensor) -> Tensor:
+        """See `Look`."""
+        return self._rows(2, rows)[0] if self._works(rows) else self._plain.expected(rows)
 
     def whole(self, observation: Tensor, tensors: Mapping[str, Tensor]) -> tuple[Tensor, Tensor] | None:
         """See `Look`."""
@@ -169,19 +192,29 @@ class ArrayLook(Look):
 
 
 class CudaLook(Look):
-    """By a kernel each on a CUDA device, compiled when they are first asked for."""
+    """By a kernel each on a CUDA device, compiled when they are first asked for.
+
+    Torch's compiler takes minutes over filters: to it, these kernels are one operation.
+    """
 
     def __init__(self, given: Architecture, plain: TorchLook, device: torch.device,
                  dtype: torch.dtype) -> None:
         self._given, self._plain, self._device, self._real = given, plain, device, _REALS[dtype]
+        self._opaque = opaque(self) if given.filters and self._functions is not None else None
 
     def in_body(self, observation: Tensor) -> Tensor:
         """See `Look`."""
-        return self._rows(0, observation)[0] if self._works(observation) else self._plain.in_body(observation)
+        return self.rows(0, observation)[0] if self._works(observation) else self._plain.in_body(observation)
 
-    def seen(self, columns: Tensor) -> tuple[Tensor, Tensor]:
+    def seen(self, rows: Tensor) -> tuple[Tensor, Tensor]:
         """See `Look`."""
-        return self._rows(1, columns) if self._works(columns) else self._plain.seen(columns)
+        if self._opaque is not None:
+            return self._opaque(1, rows)
+        return self.rows(1, rows) if self._works(rows) else self._plain.seen(rows)
+
+    def expected(self, rows: Tensor) -> Tensor:
+        """See `Look`."""
+        return self._plain.expected(rows) if self._opaque is None else self._opaque(2, rows)[0]
 
     def _works(self, rows: Tensor) -> bool:
         return _may(rows) and self._functions is not None
@@ -200,10 +233,15 @@ class CudaLook(Look):
         """CUDA C++ of the programs."""
         return [source(program, width, self._real) for program, width in row_programs(self._given)]
 
-    def _rows(self, number: int, rows: Tensor) -> tuple[Tensor, Tensor]:
-        assert self._functions is not None
-        found = rows.new_empty(len(rows), self._given.layout.body.width)
-        which = torch.empty(len(rows), dtype=torch.int64, device=rows.device)
+    def room(self, number: int, rows: Tensor) -> tuple[Tensor, Tensor]:
+        """For what the program of this number finds of rows."""
+        given = self._given
+        found = rows.new_empty(len(rows), (given.seen, given.looks, given.filtering)[number])
+        return found, rows.new_empty(len(rows), dtype=torch.int64)
+
+    def rows(self, number: int, rows: Tensor) -> tuple[Tensor, Tensor]:
+        """What it finds: numbers, row by row, and a whole number of each."""
+        found, which = self.room(number, rows)
         self._launch(number, [x.data_ptr() for x in (rows, found, which)], [len(rows), *rows.stride()])
         return found, which
 

@@ -61,7 +61,7 @@ class UpdateDesign:
     def columns(self) -> int:
         """Numbers that the first layer is given, at last what only the critic is told."""
         given = self.given
-        return given.seen * (2 if given.zoom else 1) + given.memory + given.privileged
+        return given.inputs + given.privileged
 
     @property
     def inputs(self) -> int:

@@ -13,10 +13,12 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from rans.fast.engine import Engine
+from rans.fast.filters import Filters
 from rans.fast.learn.config import PPOSettings
 from rans.fast.symmetry import Symmetries, symmetries
+from rans.model.fields import Field
 from rans.tasks.derived import example
-from rans.tasks.sight import Block, Drawn, Layout, OwnAttitude, Scalar, Spin, Turn, VectorInW
+from rans.tasks.sight import Block, Columns, Drawn, Layout, OwnAttitude, Scalar, Spin, Turn, VectorInW
 
 ACTIVATIONS: dict[str, type[nn.Module]] = {"tanh": nn.Tanh, "elu": nn.ELU, "relu": nn.ReLU}
 LOG_STD = -1.0
@@ -62,6 +64,8 @@ class Architecture:
     """How many last columns and commands the network is shown."""
     averages: tuple[float, ...] = ()
     """Besides, exponential moving averages of all of them: the share that each keeps from step to step."""
+    filters: Filters | None = None
+    """Besides, what each of a bank of Kalman filters makes of the columns (decision 024)."""
     units: int = 0
     """Of a recurrent core after the trunk; 0: none."""
     privileged: int = 0
@@ -84,6 +88,8 @@ class Architecture:
             bf16=settings.matmul == "bf16", continuous=craft.actuators.is_continuous,
             history=settings.history if has_history else 0,
             averages=tuple(settings.averages) if has_history else (),
+            filters=Filters.of(craft, engine.task, engine.timing.control_period, settings.filters)
+            if settings.filters else None,
             units=settings.recurrent_units if settings.memory == "recurrent" else 0,
             privileged=engine.known.width if settings.privileged_critic else 0,
             nominal=engine.known.nominal if settings.privileged_critic else (),
@@ -97,7 +103,27 @@ class Architecture:
     @property
     def memory(self) -> int:
         """Numbers that the network remembers of a spacecraft from step to step."""
-        return self.units or self.recalled * (self.seen + self.thrusters)
+        return self.units or self.rows + self.filtering
+
+    @property
+    def rows(self) -> int:
+        """Those of them that are a history."""
+        return self.recalled * (self.seen + self.thrusters)
+
+    @property
+    def filtering(self) -> int:
+        """Those of them that filters remember, which come last."""
+        return self.filters.width(self.layout.body) if self.filters else 0
+
+    @property
+    def looks(self) -> int:
+        """Columns that are looked at: as they are read, then as each filter has them."""
+        return self.seen * (1 + (len(self.filters.drift) if self.filters else 0))
+
+    @property
+    def inputs(self) -> int:
+        """Numbers that the trunk is given."""
+        return self.looks * (2 if self.zoom else 1) + self.rows
 
     @property
     def recalled(self) -> int:
@@ -109,14 +135,28 @@ class Architecture:
         """Width of what actor and critic are heads on."""
         return self.units or self.layers[-1]
 
+    def filtered(self, row: Columns) -> list[Columns]:
+        """Of columns in B and what filters remember: the columns, and what each filter makes of them."""
+        if self.filters is None:
+            return [row]
+        read, memory = row[:self.seen], row[self.seen:]
+        return [read, *self.filters.estimates(self.layout.body, read, memory)]
+
+    def expected(self, row: Columns) -> list[Field]:
+        """Of the same and the command that was given: what filters remember from then on."""
+        if self.filters is None:
+            return []
+        read, memory, command = (row[a:b] for a, b in pairwise(
+            (0, self.seen, self.seen + self.filtering, None)))
+        return self.filters.expected(self.layout.body, read, memory, command)
+
     def modules(self) -> dict[str, nn.Module]:
         """What is learnt before the heads, in the order of SB3, with torch's initial weights."""
-        columns = self.seen * (2 if self.zoom else 1) + (0 if self.units else self.memory)
-        made: dict[str, nn.Module] = {"trunk": self._layers(columns, self.layers)}
+        made: dict[str, nn.Module] = {"trunk": self._layers(self.inputs, self.layers)}
         if self.units:
             made["core"] = nn.GRUCell(self.layers[-1], self.units)
         if self.privileged:
-            made["critic"] = self._layers(columns + self.privileged, (*self.layers[:-1], self.features))
+            made["critic"] = self._layers(self.inputs + self.privileged, (*self.layers[:-1], self.features))
         return made
 
     def _layers(self, width: int, layers: Sequence[int]) -> nn.Sequential:

@@ -83,6 +83,10 @@ class PPOSettings:
     averages: tuple[float, ...] = ()
     """Beside a history, exponential moving averages of all observations and commands: the share that each
     keeps from step to step. They tell what is steady from noise, and are longer than a history can be."""
+    filters: tuple[float, ...] = ()
+    """What Kalman filters make of everything observed, besides: of each the variance by which it lets
+    velocities wander in a control period, in units of their readings' noise. They know the spacecraft as
+    designed and what its thrusters were told (decision 024)."""
     recurrent_units: int = 64
     """Of that unit."""
     privileged_critic: bool = False
@@ -106,6 +110,8 @@ class PPOSettings:
         _require(self, "finite and > 0, or null", lambda x: x is None or 0 < x < math.inf, "desired_kl")
         _require(self, "numbers between 0 and 1",
                  lambda x: isinstance(x, tuple | list) and all(0 < share < 1 for share in x), "averages")
+        _require(self, "numbers >= 1e-6 and <= 1e6",
+                 lambda x: isinstance(x, tuple | list) and all(1e-6 <= one <= 1e6 for one in x), "filters")
         for name, kind in (("activation", Activation), ("matmul", Precision), ("memory", Memory)):
             known = get_args(kind)
             _require(self, f"one of {', '.join(known)}", lambda x, known=known: x in known, name)
@@ -114,6 +120,9 @@ class PPOSettings:
         if self.averages and self.memory != "history":
             raise ConfigError(f"averages stand beside a history, so that memory must be 'history', got "
                               f"{self.memory!r}.")
+        if self.filters and self.memory == "recurrent":
+            raise ConfigError("filters stand beside a history or nothing, not beside memory 'recurrent', "
+                              "which is all that such a network remembers.")
         if self.memory == "recurrent" and self.symmetric:
             raise ConfigError("memory 'recurrent' needs symmetric to be false: what is remembered was seen "
                               "from one side of the spacecraft, and the next step may be from another.")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from typing import NamedTuple
 
@@ -103,17 +103,30 @@ class Network:
              memory: Tensor | None = None) -> tuple[Tensor, Tensor | None, Tensor | None]:
         """Columns (N, k) in the body frame and the memory from the side of the craft that has the goal ahead.
 
-        Also where each thruster is in that view, (N, thrusters), without symmetry None. They do not depend
-        on weights, so one look serves an update.
+        The columns seen, (N, `Architecture.looks`), are those given and those of every filter; the memory is
+        without the filters'. Also where each thruster is in that view, (N, thrusters), without symmetry None.
+        They do not depend on weights, so one look serves an update.
         """
         given, views = self.architecture, self._views
+        history, filters = self._parted(memory, len(columns))
+        rows = columns if filters is None else torch.cat((columns, filters), dim=1)
         if views is None or given.layout.body.ahead(tuple(range(given.seen))) is None:
-            return columns, memory, None
-        seen, which = self._look.seen(columns)
+            return rows if filters is None else self._look.seen(rows)[0], history, None
+        seen, which = self._look.seen(rows)
         place = views.place[which]
-        if memory is None or not given.recalled:
-            return seen, memory, place
-        return seen, viewed(memory, given.recalled, given.layout.body, views, which), place
+        if history is None or not given.recalled:
+            return seen, history, place
+        return seen, viewed(history, given.recalled, given.layout.body, views, which), place
+
+    def _parted(self, memory: Tensor | None, count: int) -> tuple[Tensor | None, Tensor | None]:
+        """A history, or a recurrent state, and what filters remember, which know nothing without a memory."""
+        given = self.architecture
+        if given.filters is None:
+            return memory, None
+        if memory is None:
+            memory = self._mean.new_zeros(count, given.memory)
+        history, filters = memory.tensor_split([given.rows], dim=1)
+        return history if given.recalled else None, filters
 
     def evaluate_seen(self, seen: Tensor, memory: Tensor | None = None, privileged: Tensor | None = None,
                       going_on: Tensor | None = None) -> Output:
@@ -138,20 +151,34 @@ class Network:
 
     def inputs(self, seen: Tensor, memory: Tensor | None = None) -> Tensor:
         """What the trunk is given of columns (N, k) and a history (N, m), by member."""
-        given, x = self.architecture, self._looks(self._rows(seen))
+        given, rows = self.architecture, self._rows(seen)
+        x = self._by_row(self._looks, rows, given.looks // given.seen) if given.filters else self._looks(rows)
         if not given.recalled or memory is None:
             return x
-        rows = self._rows(memory.unflatten(1, (given.recalled, -1))).flatten(-3, -2)
-        then, told = rows.tensor_split([given.seen], dim=-1)
-        rows = torch.cat((self._normalised(then), told), dim=-1)
-        return torch.cat((x, rows.unflatten(-2, (-1, given.recalled)).flatten(-2)), dim=-1)
+        return torch.cat((x, self._by_row(self._recalled, self._rows(memory), given.recalled)), dim=-1)
+
+    @staticmethod
+    def _by_row(function: Callable[[Tensor], Tensor], x: Tensor, count: int) -> Tensor:
+        """What a function makes of each of so many rows that stand side by side, (..., n, count i)."""
+        rows = function(x.unflatten(-1, (count, -1)).flatten(-3, -2))
+        return rows.unflatten(-2, (-1, count)).flatten(-2)
+
+    def _recalled(self, rows: Tensor) -> Tensor:
+        then, told = rows.tensor_split([self.architecture.seen], dim=-1)
+        return torch.cat((self._normalised(then), told), dim=-1)
 
     def remember(self, columns: Tensor, memory: Tensor | None, command: Tensor,
                  output: Output) -> Tensor | None:
         """The memory (N, m) after a command (N, thrusters) to columns (N, k) in the body frame."""
         if memory is None or self.architecture.units:
             return memory if memory is None else output.core
-        return continued(memory, torch.cat((columns, command), dim=1), self._kept)
+        history, filters = self._parted(memory, len(columns))
+        kept = []
+        if history is not None:
+            kept.append(continued(history, torch.cat((columns, command), dim=1), self._kept))
+        if filters is not None:
+            kept.append(self._look.expected(torch.cat((columns, filters, command), dim=1)))
+        return torch.cat(kept, dim=1) if len(kept) > 1 else kept[0]
 
     def _rows(self, x: Tensor) -> Tensor:
         """(N, ...) by member: (K, N / K, ...)."""
@@ -222,9 +249,11 @@ class Network:
     def update_statistics(self, seen: Tensor, world: Processes = ALONE) -> None:
         """Merge mean and variance of columns (T, N, k) of every process into the running ones, per member.
 
+        What filters make of them, further columns, counts as they do.
+
         Chan, Golub and LeVeque, "Updating formulae and a pairwise algorithm for sample variances", 1979.
         """
-        rows = seen.unflatten(1, (self.members, -1))
+        rows = seen[..., :self.architecture.seen].unflatten(1, (self.members, -1))
         count = rows.shape[0] * rows.shape[2] * world.size
         found = torch.var_mean(rows, dim=(0, 2), correction=0)
         variance, mean = world.pooled(*(x.view_as(self._mean) for x in found))
