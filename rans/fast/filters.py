@@ -109,20 +109,15 @@ class Filters(NamedTuple):
         off_place = _first(off, self.share, 0)
         off_velocity, off_spin = _first(off, self.share, 1), _first(off, self.share, 2)
 
-        # Each block by its own error, and by that of its derivative or integral.
-        turned = [gain[0] * a + gain[1] * b for a, b in zip(tilt, off_spin, strict=True)]
-        half = [0.5 * x for x in turned]
+        # Each block by its own error and by that of its derivative or integral; what no motion changes is as
+        # it is read.
+        half = _sum(0.5 * gain[0], tilt, 0.5 * gain[1], off_spin)
+        own, others = (gain[0], gain[2], gain[2]), (off_velocity, off_place, tilt)
         found: list[Field] = []
-        for ((block, _), (_, then), (place, speed, spin)), error in zip(blocks, off, strict=True):
-            if place:
-                moves = _sum(gain[0], error, gain[1] * place, off_velocity)
-            elif speed:
-                moves = _sum(gain[2], error, gain[1] * speed, off_place)
-            elif spin:
-                moves = _sum(gain[2], error, gain[1] * spin, tilt)
-            else:  # what no motion changes is as it is read
-                moves = error
-            found += _seen(block, [x + move for x, move in zip(then, moves, strict=True)], half)
+        for ((block, _), (_, then), share), error in zip(blocks, off, strict=True):
+            for k in _changing(share):
+                error = _sum(own[k], error, gain[1] * share[k], others[k])
+            found += _seen(block, _sum(1.0, then, 1.0, error), half)
         unknown = notes[0] == 0.0
         return [where(unknown, now, x) for x, now in zip(found, read, strict=True)], (pose, both, velocity)
 
@@ -148,13 +143,9 @@ class Filters(NamedTuple):
         gained = [x + turn for x, turn in zip(push, _cross(half, push), strict=True)]
         way = [(v + 0.5 * more) * self.period for v, more in zip(velocity, push, strict=True)]
         found: list[Field] = []
-        for (block, mine), (place, speed, spinning) in zip(blocks, self.share, strict=True):
-            if place:
-                mine = _sum(1.0, mine, place, way)
-            elif speed:
-                mine = _sum(1.0, mine, speed, gained)
-            elif spinning:
-                mine = _sum(1.0, mine, spinning, twist)
+        for (block, mine), share in zip(blocks, self.share, strict=True):
+            for k in _changing(share):
+                mine = _sum(1.0, mine, share[k], (way, gained, twist)[k])
             found += _seen(block, mine, half)
         return found
 
@@ -192,12 +183,16 @@ def _share(entry: Entry, others: Sequence[Entry]) -> _Share:
     still = all(np.allclose(np.asarray(b, float), a) for one in others for a, b in
                 zip(rest, one.columns()[1:], strict=True))
     fits = found[:2] if isinstance(entry, VectorInW) else found[2:] if isinstance(entry, Spin) else []
-    changing = sum(map(bool, found))
-    if isinstance(entry, Drawn) or not still or changing > 1 or sum(map(bool, fits)) < changing:
+    if isinstance(entry, Drawn) or not still or len(_changing(found)) > 1 or sum(found) != sum(fits):
         raise ConfigError(f"filters cannot follow the observed {entry.name!r}: it is neither a place, a "
                           "velocity nor an angular velocity, but changes with them. Train without "
                           "filters, or let the task show it otherwise.")
     return found[0], found[1], found[2]
+
+
+def _changing(share: Sequence[float]) -> list[int]:
+    """Of position, velocity and angular velocity, which change a block: none, or one."""
+    return [k for k, factor in enumerate(share) if factor]
 
 
 def _first(values: Sequence[Columns], shares: Sequence[_Share], which: int) -> Columns:
@@ -248,9 +243,9 @@ def _seen(block: Block, columns: Columns, half: Columns) -> Columns:
 def _unit(x: Columns) -> list[Field]:
     """A vector of almost unit length, closer to it: rounding of rows turned again and again would grow.
 
-    One step of Newton's method for the inverse square root.
+    The error is squared, as by Newton's method, and no vector comes out longer than 1.
     """
-    scale = 1.5 - 0.5 * sum(a * a for a in x)
+    scale = 2.0 / (1.0 + sum(a * a for a in x))
     return [a * scale for a in x]
 
 

@@ -59,7 +59,7 @@ def test_it_is_the_agent_that_sb3_unpickles(name: str, with_ours: bool, tmp_path
         assert torch.equal(found.tensors[key], tensor), key
     ours, theirs = found.architecture, expected.architecture
     for key in ("layout", "thrusters", "layers", "activation", "zoom", "continuous", "history", "averages",
-                "units", "clip"):
+                "units", "clip", "filters"):
         assert getattr(ours, key) == getattr(theirs, key), key
     assert (ours.symmetries is None) == (theirs.symmetries is None)
     for one, other in zip(ours.symmetries or (), theirs.symmetries or (), strict=True):
@@ -133,6 +133,11 @@ def spoilt(folder: Path, change: Callable[[dict[str, Any]], object]) -> str:
     return str(caught.value)
 
 
+_FILTERS = {"drift": [1.0], "period": 0.2, "push": [[0.1, 0.0]] * 3, "twist": [[0.1]] * 3,
+            "share": [[0.0, 0.0, 0.0]] * 5}
+"""Of a craft with three thrusters."""
+
+
 @pytest.mark.parametrize(("change", "sentence"), [
     (lambda t: t["architecture"].update(layers=[10**6, 10**6]), "not those of the network"),
     (lambda t: t["architecture"].update(layers=[1] * 10**6), "not those of the network"),
@@ -141,6 +146,9 @@ def spoilt(folder: Path, change: Callable[[dict[str, Any]], object]) -> str:
     (lambda t: t["architecture"].update(thrusters=2**70), "is damaged"),
     (lambda t: t["architecture"].update(surprise=1), "is damaged"),
     (lambda t: t["architecture"]["symmetries"]["place"].fill_(99), "symmetries are of another spacecraft"),
+    (lambda t: t["architecture"].update(filters=_FILTERS), "its filters are of another spacecraft"),
+    (lambda t: t["architecture"].update(filters=_FILTERS | {"drift": "all"}), "is damaged"),
+    (lambda t: t["architecture"].update(filters={"drift": [1.0]}), "is damaged"),
     (lambda t: t["architecture"]["layout"][0].__setitem__(0, "os.system"), "unknown kind os.system"),
     (lambda t: t["weights"].pop("value_net.bias"), "not those of the network"),
     (lambda t: t["weights"].update({"value_net.bias": torch.zeros(3)}), "not those of the network"),

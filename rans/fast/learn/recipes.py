@@ -196,8 +196,8 @@ RECIPES: dict[str, Recipe] = {
          _STAYED), large=_WIDEST, large_timesteps=9_000_000_000),
     "go-to-pose-3d-robust": Recipe(
         "go-to-pose", _FLYER, {**_LOOSE, "verge_weight": 6.0, "thrust_weight": 0.12},
-        replace(_INFORMED, layers=_WIDE), 60_000_000, (_PRICED_LATE, _STAYED_LATER), robust_in_space,
-        _SOON_LARGE, 6_400_000_000, _COARSE),
+        replace(_INFORMED, layers=_WIDE, filters=(1e-3, 0.03, 1.0)), 60_000_000,
+        (_PRICED_LATE, _STAYED_LATER), robust_in_space, _SOON_LARGE, 4_400_000_000, _COARSE),
     **{f"{task}-3d-robust": Recipe(
         task, _FLYER, settings, replace(_INFORMED, symmetric=TASKS[task].symmetric, layers=_WIDE), 10_000_000,
         (_PRICED_LATE,), robust, *((_ADAPTIVE_LARGE, 400_000_000) if task == "go-to-position" else

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import torch
 
+from rans.fast.filters import Filters
 from rans.fast.flights import Flights
 from rans.fast.kernels import flight
 from rans.fast.kernels.design import Design, DoesNotFit
@@ -21,7 +22,7 @@ from rans.flight import Setup
 from rans.model.actuators import Throttle
 from rans.tasks import TASKS
 from tests.fast.engines import FLYER, PLATFORM
-from tests.fast.flying import WIDE, policy, setup
+from tests.fast.flying import BRIEF, WIDE, policy, setup
 from tests.fast.kernels.host import needs_compiler
 from tests.fast.kernels.host_flight import HostFlights
 from tests.worlds import EFFECTS
@@ -78,6 +79,17 @@ def test_a_history_of_a_throttled_craft_under_conditions_in_six_products(tmp_pat
                            products="bf16x6")
     # Duties are not rounded to anything: products good to 2^-24 leave 1e-5 after twelve steps.
     agree(kernel, stepped, 1e-4)
+
+
+@needs_compiler
+@pytest.mark.parametrize("settings", [{}, {"history": 2, "zoom": 2.0}], ids=["alone", "beside a history"])
+def test_filters_in_noise(settings: Any, tmp_path: Path) -> None:
+    bank = Filters.of(PLATFORM, WIDE, BRIEF.control_period, (0.01, 1.0))
+    network = policy(PLATFORM, filters=bank, **settings)
+    kernel, stepped = both(network, setup(PLATFORM, conditions=EFFECTS["sensors"]), tmp_path,
+                           products="bf16x6")
+    # As above, and divisions that a compiler may round differently.
+    agree(kernel, stepped, 1e-3)
 
 
 @needs_compiler

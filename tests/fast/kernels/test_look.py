@@ -29,16 +29,14 @@ class HostLook(CudaLook):
 
     def __init__(self, given: Architecture, plain: Any) -> None:
         super().__init__(given, plain, torch.device("cpu"), torch.float64)
-        folder = Path(tempfile.mkdtemp())
-        self._libraries = [compiled_on_host(text, folder / f"rows_{i}")
-                           for i, text in enumerate(self.sources())]
 
     @cached_property
     def _functions(self) -> Any:
-        return self._libraries
+        folder = Path(tempfile.mkdtemp())
+        return [compiled_on_host(text, folder / f"rows_{i}") for i, text in enumerate(self.sources())]
 
     def _launch(self, number: int, pointers: list[int], numbers: list[int]) -> None:
-        library: CDLL = self._libraries[number]
+        library: CDLL = self._functions[number]
         index = c_uint.in_dll(library, "blockIdx")
         for index.value in range(numbers[0]):
             library.rows(*map(c_void_p, pointers), *map(c_int, numbers))
@@ -74,3 +72,38 @@ def test_programs_see_what_torch_sees(dtype: torch.dtype, task: str, craft: Spac
     # Values of about 1, of sums in another order.
     torch.testing.assert_close(said.value, right.value, rtol=0, atol=10 * slack)
     torch.testing.assert_close(said.policy.mode(), right.policy.mode(), rtol=0, atol=0)
+
+
+@both_crafts
+@pytest.mark.parametrize("symmetric", [True, False])
+@pytest.mark.parametrize("dtype", [torch.float64, torch.float32], ids=["kernels", "numpy"])
+def test_programs_filter_as_torch_does(dtype: torch.dtype, symmetric: bool, craft: Spacecraft, tmp_path: Path,
+                                       monkeypatch: pytest.MonkeyPatch) -> None:
+    """Three steps of flight; the kernels also where torch compiles what is around them."""
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    engine = Engine(craft, TASKS["go-to-pose"](), 64, seed=3, dtype=dtype)
+    given = Architecture.of(engine, PPOSettings(n_envs=64, symmetric=symmetric, filters=(0.001, 1.0)))
+    tensors = {name: x.to(dtype) for name, x in given.initial(0, 0.5)[0].items()}
+    ours, theirs = Network(given, tensors), Network(given, tensors)
+    ours._look = programs = (ArrayLook if dtype == torch.float32 else HostLook)(
+        given, cast("Any", theirs._look))
+    memory = theirs.blank(64)
+    look = ours.look if dtype == torch.float32 else torch.compile(
+        ours.look, fullgraph=True, dynamic=False, backend="eager")
+    for step in range(3):
+        columns = theirs.in_body(engine.observe())
+        (seen, _, place), (right, _, there) = look(columns, memory), theirs.look(columns, memory)
+        assert right.shape == (64, 3 * given.seen)
+        # Some fifty operations on numbers up to ten.
+        torch.testing.assert_close(seen, right, rtol=0, atol=1000 * torch.finfo(dtype).eps)
+        assert (place is None) == (there is None)
+        if place is not None and there is not None:
+            assert torch.equal(place, there)
+        drawn = torch.rand(64, given.thrusters, generator=torch.Generator().manual_seed(step))
+        command = (drawn < 0.2).to(dtype)
+        output = theirs.evaluate(engine.observe(), memory)
+        found, memory = (each.remember(columns, memory, command, output) for each in (ours, theirs))
+        torch.testing.assert_close(found, memory, rtol=1000 * torch.finfo(dtype).eps,
+                                   atol=1000 * torch.finfo(dtype).eps)
+        engine.step(command)
+    assert programs is ours._look

@@ -154,6 +154,9 @@ def test_wrong_averages(averages: tuple[float, ...]) -> None:
     ({"averages": (0.5,)}, "averages stand beside a history"),
     ({"memory": "history", "averages": 0.5}, "averages must be numbers between 0 and 1, got 0.5"),
     ({"memory": "history", "averages": (1.0,)}, "averages must be numbers between 0 and 1"),
+    ({"filters": (0.0,)}, "filters must be numbers >= 1e-6 and <= 1e6, got \\[0.0\\]"),
+    ({"filters": 0.5}, "filters must be numbers >= 1e-6 and <= 1e6, got 0.5"),
+    ({"filters": (1.0,), "memory": "recurrent", "symmetric": False}, "not beside memory 'recurrent'"),
     ({"gamma": "x"}, r"gamma must be in \(0, 1\], got 'x'"),
     ({"layers": "x"}, "layers must be 1 to 32 numbers"),
 ])

@@ -13,6 +13,7 @@ from torch import Tensor
 
 from rans.errors import ConfigError
 from rans.fast.engine import Engine
+from rans.fast.filters import Filters
 from rans.fast.learn.architecture import Architecture, paper_layout
 from rans.fast.learn.config import PPOSettings, Precision
 from rans.fast.learn.member import begin, set_precision
@@ -24,12 +25,14 @@ from tests.crafts import random_states
 from tests.fast.engines import PLATFORM, both_crafts
 from tests.fast.training import make_network, scatter, seen
 
+BANK = Filters.of(PLATFORM, GoToPose(), 0.2, (0.01, 1.0))
+
 
 def test_many_members_say_what_each_says_alone() -> None:
     """Batched products against plain ones, for every kind of network."""
     kinds: list[dict[str, Any]] = [
         {}, {"history": 2}, {"history": 1, "averages": (0.5, 0.9)}, {"units": 8}, {"privileged": 2},
-        {"zoom": 20.0, "continuous": True}]
+        {"zoom": 20.0, "continuous": True}, {"zoom": 20.0, "filters": BANK}, {"history": 2, "filters": BANK}]
     for kind in kinds:
         alone = [make_network(PLATFORM, **kind) for _ in range(3)]
         for number, network in enumerate(alone):
@@ -41,6 +44,9 @@ def test_many_members_say_what_each_says_alone() -> None:
         memory = torch.randn(12, given.memory, generator=generator).double() if given.memory else None
         known = torch.rand(12, given.privileged, generator=generator).double() if given.privileged else None
         observations = seen(PLATFORM, 12).double()
+        if given.filters:  # whose memory is no random numbers
+            before, columns = together.shown(seen(PLATFORM, 12, seed=5).double(), together.blank(12))
+            memory = together.remember(columns, together.blank(12), before.policy.mode(), before)
         output, shown = together.shown(observations, memory, known)
         remembered = together.remember(shown, memory, output.policy.mode(), output)
         for number, network in enumerate(alone):

@@ -151,8 +151,9 @@ class Code:
 
 
 @pytest.mark.parametrize("kind", [{"memory": "history", "history": 2},
-                                  {"memory": "recurrent", "privileged_critic": True}],
-                         ids=["history", "recurrent and privileged"])
+                                  {"memory": "recurrent", "privileged_critic": True},
+                                  {"filters": (0.01, 1.0)}],
+                         ids=["history", "recurrent and privileged", "filters"])
 def test_what_remembers_resumes_bit_by_bit_too(tmp_path: Path, kind: dict[str, Any]) -> None:
     config = replace(CONFIG, ppo=replace(TINY, symmetric=False, **kind), total_timesteps=768)
     whole = tiny_trainer(tmp_path / "whole", config)

@@ -1,0 +1,181 @@
+"""Kalman filters on what is observed, against the engine's motion, SciPy's gains and a filter in W."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from scipy.linalg import solve_discrete_are
+
+from rans.episode import World, step
+from rans.errors import ConfigError
+from rans.fast.filters import Filters
+from rans.model.fields import Heading, Quat
+from rans.model.spacecraft import Spacecraft
+from rans.model.timing import Timing
+from rans.scenario import draws, scenarios
+from rans.tasks import TASKS, GoToPose
+from rans.tasks.base import Task, observation
+from rans.tasks.derived import layout
+from rans.tasks.sight import Scalar, VectorInW
+from tests.fast.engines import FLYER, PLATFORM, both_crafts
+from validation.filtered import corrected, gains
+from validation.robustness import rows
+
+COUNT, SEED = 48, 5
+TIMING = Timing()
+FOLLOWED = ["go-to-pose", "go-to-position", "track-velocity", "track-twist", "track-velocity-heading"]
+
+
+def commands(craft: Spacecraft, often: float, seed: int = 1) -> Any:
+    """Of every step: random ones, each thruster open so often."""
+    random = np.random.default_rng(seed)
+    while True:
+        yield tuple((random.random((len(craft.thrusters), COUNT)) < often).astype(float))
+
+
+def bank(craft: Spacecraft, task: Task, *drift: float) -> Filters:
+    return Filters.of(craft, task, TIMING.control_period, drift)
+
+
+def in_body(craft: Spacecraft, task: Task, columns: Sequence[Any]) -> list[np.ndarray]:
+    seen = layout(task, craft.dimension).in_body(columns)
+    return [np.broadcast_to(np.asarray(x, float), COUNT) for x in seen]
+
+
+@both_crafts
+@pytest.mark.parametrize("name", FOLLOWED)
+def test_what_is_expected_is_what_is_seen_next(name: str, craft: Spacecraft) -> None:
+    """In a perfect world, whose motion is the engine's; turning by up to 0.3 rad in a period."""
+    task = TASKS[name]()
+    body, filters = layout(task, craft.dimension).body, bank(craft, task, 1e-3, 10.0)
+    chosen, world = scenarios(task, craft, SEED, COUNT), World(craft, task, TIMING)
+    now, memory = world.begin(chosen.start, chosen.goal), [np.zeros(COUNT)] * filters.width(body)
+    fastest = 0.0
+    for k, command in zip(range(30), commands(craft, 0.015), strict=False):
+        read = in_body(craft, task, world.observe(now))
+        if k:
+            expected = np.reshape(memory, (2, body.width + 3, COUNT))[:, :body.width]
+            # Turning is kept to first order within a period: of the 0.06 m/s that a pulse gives, and of 5 m
+            # to go at 1.5 rad/s, a few millimetres.
+            np.testing.assert_allclose(expected, np.broadcast_to(read, expected.shape), rtol=0, atol=8e-3)
+        memory = filters.expected(body, read, memory, command)
+        now = step(world, now, command).episode
+        fastest = max(fastest, *(np.abs(w).max() for w in now.state.spin()))
+    assert 0.9 < fastest < 1.6
+
+
+@pytest.mark.parametrize("drift", [1e-3, 0.03, 1.0])
+def test_gains_become_those_of_scipy(drift: float) -> None:
+    """Of the algebraic Riccati equation, for a pose and its velocity read with noise of one size."""
+    task, period = GoToPose(), TIMING.control_period
+    body, filters = layout(task, 2).body, bank(PLATFORM, task, drift)
+    read = in_body(PLATFORM, task, observation(task, *_example(task)))
+    memory = [np.zeros(COUNT)] * filters.width(body)
+    shut = (np.zeros(COUNT),) * len(PLATFORM.thrusters)
+    for _ in range(400):
+        memory = filters.expected(body, read, memory, shut)
+    pose, both, velocity = (float(x[0]) for x in memory[-3:])
+    moves, noise = np.array([[1.0, period], [0.0, 1.0]]), np.diag([drift * (0.5 * period) ** 2, drift])
+    known = np.linalg.inv([[pose, both], [both, velocity]])
+    np.testing.assert_allclose(known, solve_discrete_are(moves.T, np.eye(2), noise, np.eye(2)), rtol=1e-6)
+
+
+def _example(task: Task) -> Any:
+    chosen = scenarios(task, PLATFORM, SEED, COUNT)
+    return chosen.start, chosen.goal
+
+
+def test_in_noise_it_is_the_filter_of_states() -> None:
+    """As `validation.filtered` has it, in W and with quaternions, of the same readings and commands."""
+    task, drift = GoToPose(), 1e-3
+    body, filters = layout(task, 3).body, bank(FLYER, task, drift)
+    chosen, own = scenarios(task, FLYER, SEED, COUNT), draws(SEED, COUNT)
+    world, perfect = World(FLYER, task, TIMING, conditions=rows()["noise"]), World(FLYER, task, TIMING)
+    now = world.begin(chosen.start, chosen.goal, 0, own)
+    gain = gains(TIMING.control_period, drift, 40)
+    memory, off = [np.zeros(COUNT)] * filters.width(body), []
+    state, last = None, ()
+    for k, command in zip(range(40), commands(FLYER, 0.004), strict=False):
+        told = world.read(now, own)
+        read = in_body(FLYER, task, observation(task, told, now.goal))
+        if state is None:
+            state = told
+        else:
+            moved = step(perfect, perfect.begin(state, now.goal), last)
+            state = corrected(moved.episode.state, told, gain[k])
+        theirs = in_body(FLYER, task, observation(task, state, now.goal))
+        ours = filters.estimates(body, read, memory)[0]
+        off.append([np.subtract(ours, theirs), np.subtract(read, theirs)])
+        memory, last = filters.expected(body, read, memory, command), command
+        now = step(world, now, command, own).episode
+    apart, noise = np.sqrt(np.square(off).mean(axis=(0, 3)))
+    seen = noise > 0
+    # Both are of first order in 3 degrees of noise, each in its own way: a twentieth of what is filtered.
+    assert (apart[seen] < 0.05 * noise[seen]).all()
+    assert seen.sum() == body.width - 1  # all but the task flag
+
+
+@both_crafts
+def test_a_rotation_stays_one(craft: Spacecraft) -> None:
+    """In single precision, over three hundred turns in tumbling flight: rounding once doubled with each."""
+    task, random = GoToPose(), torch.Generator().manual_seed(2)
+    body, filters = layout(task, craft.dimension).body, bank(craft, task, 1e-3, 1.0)
+    turn = torch.rand(4, COUNT, generator=random) - 0.5
+    attitude = (Heading(6.0 * turn[0]) if craft.dimension == 2 else Quat(*turn).normalised()).columns()
+    size, width = len(attitude), craft.dimension
+    spins = [3.0 * (torch.rand(COUNT, generator=random) - 0.5) for _ in filters.twist[0]]
+    still = torch.zeros(COUNT)
+    read = [*[still] * width, *spins, still, *[still] * width, *attitude]
+    read += [still] * (body.width - len(read))
+    place = 2 * width + len(spins) + 1
+    memory = [still] * filters.width(body)
+    for _ in range(300):
+        memory = filters.expected(body, read, memory, [still] * len(craft.thrusters))
+        # It goes on turning as fast, and is seen where it is expected.
+        read = [*read[:place], *memory[place:place + size], *read[place + size:]]
+    rotation = torch.stack(memory[place:place + size]).unflatten(0, (-1, 2 if width == 2 else 3))
+    inner = torch.einsum("ain,bin->nab", rotation, rotation)
+    one = torch.eye(len(rotation)).expand_as(inner)
+    torch.testing.assert_close(inner, one, rtol=0, atol=3e-6)  # some roundings of single precision
+
+
+def test_no_reading_makes_it_lose_its_numbers() -> None:
+    """Not even of rotations that are none, as a broken sensor may give."""
+    task, random = GoToPose(), np.random.default_rng(3)
+    body, filters = layout(task, 3).body, bank(FLYER, task, 1e-3, 1.0)
+    memory = [np.zeros(COUNT)] * filters.width(body)
+    for command in (next(commands(FLYER, 0.5, seed)) for seed in range(200)):
+        memory = filters.expected(body, list(random.normal(0.0, 10.0, (body.width, COUNT))), memory, command)
+        assert np.isfinite(memory).all()
+        assert np.abs(memory).max() < 1e4
+
+
+class Windy(GoToPose):
+    """Shows a number that grows with the place, and a vector that nothing changes."""
+
+    def sight(self, state: Any, goal: Any) -> Any:
+        return (*super().sight(state, goal), self.more(state))
+
+    def more(self, state: Any) -> Any:
+        return Scalar("gust", "-", state.p.x * 2.0)
+
+
+class Constant(Windy):
+    def more(self, state: Any) -> Any:
+        return VectorInW("wind", "m/s", type(state.p)(*(x * 0.0 + 0.5 for x in state.p.columns())))
+
+
+class Curved(Windy):
+    def more(self, state: Any) -> Any:
+        return VectorInW("there", "-", state.p.scale(state.v.dot(state.v) + state.p.dot(state.p)))
+
+
+def test_what_a_filter_cannot_follow_is_told() -> None:
+    for task, name in ((Windy(), "gust"), (Curved(), "there"), (TASKS["multi-task"](), "task data")):
+        with pytest.raises(ConfigError, match=f"filters cannot follow the observed '{name}'"):
+            bank(PLATFORM, task, 1.0)
+    assert bank(PLATFORM, Constant(), 1.0).share[5] == (0.0, 0.0, 0.0)
