@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from rans.tasks.derived import example_state
 from rans.tasks.sight import (
     Block,
     Columns,
+    Dimension,
     Drawn,
     Entry,
     Layout,
@@ -59,13 +60,12 @@ class Filters(NamedTuple):
     @classmethod
     def of(cls, craft: Spacecraft, task: Task, period: float, drift: Sequence[float]) -> Filters:
         """Of a spacecraft as designed; ConfigError where the task shows what no filter can follow."""
-        axes, wrenches = craft.dimension, np.array(craft.wrench_map)
-        inertia = np.array(craft.inertia).reshape(3, 3)[-1:, -1:] if axes == 2 else np.array(craft.inertia)
-        gains = np.split(period * wrenches @ np.linalg.inv(np.block([
-            [craft.mass * np.eye(axes), np.zeros((axes, len(inertia)))],
-            [np.zeros((len(inertia), axes)), inertia]])), [axes], axis=1)
+        force, torque = np.split(np.array(craft.wrench_map), [craft.dimension], axis=1)
+        spins = slice(-torque.shape[1], None)  # in the plane about z alone
+        inertia = np.array(craft.inertia)[spins, spins]
+        gains = period / craft.mass * force, period * np.linalg.solve(inertia, torque.T).T
         push, twist = (tuple(map(tuple, gain.tolist())) for gain in gains)
-        return cls(tuple(drift), period, push, twist, tuple(_shares(task, axes)))
+        return cls(tuple(drift), period, push, twist, tuple(_shares(task, craft.dimension)))
 
     def fits(self, layout: Layout, thrusters: int) -> bool:
         """Whether it has as many rows and numbers as that takes."""
@@ -160,7 +160,7 @@ class Filters(NamedTuple):
         return c * scale, -(b * scale), a * scale
 
 
-def _shares(task: Task, dimension: Any) -> list[_Share]:
+def _shares(task: Task, dimension: Dimension) -> list[_Share]:
     """How columns of the body's blocks change with position, velocity and angular velocity."""
     state, goal = example_state(task, dimension)
     entries = sight(task, state, goal).entries
@@ -183,7 +183,8 @@ def _share(entry: Entry, others: Sequence[Entry]) -> _Share:
     still = all(np.allclose(np.asarray(b, float), a) for one in others for a, b in
                 zip(rest, one.columns()[1:], strict=True))
     fits = found[:2] if isinstance(entry, VectorInW) else found[2:] if isinstance(entry, Spin) else []
-    if isinstance(entry, Drawn) or not still or len(_changing(found)) > 1 or sum(found) != sum(fits):
+    known = still and len(_changing(found)) <= 1 and any(found) == any(fits)
+    if isinstance(entry, Drawn) or not known:
         raise ConfigError(f"filters cannot follow the observed {entry.name!r}: it is neither a place, a "
                           "velocity nor an angular velocity, but changes with them. Train without "
                           "filters, or let the task show it otherwise.")
@@ -213,7 +214,7 @@ def _sum(a: Field, x: Columns, b: Field, y: Columns) -> list[Field]:
 
 
 def _cross(a: Columns, x: Columns) -> list[Field]:
-    """A x x, where a vector along z is its length in the plane."""
+    """Vector product; in the plane the first vector is along z, and its length stands for it."""
     if len(a) == 1:
         return [-(a[0] * x[1]), a[0] * x[0]]
     return list(Vec3(*a).cross(Vec3(*x)).columns())

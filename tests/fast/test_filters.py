@@ -68,6 +68,14 @@ def test_what_is_expected_is_what_is_seen_next(name: str, craft: Spacecraft) -> 
     assert 0.9 < fastest < 1.6
 
 
+def test_what_a_thruster_gives_in_a_period() -> None:
+    """1 N for 0.2 s on 5.32 kg is 0.0376 m/s, at 45 degrees; 0.31 m off, on 0.2045 kg m^2, 0.303 rad/s."""
+    bank_of_one = bank(PLATFORM, GoToPose(), 1.0)
+    assert np.abs(bank_of_one.push) == pytest.approx(np.full((8, 2), 0.0376 * 0.7071), rel=1e-3)
+    assert np.abs(bank_of_one.twist) == pytest.approx(np.full((8, 1), 0.3032), rel=1e-3)
+    assert bank_of_one.share == ((0, 1, 0), (0, 0, 1), (0, 0, 0), (-1, 0, 0), (0, 0, 0))
+
+
 @pytest.mark.parametrize("drift", [1e-3, 0.03, 1.0])
 def test_gains_become_those_of_scipy(drift: float) -> None:
     """Of the algebraic Riccati equation, for a pose and its velocity read with noise of one size."""
