@@ -1,18 +1,70 @@
-"""What networks remember from step to step: a history of what was seen and told, or a recurrent state.
+"""What networks remember from step to step: a history, what filters expect, or a recurrent state.
 
 A history (N, m) has rows of columns in the body frame and the command they were answered with: first
-exponential moving averages of all of them, then the last ones, the oldest first.
+exponential moving averages of all of them, then the last ones, the oldest first. What filters remember stands
+behind it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor
 
+from rans.fast.kernels.look import look
+from rans.fast.learn.architecture import Architecture
 from rans.fast.symmetry import Symmetries
 from rans.tasks.sight import Layout
+
+if TYPE_CHECKING:
+    from rans.fast.learn.network import Output
+
+
+class Remembering:
+    """What a network remembers of N spacecraft, as it saw them.
+
+    Args:
+        architecture: of the network.
+        like: a tensor of its device and dtype.
+        programs: whether it looks by programs, see `rans.fast.kernels.look.look`.
+    """
+
+    def __init__(self, architecture: Architecture, like: Tensor, programs: bool) -> None:
+        self.architecture, self._like = architecture, like
+        kept, views = like.new_tensor(architecture.averages), architecture.symmetries
+        self._kept = kept.repeat_interleave(architecture.seen + architecture.thrusters)
+        self._views = None if views is None else views.tensors_like(like)
+        self._look = look(architecture, self._views, like, programs)
+
+    def blank(self, count: int) -> Tensor | None:
+        """The memory (N, m) of N spacecraft whose episodes begin; None for a network that has none."""
+        width = self.architecture.memory
+        return self._like.new_zeros(count, width) if width else None
+
+    def _parted(self, memory: Tensor | None, count: int) -> tuple[Tensor | None, Tensor | None]:
+        """A history, or a recurrent state, and what filters remember, which know nothing without a memory."""
+        given = self.architecture
+        if given.filters is None:
+            return memory, None
+        if memory is None:
+            memory = self._like.new_zeros(count, given.memory)
+        history, filters = memory.tensor_split([given.rows], dim=1)
+        return history if given.recalled else None, filters
+
+    def remember(self, columns: Tensor, memory: Tensor | None, command: Tensor,
+                 output: Output) -> Tensor | None:
+        """The memory (N, m) after a command (N, thrusters) to columns (N, k) in the body frame."""
+        if memory is None or self.architecture.units:
+            return memory if memory is None else output.core
+        history, filters = self._parted(memory, len(columns))
+        kept = []
+        if history is not None:
+            kept.append(continued(history, torch.cat((columns, command), dim=1), self._kept))
+        if filters is not None:
+            kept.append(self._look.expected(torch.cat((columns, filters, command), dim=1)))
+        return torch.cat(kept, dim=1) if len(kept) > 1 else kept[0]
 
 
 def continued(history: Tensor, newest: Tensor, kept: Tensor) -> Tensor:

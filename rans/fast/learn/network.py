@@ -11,9 +11,8 @@ from torch import Tensor
 from torch.nn import functional
 
 from rans.fast.distributed import ALONE, Processes
-from rans.fast.kernels.look import look
 from rans.fast.learn.architecture import ACTIVATIONS, EXTRACTOR, Architecture, Duty, OnOff
-from rans.fast.learn.memory import continued, recurrent, viewed
+from rans.fast.learn.memory import Remembering, recurrent, viewed
 
 
 class Output(NamedTuple):
@@ -26,7 +25,7 @@ class Output(NamedTuple):
     """(N, features) that the heads saw: what a recurrent network remembers."""
 
 
-class Network:
+class Network(Remembering):
     """K actor-critics with the same architecture; rows belong to the members in equal, contiguous parts.
 
     Weights and statistics, ``tensors`` by their names in SB3's policy, are (K, ...), but for one member
@@ -39,10 +38,7 @@ class Network:
         self._activation = ACTIVATIONS[architecture.activation]()
         self.adopt(tensors)
         self._nominal = self._mean.new_tensor(architecture.nominal or (1.0,) * architecture.privileged)
-        kept, views = self._mean.new_tensor(architecture.averages), architecture.symmetries
-        self._kept = kept.repeat_interleave(architecture.seen + architecture.thrusters)
-        self._views = None if views is None else views.tensors_like(self._mean)
-        self._look = look(architecture, self._views, self._mean, programs)
+        super().__init__(architecture, self._mean, programs)
 
     def adopt(self, tensors: Mapping[str, Tensor]) -> None:
         """Use these tensors from now on, in the place of those of the same names."""
@@ -71,11 +67,6 @@ class Network:
         """Names of what gradients change, in the order of SB3's policy."""
         statistics = {EXTRACTOR + name for name in self.architecture.statistics()}
         return [name for name in self.tensors if name not in statistics]
-
-    def blank(self, count: int) -> Tensor | None:
-        """The memory (N, m) of N spacecraft whose episodes begin; None for a network that has none."""
-        width = self.architecture.memory
-        return self._mean.new_zeros(count, width) if width else None
 
     def evaluate(self, observation: Tensor, memory: Tensor | None = None,
                  privileged: Tensor | None = None) -> Output:
@@ -118,16 +109,6 @@ class Network:
             return seen, history, place
         return seen, viewed(history, given.recalled, given.layout.body, views, which), place
 
-    def _parted(self, memory: Tensor | None, count: int) -> tuple[Tensor | None, Tensor | None]:
-        """A history, or a recurrent state, and what filters remember, which know nothing without a memory."""
-        given = self.architecture
-        if given.filters is None:
-            return memory, None
-        if memory is None:
-            memory = self._mean.new_zeros(count, given.memory)
-        history, filters = memory.tensor_split([given.rows], dim=1)
-        return history if given.recalled else None, filters
-
     def evaluate_seen(self, seen: Tensor, memory: Tensor | None = None, privileged: Tensor | None = None,
                       going_on: Tensor | None = None) -> Output:
         """The same of columns (N, k) that `look` returned; thrusters are in the order of that view.
@@ -166,19 +147,6 @@ class Network:
     def _recalled(self, rows: Tensor) -> Tensor:
         then, told = rows.tensor_split([self.architecture.seen], dim=-1)
         return torch.cat((self._normalised(then), told), dim=-1)
-
-    def remember(self, columns: Tensor, memory: Tensor | None, command: Tensor,
-                 output: Output) -> Tensor | None:
-        """The memory (N, m) after a command (N, thrusters) to columns (N, k) in the body frame."""
-        if memory is None or self.architecture.units:
-            return memory if memory is None else output.core
-        history, filters = self._parted(memory, len(columns))
-        kept = []
-        if history is not None:
-            kept.append(continued(history, torch.cat((columns, command), dim=1), self._kept))
-        if filters is not None:
-            kept.append(self._look.expected(torch.cat((columns, filters, command), dim=1)))
-        return torch.cat(kept, dim=1) if len(kept) > 1 else kept[0]
 
     def _rows(self, x: Tensor) -> Tensor:
         """(N, ...) by member: (K, N / K, ...)."""
