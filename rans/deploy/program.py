@@ -237,12 +237,15 @@ def _filtered(program: Program, network: Network, view: _View | None, body: Sequ
     read, memory = _symbols("read", given.seen), _symbols("filter", given.filtering)
     known = dict(zip((*read, *memory), (*body, *filters), strict=True))
     _, *blocks = given.filtered((*read, *memory))
-    found = program.joined(*program.lowered([x for block in blocks for x in block], known))
-    found = _shaped(program, found, len(blocks), given.seen)
+    found = program.joined(*program.lowered([x for _, block in blocks for x in block], known))
+    found = _shaped(program, found, len(blocks), given.seen + given.steady)
     if view is not None:
-        found = view.columns(program, given.layout.body, found, rows=True)
-    width = len(blocks) * given.seen * (2 if given.zoom else 1)
-    return _shaped(program, _looks(program, network, found), width)
+        found = view.columns(program, blocks[0][0], found, rows=True)
+    columns, steady = program.split(found, (given.seen, given.steady))
+    if steady:
+        steady = program.apply("Clip", steady, program.constant(-given.clip), program.constant(given.clip))
+    shown = program.joined(_looks(program, network, columns), steady)
+    return _shaped(program, shown, given.inputs - given.rows - given.seen * (2 if given.zoom else 1))
 
 
 def _expected(program: Program, given: Architecture, body: Sequence[str], filters: Sequence[str]

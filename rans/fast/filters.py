@@ -10,13 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 
 from rans.errors import ConfigError
+from rans.fast.turning import cross, scaled_sum, seen_turned, tilt_between, turned
 from rans.model.dynamics import State
-from rans.model.fields import Field, Vec3, where
+from rans.model.fields import Field, where
 from rans.model.spacecraft import Spacecraft
 from rans.tasks.base import Task, sight
 from rans.tasks.derived import example_state
@@ -31,23 +32,32 @@ from rans.tasks.sight import (
     Spin,
     Turn,
     VectorInW,
-    matrix_rows,
 )
 
-_NOTES = 3
-"""Numbers that a filter remembers besides what it expects: its information matrix."""
 _Share = tuple[float, float, float]
+_Covariance = tuple[Field, Field, Field, Field, Field, Field]
+"""Of a pose, its velocity and a steady acceleration, by rows without what symmetry tells."""
+
+
+class _Known(NamedTuple):
+    """What one filter knows of N spacecraft."""
+
+    columns: Columns
+    """Those of a reading."""
+    steady: Columns
+    """Accelerations in B that no command explains, m/s^2 and rad/s^2."""
+    covariance: _Covariance
 
 
 class Filters(NamedTuple):
     """A bank of filters of one spacecraft and task; readings of poses and velocities are of equal noise.
 
-    What a filter remembers, (N, k + 3), are the columns that it expects next and how well it knows a pose and
-    its velocity: the inverse of their covariance, by rows without what symmetry tells. Zeros know nothing.
+    What each remembers, (N, m), is what it knows to expect next. Zeros know nothing.
     """
 
     drift: tuple[float, ...]
-    """Variance by which velocities wander in a control period, in units of their readings' noise, of each."""
+    """Variance by which velocities, and steady accelerations, wander in a control period, in units of the
+    readings' noise, of each."""
     period: float
     """s."""
     push: tuple[tuple[float, ...], ...]
@@ -56,108 +66,160 @@ class Filters(NamedTuple):
     """Angular velocity in B that it gives, rad/s."""
     share: tuple[_Share, ...]
     """How much each block of `Layout.body` has of position, velocity and angular velocity."""
+    steady: float = 0.0
+    """Variance of the steady accelerations that are looked for, in units of the noise; 0: none are."""
 
     @classmethod
-    def of(cls, craft: Spacecraft, task: Task, period: float, drift: Sequence[float]) -> Filters:
+    def of(cls, craft: Spacecraft, task: Task, period: float, drift: Sequence[float],
+           steady: float = 0.0) -> Filters:
         """Of a spacecraft as designed; ConfigError where the task shows what no filter can follow."""
         force, torque = np.split(np.array(craft.wrench_map), [craft.dimension], axis=1)
         spins = slice(-torque.shape[1], None)  # in the plane about z alone
         inertia = np.array(craft.inertia)[spins, spins]
         gains = period / craft.mass * force, period * np.linalg.solve(inertia, torque.T).T
         push, twist = (tuple(map(tuple, gain.tolist())) for gain in gains)
-        return cls(tuple(drift), period, push, twist, tuple(_shares(task, craft.dimension)))
+        return cls(tuple(drift), period, push, twist, tuple(_shares(task, craft.dimension)), steady)
 
     def fits(self, layout: Layout, thrusters: int) -> bool:
         """Whether it has as many rows and numbers as that takes."""
         axes, spins = (block.width for block in layout.blocks[:2])
         sizes = (thrusters, axes), (thrusters, spins), (len(layout.blocks), 3)
-        return bool(self.drift) and tuple(map(np.shape, self[2:])) == sizes
+        return bool(self.drift) and tuple(map(np.shape, self[2:5])) == sizes
+
+    @property
+    def axes(self) -> int:
+        """Components of the steady accelerations that it tells, of place and turn."""
+        return len(self.push[0]) + len(self.twist[0]) if self.steady else 0
 
     def width(self, layout: Layout) -> int:
         """Numbers that all of them remember of columns of this layout, that of the body."""
-        return len(self.drift) * (layout.width + _NOTES)
+        return len(self.drift) * self._size(layout)
+
+    def _size(self, layout: Layout) -> int:
+        return layout.width + self.axes + (6 if self.steady else 3)
+
+    def shown(self, layout: Layout) -> Layout:
+        """The layout of an estimate: columns of this one, then steady accelerations."""
+        told = (Block(VectorInW, len(self.push[0])), Block(Spin, len(self.twist[0]))) if self.steady else ()
+        return Layout((*layout.blocks, *told))
 
     def estimates(self, layout: Layout, read: Columns, memory: Columns) -> list[list[Field]]:
-        """What each filter makes of columns as they were read."""
-        return [columns for columns, _ in self._read(layout, read, memory)]
+        """What each filter makes of columns as they were read, see `shown`.
+
+        Of steady accelerations it tells what they give in a period, in units of the strongest thruster's.
+        """
+        units = [self.period / (float(np.abs(gains).max()) or 1.0)
+                 for gains in (self.push, self.twist) for _ in gains[0]]
+        told = (one.columns if not self.steady else (
+            *one.columns, *(a * unit for a, unit in zip(one.steady, units, strict=True)))
+                for one in self._read(layout, read, memory))
+        return list(map(list, told))
 
     def expected(self, layout: Layout, read: Columns, memory: Columns, command: Columns) -> list[Field]:
         """What all remember after columns were read and answered with this command."""
-        known = zip(self.drift, self._read(layout, read, memory), strict=True)
-        return [x for drift, (columns, notes) in known
-                for x in (*self._moved(layout, columns, command), *self._aged(notes, drift))]
+        return [x for drift, one in zip(self.drift, self._read(layout, read, memory), strict=True)
+                for x in self._packed(self._moved(layout, one, command, drift))]
 
-    def _read(self, layout: Layout, read: Columns, memory: Columns) -> list[tuple[list[Field], Columns]]:
-        """Columns and information of each filter once a reading is taken into account."""
-        size, width = layout.width + _NOTES, layout.width
-        own = [memory[start:start + size] for start in range(0, len(memory), size)]
-        return [self._corrected(layout, read, one[:width], one[width:]) for one in own]
+    def _read(self, layout: Layout, read: Columns, memory: Columns) -> list[_Known]:
+        """What each filter knows once a reading is taken into account."""
+        size = self._size(layout)
+        return [self._corrected(layout, read, self._unpacked(layout, memory[start:start + size]))
+                for start in range(0, len(memory), size)]
 
-    def _corrected(self, layout: Layout, read: Columns, expected: Columns,
-                   notes: Columns) -> tuple[list[Field], Columns]:
-        """The columns expected, moved towards those read by Kalman's gains, and what is known then."""
-        # A reading's noise is the unit: it adds 1 to the information about a pose and its velocity.
-        pose, both, velocity = notes[0] + 1.0, notes[1], notes[2] + 1.0
-        scale = 1.0 / (pose * velocity - both * both)
-        gain = velocity * scale, -(both * scale), pose * scale
+    def _packed(self, known: _Known) -> list[Field]:
+        if self.steady:
+            return [x for part in known for x in part]
+        xx, xv, _, vv, *_ = known.covariance
+        return [*known.columns, xx, xv, vv]
+
+    def _unpacked(self, layout: Layout, memory: Columns) -> _Known:
+        columns, rest = memory[:layout.width], memory[layout.width:]
+        if self.steady:
+            xx, xv, xa, vv, va, aa = rest[self.axes:]
+            return _Known(columns, rest[:self.axes], (xx, xv, xa, vv, va, aa))
+        xx, xv, vv = rest
+        return _Known(columns, (0.0,) * (len(self.push[0]) + len(self.twist[0])), (xx, xv, 0.0, vv, 0.0, 0.0))
+
+    def _corrected(self, layout: Layout, read: Columns, expected: _Known) -> _Known:
+        """What was expected, moved towards what was read by Kalman's gains."""
+        # Gains of poses, velocities and accelerations. A reading's noise is the unit: its variance is 1.
+        xx, xv, xa, vv, va, aa = expected.covariance
+        scale = 1.0 / ((xx + 1.0) * (vv + 1.0) - xv * xv)
+        pose, velocity, steady = (((p * (vv + 1.0) - v * xv) * scale, (v * (xx + 1.0) - p * xv) * scale)
+                                  for p, v in ((xx, xv), (xv, vv), (xa, va)))
+        left = [value - (gain[0] * p + gain[1] * v) for value, gain, p, v in (
+            (xx, pose, xx, xv), (xv, pose, xv, vv), (xa, pose, xa, va), (vv, velocity, xv, vv),
+            (va, velocity, xa, va), (aa, steady, xa, va))]
 
         # How far off what was expected is: how B is turned, then the rest, as seen in the B expected.
-        blocks = list(zip(layout.split(read), layout.split(expected), self.share, strict=True))
-        turns = [_tilt(now, then) for (block, now), (_, then), _ in blocks if issubclass(block.kind, Turn)]
-        tilt: Columns = turns[0] if turns else [0.0] * len(self.twist[0])
+        blocks = list(zip(layout.split(read), layout.split(expected.columns), self.share, strict=True))
+        turns = [(now, then) for (block, now), (_, then), _ in blocks if issubclass(block.kind, Turn)]
+        tilt = tilt_between(*turns[0]) if turns else [0.0] * len(self.twist[0])
         off = [self._off(block, now, then, [-0.5 * x for x in tilt]) for (block, now), (_, then), _ in blocks]
         off_place = _first(off, self.share, 0)
         off_velocity, off_spin = _first(off, self.share, 1), _first(off, self.share, 2)
 
         # Each block by its own error and by that of its derivative or integral; what no motion changes is as
         # it is read.
-        half = _sum(0.5 * gain[0], tilt, 0.5 * gain[1], off_spin)
-        own, others = (gain[0], gain[2], gain[2]), (off_velocity, off_place, tilt)
+        half = scaled_sum(0.5 * pose[0], tilt, 0.5 * pose[1], off_spin)
+        gains = pose, velocity[::-1], velocity[::-1]
         found: list[Field] = []
         for ((block, _), (_, then), share), error in zip(blocks, off, strict=True):
             for k in _changing(share):
-                error = _sum(own[k], error, gain[1] * share[k], others[k])
-            found += _seen(block, _sum(1.0, then, 1.0, error), half)
-        unknown = notes[0] == 0.0
-        return [where(unknown, now, x) for x, now in zip(found, read, strict=True)], (pose, both, velocity)
+                other = (off_velocity, off_place, tilt)[k]
+                error = scaled_sum(gains[k][0], error, gains[k][1] * share[k], other)
+            found += seen_turned(block, scaled_sum(1.0, then, 1.0, error), half)
+        gained = (*scaled_sum(steady[0], off_place, steady[1], off_velocity),
+                  *scaled_sum(steady[0], tilt, steady[1], off_spin))
+        pushed = scaled_sum(1.0, expected.steady, 1.0, gained)
+        pushed = [*turned(pushed[:len(self.push[0])], half), *pushed[len(self.push[0]):]]
+
+        # The first reading of an episode is all there is.
+        first, fresh = xx == 0.0, (1.0, 0.0, 0.0, 1.0, 0.0, self.steady)
+        columns, pushed, left = ([where(first, a, b) for a, b in zip(*pair, strict=True)] for pair in (
+            (read, found), ((0.0,) * len(pushed), pushed), (fresh, left)))
+        return _Known(columns, pushed, cast(_Covariance, tuple(left)))
 
     @staticmethod
     def _off(block: Block, now: Columns, then: Columns, half: Columns) -> Columns:
         """The error of a block; one that turns with B has none but its tilt."""
         if issubclass(block.kind, Turn):
             return [0.0] * len(then)
-        return [a - b for a, b in zip(_seen(block, now, half), then, strict=True)]
+        return [a - b for a, b in zip(seen_turned(block, now, half), then, strict=True)]
 
-    def _moved(self, layout: Layout, columns: Columns, command: Columns) -> list[Field]:
-        """The columns a period later, of a rigid body on which nothing acts but its thrusters.
+    def _moved(self, layout: Layout, known: _Known, command: Columns, drift: float) -> _Known:
+        """A period later, of a rigid body on which nothing acts but its thrusters and what is steady.
 
         Forces are constant in B; of its turning within the period the first order is kept.
         """
-        push, twist = (_dot(command, gains) for gains in (self.push, self.twist))
-        blocks = list(layout.split(columns))
+        axes, period = len(self.push[0]), self.period
+        push = scaled_sum(1.0, _dot(command, self.push), period, known.steady[:axes])
+        twist = scaled_sum(1.0, _dot(command, self.twist), period, known.steady[axes:])
+        blocks = list(layout.split(known.columns))
         velocity = _first([mine for _, mine in blocks], self.share, 1)
         spin = _first([mine for _, mine in blocks], self.share, 2)
-        half = [(w + 0.5 * more) * (0.5 * self.period) for w, more in zip(spin, twist, strict=True)]
+        half = [(w + 0.5 * more) * (0.5 * period) for w, more in zip(spin, twist, strict=True)]
         # Of tangents the second term: half the angle is no longer small in a fast turn.
         half = [x * (1.0 + sum(y * y for y in half) * (1.0 / 3.0)) for x in half]
-        gained = [x + turn for x, turn in zip(push, _cross(half, push), strict=True)]
-        way = [(v + 0.5 * more) * self.period for v, more in zip(velocity, push, strict=True)]
+        gained = [x + turn for x, turn in zip(push, cross(half, push), strict=True)]
+        way = [(v + 0.5 * more) * period for v, more in zip(velocity, push, strict=True)]
         found: list[Field] = []
         for (block, mine), share in zip(blocks, self.share, strict=True):
             for k in _changing(share):
-                mine = _sum(1.0, mine, share[k], (way, gained, twist)[k])
-            found += _seen(block, mine, half)
-        return found
+                mine = scaled_sum(1.0, mine, share[k], (way, gained, twist)[k])
+            found += seen_turned(block, mine, half)
+        steady = *turned(known.steady[:axes], half), *known.steady[axes:]
+        return _Known(found, steady, _aged(known.covariance, period, drift, drift if self.steady else 0.0))
 
-    def _aged(self, notes: Columns, drift: float) -> Columns:
-        """The information a period later, when velocities have wandered."""
-        pose, both, velocity = notes
-        scale, period = 1.0 / (pose * velocity - both * both), self.period
-        # The covariance, moved on as a pose is by its velocity.
-        a, b, c = velocity * scale, -(both * scale), pose * scale
-        a, b, c = a + period * (2.0 * b + period * c) + drift * (0.5 * period) ** 2, b + period * c, c + drift
-        scale = 1.0 / (a * c - b * b)
-        return c * scale, -(b * scale), a * scale
+
+def _aged(covariance: _Covariance, period: float, drift: float, wander: float) -> _Covariance:
+    """A period later: a pose moved on by its velocity, that by its acceleration, and both have wandered."""
+    t, h = period, 0.5 * period**2
+    xx, xv, xa, vv, va, aa = covariance
+    x = xx + t * xv + h * xa, xv + t * vv + h * va, xa + t * va + h * aa
+    v = xv + t * xa, vv + t * va, va + t * aa
+    return (x[0] + t * x[1] + h * x[2] + drift * (0.5 * t) ** 2, x[1] + t * x[2], x[2],
+            v[1] + t * v[2] + drift, v[2], aa + wander)
 
 
 def _shares(task: Task, dimension: Dimension) -> list[_Share]:
@@ -207,53 +269,3 @@ def _first(values: Sequence[Columns], shares: Sequence[_Share], which: int) -> C
 def _dot(command: Columns, gains: Sequence[Sequence[float]]) -> list[Field]:
     return [sum((c * gain for c, gain in zip(command, column, strict=True) if gain), start=command[0] * 0.0)
             for column in zip(*gains, strict=True)]
-
-
-def _sum(a: Field, x: Columns, b: Field, y: Columns) -> list[Field]:
-    return [a * p + b * q for p, q in zip(x, y, strict=True)]
-
-
-def _cross(a: Columns, x: Columns) -> list[Field]:
-    """Vector product; in the plane the first vector is along z, and its length stands for it."""
-    if len(a) == 1:
-        return [-(a[0] * x[1]), a[0] * x[0]]
-    return list(Vec3(*a).cross(Vec3(*x)).columns())
-
-
-def _turned(x: Columns, half: Columns) -> list[Field]:
-    """A vector, seen in a frame that has turned by about twice this rotation vector (Cayley's transform)."""
-    scale = 2.0 / (1.0 + sum(a * a for a in half))
-    once = _cross(half, x)
-    return [value + scale * (second - first) for value, first, second in
-            zip(x, once, _cross(half, once), strict=True)]
-
-
-def _seen(block: Block, columns: Columns, half: Columns) -> Columns:
-    """A block's columns in a frame that has turned so."""
-    if issubclass(block.kind, Turn):
-        if len(columns) == 2:
-            return _unit(_turned(columns, half))
-        turned = [_turned(column, half) for column in zip(*matrix_rows(columns), strict=True)]
-        first, second, _ = zip(*turned, strict=True)
-        first = _unit(first)
-        along = sum(a * b for a, b in zip(first, second, strict=True))
-        return [*first, *_unit([b - along * a for a, b in zip(first, second, strict=True)])]
-    return _turned(columns, half) if issubclass(block.kind, VectorInW) else columns
-
-
-def _unit(x: Columns) -> list[Field]:
-    """A vector of almost unit length, closer to it: rounding of rows turned again and again would grow.
-
-    The error is squared, as by Newton's method, and no vector comes out longer than 1.
-    """
-    scale = 2.0 / (1.0 + sum(a * a for a in x))
-    return [a * scale for a in x]
-
-
-def _tilt(now: Columns, then: Columns) -> list[Field]:
-    """How B is turned against where it was expected, as a rotation vector, from what both say of one turn."""
-    if len(now) == 2:
-        return [now[0] * then[1] - now[1] * then[0]]
-    columns = [zip(*matrix_rows(one), strict=True) for one in (now, then)]
-    turns = [_cross(a, b) for a, b in zip(*columns, strict=True)]
-    return [0.5 * sum(axis) for axis in zip(*turns, strict=True)]

@@ -139,7 +139,7 @@ def _architecture(table: dict[str, Any]) -> Architecture:
         views = Symmetries(*(views[name].numpy() for name in Symmetries._fields))
     filters = table.pop("filters", None)  # which agents of before did not have
     bank = None if filters is None else Filters(
-        **{name: _numbers(filters[name]) for name in Filters._fields})
+        **{name: _numbers(value) for name, value in filters.items()})
     blocks = Layout(tuple(_block(row) for row in table.pop("layout")))
     given = Architecture(blocks, symmetries=views, filters=bank,
                          **{name: _value(name, x) for name, x in table.items()})

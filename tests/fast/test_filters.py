@@ -1,8 +1,10 @@
-"""Kalman filters on what is observed, against the engine's motion, SciPy's gains and a filter in W."""
+"""Kalman filters on what is observed, against the engine's motion, SciPy's covariances and a filter in W."""
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -37,8 +39,8 @@ def commands(craft: Spacecraft, often: float, seed: int = 1) -> Any:
         yield tuple((random.random((len(craft.thrusters), COUNT)) < often).astype(float))
 
 
-def bank(craft: Spacecraft, task: Task, *drift: float) -> Filters:
-    return Filters.of(craft, task, TIMING.control_period, drift)
+def bank(craft: Spacecraft, task: Task, *drift: float, steady: float = 0.0) -> Filters:
+    return Filters.of(craft, task, TIMING.control_period, drift, steady)
 
 
 def in_body(craft: Spacecraft, task: Task, columns: Sequence[Any]) -> list[np.ndarray]:
@@ -48,17 +50,18 @@ def in_body(craft: Spacecraft, task: Task, columns: Sequence[Any]) -> list[np.nd
 
 @both_crafts
 @pytest.mark.parametrize("name", FOLLOWED)
-def test_what_is_expected_is_what_is_seen_next(name: str, craft: Spacecraft) -> None:
+@pytest.mark.parametrize("steady", [0.0, 25.0])
+def test_what_is_expected_is_what_is_seen_next(steady: float, name: str, craft: Spacecraft) -> None:
     """In a perfect world, whose motion is the engine's; turning by up to 0.3 rad in a period."""
     task = TASKS[name]()
-    body, filters = layout(task, craft.dimension).body, bank(craft, task, 1e-3, 10.0)
+    body, filters = layout(task, craft.dimension).body, bank(craft, task, 1e-3, 10.0, steady=steady)
     chosen, world = scenarios(task, craft, SEED, COUNT), World(craft, task, TIMING)
     now, memory = world.begin(chosen.start, chosen.goal), [np.zeros(COUNT)] * filters.width(body)
     fastest = 0.0
     for k, command in zip(range(30), commands(craft, 0.015), strict=False):
         read = in_body(craft, task, world.observe(now))
         if k:
-            expected = np.reshape(memory, (2, body.width + 3, COUNT))[:, :body.width]
+            expected = np.reshape(memory, (2, -1, COUNT))[:, :body.width]
             # Turning is kept to first order within a period: of the 0.06 m/s that a pulse gives, and of 5 m
             # to go at 1.5 rad/s, a few millimetres.
             np.testing.assert_allclose(expected, np.broadcast_to(read, expected.shape), rtol=0, atol=8e-3)
@@ -77,7 +80,7 @@ def test_what_a_thruster_gives_in_a_period() -> None:
 
 
 @pytest.mark.parametrize("drift", [1e-3, 0.03, 1.0])
-def test_gains_become_those_of_scipy(drift: float) -> None:
+def test_covariances_become_those_of_scipy(drift: float) -> None:
     """Of the algebraic Riccati equation, for a pose and its velocity read with noise of one size."""
     task, period = GoToPose(), TIMING.control_period
     body, filters = layout(task, 2).body, bank(PLATFORM, task, drift)
@@ -88,8 +91,54 @@ def test_gains_become_those_of_scipy(drift: float) -> None:
         memory = filters.expected(body, read, memory, shut)
     pose, both, velocity = (float(x[0]) for x in memory[-3:])
     moves, noise = np.array([[1.0, period], [0.0, 1.0]]), np.diag([drift * (0.5 * period) ** 2, drift])
-    known = np.linalg.inv([[pose, both], [both, velocity]])
+    known = [[pose, both], [both, velocity]]
     np.testing.assert_allclose(known, solve_discrete_are(moves.T, np.eye(2), noise, np.eye(2)), rtol=1e-6)
+
+
+@pytest.mark.parametrize("drift", [1e-3, 0.03])
+def test_with_steady_accelerations_too(drift: float) -> None:
+    """Of which no reading is made."""
+    task, t = GoToPose(), TIMING.control_period
+    body, filters = layout(task, 2).body, bank(PLATFORM, task, drift, steady=25.0)
+    read = in_body(PLATFORM, task, observation(task, *_example(task)))
+    memory = [np.zeros(COUNT)] * filters.width(body)
+    shut = (np.zeros(COUNT),) * len(PLATFORM.thrusters)
+    for _ in range(400):
+        memory = filters.expected(body, read, memory, shut)
+    found = np.zeros((3, 3))
+    found[np.triu_indices(3)] = [float(x[0]) for x in memory[-6:]]
+    moves = np.array([[1.0, t, 0.5 * t * t], [0.0, 1.0, t], [0.0, 0.0, 1.0]])
+    noise, told = np.diag([drift * (0.5 * t) ** 2, drift, drift]), np.eye(3)[:2]
+    known = solve_discrete_are(moves.T, told.T, noise, np.eye(2))
+    np.testing.assert_allclose(found, np.triu(known), rtol=1e-6)
+
+
+@both_crafts
+def test_a_force_and_a_torque_are_found(craft: Spacecraft) -> None:
+    """Of up to 0.3 N and 0.1 N m, steady in W and about the centre of mass, after 12 s of exact readings."""
+    task, own = GoToPose(), draws(SEED, COUNT)
+    for name in ("force", "torque"):
+        body, filters = layout(task, craft.dimension).body, bank(craft, task, 0.01, steady=25.0)
+        chosen = scenarios(task, craft, SEED, COUNT)
+        world = World(craft, task, TIMING, conditions=rows()[name])
+        now, memory = world.begin(chosen.start, chosen.goal, 0, own), [np.zeros(COUNT)] * filters.width(body)
+        before, told = now, list[Any]()
+        for command in itertools.islice(commands(craft, 0.0), 60):
+            read = in_body(craft, task, world.observe(now, own))
+            told = filters.estimates(body, read, memory)[0][body.width:]
+            memory = filters.expected(body, read, memory, command)
+            before, now = now, step(world, now, command, own).episode
+        gained = now.state.v - before.state.v  # in a period, in W
+        force = in_body(craft, task, observation(task, replace(now.state, v=gained), now.goal))
+        axes, spins = craft.dimension, len(filters.twist[0])
+        turned = np.subtract(now.state.spin(), before.state.spin())
+        units = np.abs(filters.push).max(), np.abs(filters.twist).max()
+        right = [*(force[k] / units[0] for k in range(axes)), *(turned / units[1])]
+        strongest = np.abs(right).max()
+        assert strongest > 0.1
+        # Exact but for the turn of B in a period, which a torque makes longer and longer.
+        np.testing.assert_allclose(told, right, rtol=0, atol=0.02 * strongest)
+        assert len(told) == axes + spins
 
 
 def _example(task: Task) -> Any:

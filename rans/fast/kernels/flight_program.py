@@ -113,9 +113,9 @@ def shown(given: Architecture, observation: Sequence[Field], filters: Sequence[S
     body, then = given.layout.body, tuple(Symbol.input(f"then_{i}") for i in range(len(columns)))
     way, blocks = body.ahead(columns), given.filtered((*columns, *filters))
     if given.symmetries is None or way is None:
-        return columns, tuple(x for block in blocks for x in block), then, Symbol.constant(0)
+        return columns, tuple(x for _, block in blocks for x in block), then, Symbol.constant(0)
     which, turn, hand = side(given.symmetries, way)
-    seen = tuple(x for block in blocks for x in viewed(body, block, turn, hand))
+    seen = tuple(x for layout, block in blocks for x in viewed(layout, block, turn, hand))
     return columns, seen, viewed(body, then, turn, hand), which
 
 

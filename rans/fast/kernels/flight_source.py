@@ -6,7 +6,7 @@ together.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from importlib.resources import files
 
 from rans.fast.kernels.design import FEW_INPUTS, Design
@@ -114,30 +114,38 @@ class _Writer(Lines):
         yield f"if (!__any_sync(~0u, {self.operand(program.going)})) break;"
 
     def _shown(self) -> Iterator[str]:
-        """The first layer's inputs: columns as they are seen, zoomed, and the memory's rows.
+        """The first layer's inputs: columns as they are seen, zoomed, filters' too, and the memory's rows.
 
-        So are what filters make of them.
+        What filters take for steady is not normalised.
         """
-        given, width = self._given, self._given.seen
-        size = width * (2 if given.zoom else 1)
-        for start in range(0, given.looks, width):
+        given, seen, place = self._given, list(self._program.seen), 0
+        for steady in (0, *(given.steady,) * (given.looks - 1)):
             yield "{"
-            yield from indented(self._row("seen", self._program.seen[start:start + width]))
-            yield f"  real shown[{size}];"
-            yield f"  normalise(seen, mean, scale, {given.clip}f, shown);"
-            if given.zoom:
-                yield f"  for (int i = 0; i < {width}; ++i)"
-                yield f"    shown[{width} + i] = activated<{self._design.parts}, Tanh>(seen[i] * zoom[i]);"
-            yield "  " + f"inputs.show({start // width * size}, shown);"
+            yield from indented(self._look(seen[:given.seen], seen[given.seen:given.seen + steady], place))
             yield "}"
+            del seen[:given.seen + steady]
+            place += given.seen * (2 if given.zoom else 1) + steady
         if given.recalled:
             yield from self._recalled()
+
+    def _look(self, columns: Sequence[Symbol], steady: Sequence[Symbol], place: int) -> Iterator[str]:
+        given, width = self._given, self._given.seen
+        size, clip = width * (2 if given.zoom else 1), f"{given.clip}f"
+        yield from self._row("seen", columns)
+        yield f"real shown[{size + len(steady)}];"
+        yield f"normalise(seen, mean, scale, {clip}, shown);"
+        if given.zoom:
+            yield f"for (int i = 0; i < {width}; ++i)"
+            yield f"  shown[{width} + i] = activated<{self._design.parts}, Tanh>(seen[i] * zoom[i]);"
+        yield from (f"shown[{size + i}] = max(-{clip}, min({clip}, {self.operand(symbol)}));"
+                    for i, symbol in enumerate(steady))
+        yield f"inputs.show({place}, shown);"
 
     def _recalled(self) -> Iterator[str]:
         """Averages and moments from the side seen now; thrusters are where they look like in it."""
         given, program = self._given, self._program
         width = given.seen + given.thrusters
-        first = given.looks * (2 if given.zoom else 1)
+        first = given.inputs - given.rows
         yield f"for (int row = 0; row < {given.recalled}; ++row) {{"
         yield f"  const int at = row * {width};"
         known = dict(self.names)

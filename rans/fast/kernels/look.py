@@ -82,13 +82,14 @@ class TorchLook(Look):
 
     def seen(self, rows: Tensor) -> tuple[Tensor, Tensor]:
         """See `Look`; there are filters, or several sides and a way to go."""
-        layout, blocks = self._layout.body, self._given.filtered(rows.unbind(dim=1))
-        way, views = layout.ahead(blocks[0]), self._views
+        blocks = self._given.filtered(rows.unbind(dim=1))
+        way, views = self._layout.body.ahead(blocks[0][1]), self._views
         if views is None or way is None:
-            seen = torch.stack([x for block in blocks for x in block], dim=1)
+            seen = torch.stack([x for _, block in blocks for x in block], dim=1)
             return seen, torch.zeros_like(rows[:, 0], dtype=torch.int64)
         which = views.which(way)
-        return torch.stack([x for block in blocks for x in views.viewed(layout, block, which)], dim=1), which
+        seen = [x for layout, block in blocks for x in views.viewed(layout, block, which)]
+        return torch.stack(seen, dim=1), which
 
     def expected(self, rows: Tensor) -> Tensor:
         """See `Look`."""
@@ -104,11 +105,11 @@ def row_programs(given: Architecture) -> list[tuple[RowProgram, int]]:
 
     def seen(columns: Sequence[Symbol]) -> tuple[list[Symbol], Symbol]:
         blocks = given.filtered(columns)
-        way = layout.body.ahead(blocks[0])
+        way = layout.body.ahead(blocks[0][1])
         if given.symmetries is None or way is None:
-            return [x for block in blocks for x in block], Symbol.constant(0)
+            return [x for _, block in blocks for x in block], Symbol.constant(0)
         which, turn, hand = side(given.symmetries, way)
-        return [x for block in blocks for x in viewed(layout.body, block, turn, hand)], which
+        return [x for shown, block in blocks for x in viewed(shown, block, turn, hand)], which
 
     def expected(row: Sequence[Symbol]) -> tuple[list[Symbol], Symbol]:
         return list(map(Symbol.constant, given.expected(row))), Symbol.constant(0)
@@ -236,7 +237,7 @@ class CudaLook(Look):
     def room(self, number: int, rows: Tensor) -> tuple[Tensor, Tensor]:
         """For what the program of this number finds of rows."""
         given = self._given
-        found = rows.new_empty(len(rows), (given.seen, given.looks, given.filtering)[number])
+        found = rows.new_empty(len(rows), (given.seen, given.shown, given.filtering)[number])
         return found, rows.new_empty(len(rows), dtype=torch.int64)
 
     def rows(self, number: int, rows: Tensor) -> tuple[Tensor, Tensor]:

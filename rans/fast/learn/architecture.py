@@ -88,7 +88,8 @@ class Architecture:
             bf16=settings.matmul == "bf16", continuous=craft.actuators.is_continuous,
             history=settings.history if has_history else 0,
             averages=tuple(settings.averages) if has_history else (),
-            filters=Filters.of(craft, engine.task, engine.timing.control_period, settings.filters)
+            filters=Filters.of(craft, engine.task, engine.timing.control_period, settings.filters,
+                               settings.filtered_steady)
             if settings.filters else None,
             units=settings.recurrent_units if settings.memory == "recurrent" else 0,
             privileged=engine.known.width if settings.privileged_critic else 0,
@@ -117,13 +118,24 @@ class Architecture:
 
     @property
     def looks(self) -> int:
-        """Columns that are looked at: as they are read, then as each filter has them."""
-        return self.seen * (1 + (len(self.filters.drift) if self.filters else 0))
+        """Times that the columns are looked at: as they are read, then as each filter has them."""
+        return 1 + (len(self.filters.drift) if self.filters else 0)
+
+    @property
+    def steady(self) -> int:
+        """Steady accelerations that every filter tells besides."""
+        return self.filters.axes if self.filters else 0
+
+    @property
+    def shown(self) -> int:
+        """Columns and steady accelerations that are seen at once."""
+        return self.seen + (self.looks - 1) * (self.seen + self.steady)
 
     @property
     def inputs(self) -> int:
         """Numbers that the trunk is given."""
-        return self.looks * (2 if self.zoom else 1) + self.rows
+        size = self.seen * (2 if self.zoom else 1)
+        return size + (self.looks - 1) * (size + self.steady) + self.rows
 
     @property
     def recalled(self) -> int:
@@ -135,12 +147,14 @@ class Architecture:
         """Width of what actor and critic are heads on."""
         return self.units or self.layers[-1]
 
-    def filtered(self, row: Columns) -> list[Columns]:
+    def filtered(self, row: Columns) -> list[tuple[Layout, Columns]]:
         """Of columns in B and what filters remember: the columns, and what each filter makes of them."""
+        body = self.layout.body
         if self.filters is None:
-            return [row]
+            return [(body, row)]
         read, memory = row[:self.seen], row[self.seen:]
-        return [read, *self.filters.estimates(self.layout.body, read, memory)]
+        estimates = self.filters.estimates(body, read, memory)
+        return [(body, read), *((self.filters.shown(body), columns) for columns in estimates)]
 
     def expected(self, row: Columns) -> list[Field]:
         """Of the same and the command that was given: what filters remember from then on."""

@@ -87,6 +87,9 @@ class PPOSettings:
     """What Kalman filters make of everything observed, besides: of each the variance by which it lets
     velocities wander in a control period, in units of their readings' noise. They know the spacecraft as
     designed and what its thrusters were told (decision 024)."""
+    filtered_steady: float = 0.0
+    """Variance of the steady accelerations that filters look for, such as a floor's that slopes, in units of
+    their readings' noise. 0: they look for none."""
     recurrent_units: int = 64
     """Of that unit."""
     privileged_critic: bool = False
@@ -103,7 +106,8 @@ class PPOSettings:
                  "history", "recurrent_units")
         _require(self, "finite and > 0", lambda x: 0 < x < math.inf,
                  "learning_rate", "max_learning_rate", "clip_range", "max_grad_norm", "reward_scale")
-        _require(self, "finite and >= 0", lambda x: 0 <= x < math.inf, "ent_coef", "vf_coef", "zoom")
+        _require(self, "finite and >= 0", lambda x: 0 <= x < math.inf,
+                 "ent_coef", "vf_coef", "zoom", "filtered_steady")
         _require(self, "between 0 and 1", lambda x: 0 < x < 1, "initial_duty")
         _require(self, "between 0 and 1", lambda x: 0 <= x <= 1, "anneal")
         _require(self, "in (0, 1]", lambda x: 0 < x <= 1, "gamma", "gae_lambda")

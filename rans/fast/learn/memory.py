@@ -84,6 +84,12 @@ def viewed(history: Tensor, rows: int, layout: Layout, views: Symmetries, which:
     return torch.cat((then, told), dim=1).reshape(len(history), -1)
 
 
+def by_row(function: Callable[[Tensor], Tensor], x: Tensor, count: int) -> Tensor:
+    """What a function makes of each of so many rows that stand side by side, (..., n, count k)."""
+    rows = function(x.unflatten(-1, (count, -1)).flatten(-3, -2))
+    return rows.unflatten(-2, (-1, count)).flatten(-2)
+
+
 def recurrent(inputs: Tensor, state: Tensor, going_on: Sequence[Tensor] | None,
               recalled: Callable[[Tensor], Tensor]) -> Tensor:
     """The states (..., T, n, units) of a gated recurrent unit (Cho et al., 2014), torch's `GRUCell`.

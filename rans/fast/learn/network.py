@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from typing import NamedTuple
 
@@ -12,7 +12,7 @@ from torch.nn import functional
 
 from rans.fast.distributed import ALONE, Processes
 from rans.fast.learn.architecture import ACTIVATIONS, EXTRACTOR, Architecture, Duty, OnOff
-from rans.fast.learn.memory import Remembering, recurrent, viewed
+from rans.fast.learn.memory import Remembering, by_row, recurrent, viewed
 
 
 class Output(NamedTuple):
@@ -94,7 +94,7 @@ class Network(Remembering):
              memory: Tensor | None = None) -> tuple[Tensor, Tensor | None, Tensor | None]:
         """Columns (N, k) in the body frame and the memory from the side of the craft that has the goal ahead.
 
-        The columns seen, (N, `Architecture.looks`), are those given and those of every filter; the memory is
+        The columns seen, (N, `Architecture.shown`), are those given and those of every filter; the memory is
         without the filters'. Also where each thruster is in that view, (N, thrusters), without symmetry None.
         They do not depend on weights, so one look serves an update.
         """
@@ -133,16 +133,18 @@ class Network(Remembering):
     def inputs(self, seen: Tensor, memory: Tensor | None = None) -> Tensor:
         """What the trunk is given of columns (N, k) and a history (N, m), by member."""
         given, rows = self.architecture, self._rows(seen)
-        x = self._by_row(self._looks, rows, given.looks // given.seen) if given.filters else self._looks(rows)
+        read, filtered = rows.tensor_split([given.seen], dim=-1)
+        x = self._looks(read)
+        if given.filters:
+            x = torch.cat((x, by_row(self._filtered, filtered, given.looks - 1)), dim=-1)
         if not given.recalled or memory is None:
             return x
-        return torch.cat((x, self._by_row(self._recalled, self._rows(memory), given.recalled)), dim=-1)
+        return torch.cat((x, by_row(self._recalled, self._rows(memory), given.recalled)), dim=-1)
 
-    @staticmethod
-    def _by_row(function: Callable[[Tensor], Tensor], x: Tensor, count: int) -> Tensor:
-        """What a function makes of each of so many rows that stand side by side, (..., n, count i)."""
-        rows = function(x.unflatten(-1, (count, -1)).flatten(-3, -2))
-        return rows.unflatten(-2, (-1, count)).flatten(-2)
+    def _filtered(self, rows: Tensor) -> Tensor:
+        columns, steady = rows.tensor_split([self.architecture.seen], dim=-1)
+        clip = self.architecture.clip
+        return torch.cat((self._looks(columns), steady.clamp(-clip, clip)), dim=-1)
 
     def _recalled(self, rows: Tensor) -> Tensor:
         then, told = rows.tensor_split([self.architecture.seen], dim=-1)
