@@ -155,6 +155,8 @@ def test_wrong_averages(averages: tuple[float, ...]) -> None:
     ({"memory": "history", "averages": 0.5}, "averages must be numbers between 0 and 1, got 0.5"),
     ({"memory": "history", "averages": (1.0,)}, "averages must be numbers between 0 and 1"),
     ({"filters": (0.0,)}, "filters must be numbers >= 1e-6 and <= 1e6, got \\[0.0\\]"),
+    ({"filtered_steady": 1.0}, "filtered_steady 1.0 is what filters look for, of which there are none"),
+    ({"filters": (1.0,), "filtered_steady": -1.0}, "filtered_steady must be finite and >= 0, got -1.0"),
     ({"filters": 0.5}, "filters must be numbers >= 1e-6 and <= 1e6, got 0.5"),
     ({"filters": (1.0,), "memory": "recurrent", "symmetric": False}, "not beside memory 'recurrent'"),
     ({"gamma": "x"}, r"gamma must be in \(0, 1\], got 'x'"),
