@@ -31,6 +31,7 @@ from rans.show.listing import (
     thruster_listing,
 )
 from rans.tasks import TASKS, Task, gymnasium_ids, load_task, observation_columns
+from rans.tasks.derived import dimensions
 from rans.tasks.formula import reward_formulas
 from rans.terminal import Terminal
 
@@ -260,12 +261,12 @@ def _environments(task: str) -> tuple[str, ...]:
 
 def _task_facts(name: str) -> dict[str, Any]:
     task: Any = load_task(name)
-    parts = task.parts()
+    parts, works = task.parts(), dimensions(task)
     return {"summary": _summary(type(task)), "gymnasium": _environments(name), "settings": asdict(task),
             "flag": getattr(task, "flag", None),
-            "reward": {part or name: reward_formulas(one) for part, one in parts.items()},
+            "reward": {part or name: reward_formulas(one, works[0]) for part, one in parts.items()},
             "tolerances": {part or name: one.tolerances() for part, one in parts.items()},
-            "observation": {"2": observation_columns(task, 2), "3": observation_columns(task, 3)}}
+            "observation": {str(one): observation_columns(task, one) for one in works}}
 
 
 def _spacecraft_facts(name: str) -> dict[str, Any]:

@@ -21,6 +21,7 @@ from rans.flight import Setup
 from rans.model.conditions import Conditions
 from rans.model.random import seed_words
 from rans.scenario import EVALUATION_SEED
+from rans.tasks.derived import check_dimension
 from rans.tasks.go_to_pose_priced import KnobPositions
 
 _OBSERVATION = "observation"
@@ -30,15 +31,18 @@ _UNTUNED = "none: default settings"
 
 def contest_of(spec: str, episodes: int, seed: int = EVALUATION_SEED, engine: EngineName = "fast",
                conditions: str | Path | Conditions | None = None) -> Contest:
-    """The setup of the first contestant, for all others too; `ConfigError` if it knows no task.
+    """The setup of the first contestant, for all others too.
+
+    `ConfigError` if it knows no task, or one that works in the other dimension only.
 
     Conditions by name, file or as such take the place of its own.
     """
     if episodes < 1:
         raise ConfigError(f"--episodes must be at least 1, got {episodes}.")
-    seed_words(seed)  # which refuses a wrong one: else every contestant would
     run = _single(spec, contestant(spec)).under(conditions)
     craft, task, timing, world = run.judged
+    seed_words(seed)  # what is wrong here is told once: else every contestant would
+    check_dimension(task, craft.dimension)
     return Contest(craft, task, timing, seed, episodes, engine, world)
 
 
