@@ -217,7 +217,7 @@ def _spacecraft_details(name: str) -> Iterable[str | Listing]:
 def _task_details(name: str) -> Iterable[str | Listing]:
     task = load_task(name)
     yield f"{name}: {_summary(type(task))}"
-    own = f"rans.fast.envs.single.SpacecraftEnv({name!r}, 2), in space 3"
+    own = " or ".join(f"rans.SpacecraftEnv({name!r}, {one})" for one in dimensions(task))
     yield f"Gymnasium: {', '.join(_environments(name)) or own}; task flag: {_flag(task)}"
     yield from task_listings(task, "settings.")
     yield "Any of these: rans train --set settings.NAME=VALUE. Those of every training: rans list TRAINING."
