@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import gymnasium
+import numpy as np
 import pytest
 import torch
 from torch.distributed.run import get_args_parser
@@ -61,6 +62,8 @@ def test_examples_of_the_python_page_run() -> None:
         exec(example, names)
     assert names["engine"].num_envs == 64
     assert names["observation"].shape == (10,)
+    np.testing.assert_allclose(names["flight"].times, np.linspace(0.0, 25.0, 251), rtol=1e-12)
+    assert rans.load_agent("lqr:go-to-pose-2d@atmos").timing == Timing(0.2, episode_steps=125)
 
 
 def test_the_task_of_the_tasks_page_is_met_and_its_goal_moves() -> None:
