@@ -5,7 +5,8 @@
     100.0
 
 Importing it registers the Gymnasium environments of `rans.tasks.gymnasium_ids`, each also as moved by
-Drake: "rans/GoToPose2D-Drake-v0". What needs torch, Drake, CasADi or SciPy is loaded when first used.
+Drake: "rans/GoToPose2D-Drake-v0"; `TASKS.register` adds those of a task of your own. What needs torch,
+Drake, CasADi or SciPy is loaded when first used.
 """
 
 from __future__ import annotations
@@ -107,15 +108,19 @@ def __dir__() -> list[str]:
     return sorted(__all__)
 
 
-def _register() -> None:
-    """Gymnasium has no plug-in mechanism (since 1.0): its registry must be told on import."""
-    for task_name in TASKS:
-        for dimension, gymnasium_id in zip((2, 3), gymnasium_ids(task_name), strict=True):
-            kwargs = {"task_name": task_name, "dimension": dimension}
-            gymnasium.register(gymnasium_id, "rans.fast.envs.single:SpacecraftEnv", kwargs=kwargs,
-                               vector_entry_point="rans.fast.envs.vector:SpacecraftVectorEnv")
-            gymnasium.register(gymnasium_id.replace("-v", "-Drake-v"), "rans.reference.flight:DrakeEnv",
-                               kwargs=kwargs)
+def _enrol(task_name: str) -> None:
+    """Gymnasium has no plug-in mechanism (since 1.0): its registry must be told of every task."""
+    for dimension, gymnasium_id in zip((2, 3), gymnasium_ids(task_name), strict=True):
+        kwargs = {"task_name": task_name, "dimension": dimension}
+        known = gymnasium.registry.get(gymnasium_id)
+        if known is not None and known.kwargs == kwargs:
+            continue  # a notebook's cell ran twice
+        gymnasium.register(gymnasium_id, "rans.fast.envs.single:SpacecraftEnv", kwargs=kwargs,
+                           vector_entry_point="rans.fast.envs.vector:SpacecraftVectorEnv")
+        gymnasium.register(gymnasium_id.replace("-v", "-Drake-v"), "rans.reference.flight:DrakeEnv",
+                           kwargs=kwargs)
 
 
-_register()
+for _task_name in TASKS:
+    _enrol(_task_name)
+TASKS.announce = _enrol

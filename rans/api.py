@@ -10,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
-from rans.errors import ConfigError, brief, checked, named, one_of, whole
+from rans.errors import ConfigError, brief, checked, one_of, whole
 from rans.model.conditions import Conditions
 from rans.model.conditions_file import load_conditions
 from rans.model.spacecraft import Spacecraft
@@ -21,6 +21,7 @@ from rans.tasks import Task, load_task, registered_name
 if TYPE_CHECKING:
     from rans.evaluation.compare.bounds import Bound, Kind
     from rans.evaluation.compare.optima import Optimum
+    from rans.evaluation.compare.roster import Guest
     from rans.evaluation.compare.run import Comparison
     from rans.evaluation.fly.agent import LoadedRun
     from rans.evaluation.fly.judge import EngineName
@@ -92,7 +93,8 @@ def evaluate(agent: str | Path | LoadedRun, *, episodes: int = 1024, seed: int =
     return measure(flight)
 
 
-def compare(*contestants: str | Path, beside: str | Sequence[str] = ("lqr", "switching", "mpc", "optimal"),
+def compare(*contestants: str | Path | Guest,
+            beside: str | Sequence[str] = ("lqr", "switching", "mpc", "optimal"),
             episodes: int = 128, certified: int = 4, seed: int = EVALUATION_SEED, engine: EngineName = "fast",
             conditions: ConditionsLike | None = None, trust: bool = False,
             workers: int | None = None) -> Comparison:
@@ -103,8 +105,10 @@ def compare(*contestants: str | Path, beside: str | Sequence[str] = ("lqr", "swi
     ['go-to-pose-2d', 'LQR']
 
     Args:
-        *contestants: as of `rans compare`; the first gives task, spacecraft and rate.
-        beside: controllers that join them, and "optimal", the best that is possible; a name, or several.
+        *contestants: as of `rans compare`; the first gives task, spacecraft and rate. Others may also be
+            controllers made for these (`Controller`), or what makes one of them, such as a class.
+        beside: controllers that join them, unless one of that name is there, and "optimal", the best that
+            is possible; a name, or several.
         episodes: number of starts.
         certified: starts whose bounds are certified, about 25 processor seconds each.
         seed: of the starts.
@@ -116,25 +120,22 @@ def compare(*contestants: str | Path, beside: str | Sequence[str] = ("lqr", "swi
     Raises:
         ConfigError: a contestant does not exist, or is not for the same task, spacecraft and rate.
     """
-    from rans.evaluation.compare.roster import contest_of, enlisted
+    from rans.evaluation.compare.roster import contest_of, enlisted, invitations
     from rans.evaluation.compare.run import Comparison, fill
-    from rans.evaluation.fly.agent import LoadedRun
     from rans.evaluation.fly.controllers import CONTROLLERS
     from rans.evaluation.fly.judge import EngineName
 
-    if not contestants:
-        raise ConfigError("name at least one contestant, for example the folder of a run.")
+    first, invited = invitations(contestants)
     one_of("engine", engine, get_args(EngineName))
-    specs = [named("a contestant", one, LoadedRun) for one in contestants]
     beside = (beside,) if isinstance(beside, str) else beside
     if not isinstance(beside, Sequence) or not all(isinstance(name, str) for name in beside):
         raise ConfigError(f'beside takes names of controllers and "optimal", got {brief(beside)}.')
     for name in {*beside} - {"optimal"}:
         CONTROLLERS[name]  # a wrong name is told before anybody flies
     whole("certified", certified, least=0)
-    contest = contest_of(specs[0], whole("episodes", episodes), seed, engine, conditions)
+    contest = contest_of(first, whole("episodes", episodes), seed, engine, conditions)
     found = Comparison(contest)
-    fill(found, enlisted(specs, contest, trust), beside, certified, workers=workers)
+    fill(found, enlisted(invited, contest, trust), beside, certified, workers=workers)
     return found
 
 

@@ -76,11 +76,9 @@ def fits(value: object, condition: Callable[[Any], bool]) -> bool:
 
 
 def named(what: str, value: object, kind: type) -> str:
-    """The text of a name or a path; `ConfigError` else, see `checked`."""
-    if isinstance(value, str | PathLike):
-        return str(value)
-    checked(f"{what}, unless it is a name or a file,", value, kind)
-    raise ConfigError(f"{what} must be a name or a file here, got {brief(value)}.")
+    """The text of a name or a path, where an object of this class was taken already; else `ConfigError`."""
+    return str(value if isinstance(value, str | PathLike) else
+               checked(f"{what}, unless it is a name or a file,", value, kind))
 
 
 class RansError(Exception):

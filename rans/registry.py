@@ -47,6 +47,8 @@ class Registry(Mapping[str, T]):
         self._or_else = or_else
         self._loaded: dict[str, T] = {}
         self._own: dict[str, T] = {}
+        self.announce: Callable[[str], object] = lambda _: None
+        """Called with every name that `register` adds: who keeps names elsewhere too sets it."""
 
     def __repr__(self) -> str:
         return f"<{self._what} by name: {', '.join(self)}>"
@@ -78,6 +80,7 @@ class Registry(Mapping[str, T]):
 
         def keep(found: T) -> T:
             self._own[name] = self._checked(found)
+            self.announce(name)
             return found
 
         return keep

@@ -17,6 +17,7 @@ from rans.model.fields import leaves, map_leaves, unflatten
 from rans.model.random import Draws, seed_words
 from rans.model.spacecraft import Spacecraft
 from rans.tasks.base import Task
+from rans.tasks.derived import check_dimension
 from rans.tasks.sight import Dimension
 
 EVALUATION_SEED = 2023
@@ -73,12 +74,21 @@ def batch(scenarios: Sequence[Scenario]) -> Scenario:
 
 
 def scenarios(task: Task, craft: Spacecraft, seed: int, count: int, first: int = 0) -> Scenario:
-    """Scenarios ``first`` to ``first + count - 1`` of a seed as one batch of float64 arrays (N,)."""
+    """Scenarios ``first`` to ``first + count - 1`` of a seed as one batch of float64 arrays (N,).
+
+    Raises:
+        ConfigError: the task works in the other dimension alone, or the seed has more than 64 bits.
+    """
     return drawn(task, craft, draws(seed, count, first))
 
 
 def drawn(task: Task, craft: Spacecraft, own: Draws) -> Scenario:
-    """The scenarios of N episodes that draw like this, as one batch of float64 arrays (N,)."""
+    """The scenarios of N episodes that draw like this, as one batch of float64 arrays (N,).
+
+    Raises:
+        ConfigError: see `rans.tasks.derived.check_dimension`.
+    """
+    check_dimension(task, craft.dimension)
     found = Scenario(*task.sample(own.random(craft.dimension, own.first)))
     return map_leaves(lambda x: np.full(len(own.first), x, np.float64), found)
 

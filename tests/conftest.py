@@ -5,14 +5,16 @@ from __future__ import annotations
 import gc
 import io
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
+import gymnasium
 import pytest
 from hypothesis import settings
 
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft, spacecraft_names
+from rans.tasks import TASKS
 from tests.crafts import nasty_planar, nasty_spatial
 
 # The same examples in every run, and no deadline: the machine may be busy.
@@ -83,3 +85,13 @@ def planar_craft() -> Spacecraft:
 def spatial_craft() -> Spacecraft:
     """See `tests.crafts.nasty_spatial`."""
     return nasty_spatial()
+
+
+@pytest.fixture
+def forgotten(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Tasks that a test registers are unknown to the next one."""
+    monkeypatch.setattr(TASKS, "_own", {})
+    before = set(gymnasium.registry)
+    yield
+    for added in set(gymnasium.registry) - before:
+        del gymnasium.registry[added]

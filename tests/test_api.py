@@ -18,6 +18,7 @@ import torch
 import rans
 from rans.errors import ConfigError
 from rans.evaluation.compare.bounds import Bound
+from rans.scenario import EVALUATION_SEED, scenarios
 from tests.test_imports import loaded
 from validation.checks import Check, Study
 
@@ -149,7 +150,9 @@ def test_names_do_where_objects_do() -> None:
     (lambda: rans.evaluate(rans.load_agent("lqr:go-to-pose-2d"), protocol="original"),
      "was made for its own setup"),
     (lambda: rans.compare("go-to-pose-2d", beside=["lqrr"]), r"named 'lqrr' \(did you mean lqr\?\)"),
-    (lambda: rans.compare(rans.load_agent("go-to-pose-2d")), "a contestant must be a name or a file here"),  # type: ignore[arg-type]
+    (lambda: rans.compare(rans.load_agent("go-to-pose-2d")),  # type: ignore[arg-type]
+     "a contestant is a name, a run folder, a controller or .*, got <go-to-pose-2d: GoToPose for"),
+    (lambda: rans.compare(rans.LQR, "go-to-pose-2d"), "the first contestant gives task, .*, got <class"),
     (lambda: rans.certify(kind="arival"), r"kind must be one of arrival, settling.*mean arrival"),  # type: ignore[arg-type]
     (lambda: rans.certify(start=-1), "start must be a whole number >= 0"),
     (lambda: rans.optimal_trajectory(ending="x"), "ending must be one of exact, set"),  # type: ignore[arg-type]
@@ -215,6 +218,36 @@ def test_one_name_beside_is_one_controller() -> None:
     """Of a text, no letter is one."""
     found = rans.compare("go-to-pose-2d", beside="switching", episodes=2)
     assert [entry.name for entry in found.entries] == ["go-to-pose-2d", "switching"]
+
+
+class Coasting:
+    """Opens no thruster."""
+
+    name = "coasting"
+
+    def __init__(self, craft: rans.Spacecraft, task: object, timing: object) -> None:
+        self._count = len(craft.thrusters)
+
+    def reset(self, count: int) -> None:
+        """Nothing to forget."""
+
+    def act(self, state: object, goal: object, observation: np.ndarray) -> np.ndarray:
+        """Shut, all of them."""
+        return np.zeros((len(observation), self._count))
+
+
+def test_controllers_compete_as_objects_and_by_their_classes() -> None:
+    """As they are: who is named has its tuned settings instead."""
+    craft, task = rans.load_spacecraft("floating-platform"), rans.GoToPose().for_evaluation()
+    given, misfit = rans.Switching(craft, task), Coasting(rans.load_spacecraft("free-flyer"), None, None)
+    found = rans.compare("switching:go-to-pose-2d", Coasting, given, misfit, beside=["switching"], episodes=2)
+    assert [entry.name for entry in found.entries] == ["switching", "coasting", "switching (3)"]
+    _, coasting, switching = (entry.flight for entry in found.entries)
+    assert not coasting.commands.any()
+    alone = rans.fly(craft, task, given, scenarios(task, craft, EVALUATION_SEED, 2), rans.Timing())
+    np.testing.assert_array_equal(switching.commands, alone.commands)
+    failure, = found.failures
+    assert "the controller 'Coasting' must answer 2 observations with commands of shape (2, 8)" in failure
 
 
 def test_numbers_of_numpy_are_numbers() -> None:

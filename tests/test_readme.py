@@ -13,6 +13,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import gymnasium
+import numpy as np
 import pytest
 import torch
 from torch.distributed.run import get_args_parser
@@ -60,6 +62,8 @@ def test_examples_of_the_python_page_run() -> None:
         exec(example, names)
     assert names["engine"].num_envs == 64
     assert names["observation"].shape == (10,)
+    np.testing.assert_allclose(names["flight"].times, np.linspace(0.0, 25.0, 251), rtol=1e-12)
+    assert rans.load_agent("lqr:go-to-pose-2d@atmos").timing == Timing(0.2, episode_steps=125)
 
 
 def test_the_task_of_the_tasks_page_is_met_and_its_goal_moves() -> None:
@@ -72,6 +76,21 @@ def test_the_task_of_the_tasks_page_is_met_and_its_goal_moves() -> None:
     # 25 s at 0.03 m/s
     assert moved.norm()[-1] == pytest.approx(0.75, rel=1e-12)
     assert flight.errors()["position"][-1].max() < task.position_tolerance
+
+
+@pytest.mark.usefixtures("forgotten")
+def test_the_environments_of_the_tasks_page_are_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    page = ROOT / "docs" / "tasks.md"
+    (example,) = blocks(page, "python")
+    (tmp_path / "meet.py").write_text(example, "utf-8")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    names: dict[str, Any] = {"rans": rans, "gymnasium": gymnasium}
+    exec("from meet import Meet", names)
+    said = page.read_text("utf-8").partition("For Gymnasium it is ")[2].partition("\n\n")[0]
+    single, _, named, vector = (eval(code, names) for code in re.findall("`([^`]+)`", said))
+    tasks = single.unwrapped.task, named.unwrapped.task, vector.engine.task
+    assert tasks == (names["Meet"](),) * 3
 
 
 def test_the_python_page_has_every_function() -> None:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
+import gymnasium
 import pytest
 
 from rans.errors import ConfigError
@@ -196,6 +197,20 @@ def test_what_is_no_task(name: str, said: str) -> None:
 
 def test_a_task_by_its_module() -> None:
     assert TASKS["tests.test_registry:Far"] is Far
+
+
+@pytest.mark.usefixtures("forgotten")
+def test_a_registered_task_has_gymnasium_ids() -> None:
+    TASKS.register("far-away")(GoToPose)
+    TASKS.register("far-away")(Far)  # a notebook's cell may run twice, with another class
+    assert {"rans/FarAway2D-Drake-v0", "rans/FarAway3D-Drake-v0"} <= gymnasium.registry.keys()
+    for name, width in (("rans/FarAway2D-v0", 10), ("rans/FarAway3D-v0", 22)):
+        env: Any = gymnasium.make(name)
+        assert env.reset(seed=0)[0].shape == (width,)
+        assert type(env.unwrapped.task) is Far
+        # Starts of Far are 5 to 6 m away, those of go-to-pose at most 4.5 m.
+        assert float((env.unwrapped.goal.p - env.unwrapped.state.p).norm()) > 5.0
+    assert gymnasium.make_vec("rans/FarAway3D-v0", num_envs=2).reset(seed=0)[0].shape == (2, 22)
 
 
 WITHOUT = """

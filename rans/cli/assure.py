@@ -139,9 +139,11 @@ class Assure:
 def _show(assurance: Assurance, file: Path) -> None:
     from rans.evaluation.assure.replay import has_drake
     from rans.fast.verdicts import Failure
-    from rans.show.assure_page import findings, page, verdict
+    from rans.show.assure_counts import counts, verdict
+    from rans.show.assure_page import findings, page
 
-    write_json(file, assurance.to_json())
+    found = assurance.to_json()
+    write_json(file, found)
     worst = ""
     if assurance.searched and assurance.searched.breaking and has_drake():
         from rans.show.view import View
@@ -151,15 +153,12 @@ def _show(assurance: Assurance, file: Path) -> None:
         view.save(file.with_name(worst))
     page(assurance, worst).write(file.with_suffix(".html"))
     console, campaign = Terminal(room=100), assurance.campaign
-    bounds = [("any failure", campaign.bound()), *((kind.meaning, campaign.bound(kind)) for kind in Failure)]
-    rows = [(name, f"{x.events:,}", f"{x.rate:.3g}", f"{x.low:.3g}", f"{x.high:.3g}") for name, x in bounds]
+    table = counts(found)
     words = ["any failure", *(kind.name.lower().replace("_", " ") for kind in Failure)]
-    sure = f"{100.0 * campaign.plan.confidence:.6g} %"
-    console.show(f"{assurance.spec}: {campaign.flights:,} flights of seed {campaign.seed}",
-                 ("failure", "flights", "rate", f"at least ({sure})", f"at most ({sure})"), rows,
-                 [(word, *row[1:]) for word, row in zip(words, rows, strict=True)],
+    console.show(f"{assurance.spec}: {campaign.flights:,} flights of seed {campaign.seed}", table.columns,
+                 table.rows, [(word, *row[1:]) for word, row in zip(words, table.rows, strict=True)],
                  "A wider terminal says what each of them means, as the page does.")
-    console.say(verdict(assurance))
+    console.say(verdict(found))
     for finding in findings(assurance):
         console.say(f"{_MARKS[finding.passed]}{finding.text}.")
     if assurance.searched:

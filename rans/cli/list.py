@@ -31,6 +31,7 @@ from rans.show.listing import (
     thruster_listing,
 )
 from rans.tasks import TASKS, Task, gymnasium_ids, load_task, observation_columns
+from rans.tasks.derived import dimensions
 from rans.tasks.formula import reward_formulas
 from rans.terminal import Terminal
 
@@ -216,7 +217,7 @@ def _spacecraft_details(name: str) -> Iterable[str | Listing]:
 def _task_details(name: str) -> Iterable[str | Listing]:
     task = load_task(name)
     yield f"{name}: {_summary(type(task))}"
-    own = f"rans.fast.envs.single.SpacecraftEnv({name!r}, 2), in space 3"
+    own = " or ".join(f"rans.SpacecraftEnv({name!r}, {one})" for one in dimensions(task))
     yield f"Gymnasium: {', '.join(_environments(name)) or own}; task flag: {_flag(task)}"
     yield from task_listings(task, "settings.")
     yield "Any of these: rans train --set settings.NAME=VALUE. Those of every training: rans list TRAINING."
@@ -260,12 +261,12 @@ def _environments(task: str) -> tuple[str, ...]:
 
 def _task_facts(name: str) -> dict[str, Any]:
     task: Any = load_task(name)
-    parts = task.parts()
+    parts, works = task.parts(), dimensions(task)
     return {"summary": _summary(type(task)), "gymnasium": _environments(name), "settings": asdict(task),
             "flag": getattr(task, "flag", None),
-            "reward": {part or name: reward_formulas(one) for part, one in parts.items()},
+            "reward": {part or name: reward_formulas(one, works[0]) for part, one in parts.items()},
             "tolerances": {part or name: one.tolerances() for part, one in parts.items()},
-            "observation": {"2": observation_columns(task, 2), "3": observation_columns(task, 3)}}
+            "observation": {str(one): observation_columns(task, one) for one in works}}
 
 
 def _spacecraft_facts(name: str) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from rans.terminal import Terminal
 
 @dataclass(frozen=True)
 class Report:
-    """Gather a run's checks, training, evaluation and comparison on one page that opens offline."""
+    """Gather a run's checks, training, evaluation, comparison and assurances on one page, to open offline."""
 
     run_folder: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RUN")]
     """Run folder; what it does not hold yet is left out."""

@@ -6,11 +6,11 @@ import importlib.util
 from collections.abc import Iterator
 
 from rans.evaluation.assure.assurance import Assurance
-from rans.evaluation.assure.bounds import Bound
 from rans.evaluation.assure.replay import Judge, Replayed, has_drake
 from rans.evaluation.measure.metrics import DISPLAY
 from rans.fast.verdicts import Failure
 from rans.flight import Flight
+from rans.show.assure_counts import counts, verdict
 from rans.show.page import Finding, Page, Picture, Section, Table, header
 
 _JUDGES: dict[Judge, str] = {"numpy": "NumPy", "drake": "Drake"}
@@ -26,7 +26,9 @@ def page(assurance: Assurance, worst_case: str = "") -> Page:
     """Everything on one page, with the name of a file beside it that shows the worst case."""
     campaign, run = assurance.campaign, assurance.run
     described = run.conditions.description if run.conditions else "perfect"
-    sections = [_counts(assurance), _plan(assurance), *_again(assurance), *_rare(assurance),
+    found = assurance.to_json()
+    counted = Section("What failed", _TEXT, [counts(found)], findings=[*findings(assurance)])
+    sections = [counted, _plan(assurance), *_again(assurance), *_rare(assurance),
                 *_worst_case(assurance, worst_case), _evidence(assurance), _signatures()]
     return Page(
         f"Assurance of {assurance.spec}", sections, header({
@@ -35,22 +37,7 @@ def page(assurance: Assurance, worst_case: str = "") -> Page:
             "flights": f"{campaign.flights:,} of {run.timing.episode_steps} steps, scenarios 0 to "
                        f"{campaign.flights - 1:,} of seed {campaign.seed}; "
                        f"{', '.join(sorted(campaign.ways))}, {campaign.seconds:,.0f} s",
-            "environment": assurance.environment}), verdict(assurance))
-
-
-def verdict(assurance: Assurance) -> str:
-    """In one sentence."""
-    campaign, bound = assurance.campaign, assurance.campaign.bound()
-    plan, sure = campaign.plan, f"{100.0 * campaign.plan.confidence:.6g} %"
-    known = (f"{bound.events:,} of {bound.flights:,} flights failed: the probability of failure is at most "
-             f"{bound.high:.3g}" + (f" and at least {bound.low:.3g}, each" if bound.events else "")
-             + f" at {sure} confidence.")
-    if plan.below is not None:
-        known = {"below": f"Shown: the probability of failure is below {plan.below:g}. ",
-                 "above": f"Refuted: the probability of failure is above {plan.below:g}. ",
-                 "open": f"Not decided: whether the probability of failure is below {plan.below:g}. "
-                 }[campaign.decision] + known
-    return known if campaign.over else f"Interrupted, to be gone on with by the same command. {known}"
+            "environment": assurance.environment}), verdict(found))
 
 
 def findings(assurance: Assurance) -> Iterator[Finding]:
@@ -71,20 +58,6 @@ def findings(assurance: Assurance) -> Iterator[Finding]:
                       "were counted in float32, in which some go another way")
     if not has_drake():
         yield Finding("Drake is not installed here: nothing was flown again by it")
-
-
-def _counts(assurance: Assurance) -> Section:
-    bounds = {kind.meaning: assurance.campaign.bound(kind) for kind in Failure}
-    rows = [[name, *_row(bound)] for name, bound in (
-        ("any failure", assurance.campaign.bound()), *bounds.items())]
-    sure = f"{100.0 * assurance.campaign.plan.confidence:.6g} %"
-    return Section("What failed", _TEXT, [Table(
-        ("failure", "flights", "rate", f"at least ({sure})", f"at most ({sure})"), rows)],
-        findings=[*findings(assurance)])
-
-
-def _row(bound: Bound) -> list[str | None]:
-    return [f"{bound.events:,}", *(f"{x:.3g}" for x in (bound.rate, bound.low, bound.high))]
 
 
 def _plan(assurance: Assurance) -> Section:

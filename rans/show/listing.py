@@ -12,8 +12,9 @@ from rans.model.timing import Timing
 from rans.shown import default, meanings
 from rans.tasks import Task, observation_columns
 from rans.tasks.base import UNITS
-from rans.tasks.derived import example_state
+from rans.tasks.derived import PLACES, dimensions, example_state
 from rans.tasks.formula import OPEN, reward_formulas
+from rans.tasks.sight import Dimension
 from rans.terminal import table
 
 _USUAL = Timing()
@@ -60,29 +61,26 @@ def thruster_listing(craft: Spacecraft) -> Listing:
 def task_listings(task: Task, prefix: str = "") -> Iterator[Listing]:
     """Reward, ends, settings and observation; of a multi-task the rewards of what it draws from."""
     parts = {name: part for name, part in task.parts().items() if type(part) is not type(task)}
+    works = dimensions(task)
     for name, part in (parts or {"": task}).items():
-        yield _reward(part, name)
+        yield _reward(part, name, works[0])
     if not parts:
         yield _ends(task)
     yield settings_listing(task, prefix)
-    shown = {"the plane": observation_columns(task, 2), "space": observation_columns(task, 3)}
-    for where, columns in shown.items():
-        yield Listing(f"Observation in {where}", ("column", "what", "unit", "frame"), [
-            (str(index), *column) for index, column in enumerate(columns)])
+    for dimension in works:
+        yield Listing(f"Observation {PLACES[dimension]}", ("column", "what", "unit", "frame"), [
+            (str(index), *column) for index, column in enumerate(observation_columns(task, dimension))])
 
 
-def _reward(task: Task, name: str) -> Listing:
-    errors = ", ".join(f"{error} ({UNITS.get(error, 'its unit')})" for error in _errors(task))
+def _reward(task: Task, name: str, dimension: Dimension) -> Listing:
+    quantities = task.errors(*example_state(task, dimension))
+    errors = ", ".join(f"{error} ({UNITS.get(error, 'its unit')})" for error in quantities)
     return Listing(f"Reward of a step{f' of {name}' if name else ''}, the sum of", ("term", "value"),
-                   [*reward_formulas(task).items()] or [_UNREAD],
+                   [*reward_formulas(task, dimension).items()] or [_UNREAD],
                    f"Of the errors {errors}, and {OPEN}, how many thrusters are.")
 
 
 _UNREAD = ("not shown", "does more than arithmetic on fields: no formula, and no generated kernel")
-
-
-def _errors(task: Task) -> Iterable[str]:
-    return task.errors(*example_state(task, 2))
 
 
 def _ends(task: Task) -> Listing:

@@ -13,6 +13,7 @@ from rans.errors import ConfigError, counted
 from rans.evaluation.measure.aggregate import COLUMNS, Metrics
 from rans.evaluation.stress.outcome import WANTED
 from rans.files import number, read_json, read_json_lines, read_text
+from rans.show.assure_counts import counts, is_over, verdict
 from rans.show.figures import learning_curve
 from rans.show.page import Finding, Page, Picture, Section, Table, header, named, show
 
@@ -32,14 +33,18 @@ def report_from_run(run: Path) -> Page:
 
     A run may hold ``config.json``, ``validation.json`` (checks), ``metrics.jsonl`` (training),
     ``evaluation.json`` (one or several `Metrics`), ``evaluation.svg``, ``episode.svg``, the same of
-    protocols and tasks, as ``evaluation-paper.json``, ``compare.json``, ``stress.json`` and ``sweep.json``.
+    protocols and tasks, as ``evaluation-paper.json``, ``compare.json``, ``stress.json``, ``assurance.json``,
+    also of tasks and conditions, as ``assurance-lab.json``, and ``sweep.json``.
     `ConfigError` if there is no such folder or it holds no results, or a file is damaged.
     """
-    evaluations = sorted(run.glob("evaluation*.json"), key=lambda file: file.stem)
+    evaluations, assurances = (sorted(run.glob(f"{name}*.json"), key=lambda file: file.stem)
+                               for name in ("evaluation", "assurance"))
     builders: dict[str, Callable[[Any], Section]] = {
         **{file.name: partial(_evaluation, file) for file in evaluations}, "compare.json": comparison_section,
-        "stress.json": stress_section, "sweep.json": partial(_sweep, run / "sweep.svg"),
-        "metrics.jsonl": training_section, "validation.json": validation_section}
+        "stress.json": stress_section,
+        **{file.name: partial(assurance_section, file) for file in assurances},
+        "sweep.json": partial(_sweep, run / "sweep.svg"), "metrics.jsonl": training_section,
+        "validation.json": validation_section}
     if (run / "sweep.json").is_file():
         del builders["metrics.jsonl"]  # of all members, one after the other
     sections = [s for name, build in builders.items() if (s := _read(run / name, build))]
@@ -145,6 +150,23 @@ def stress_section(stress: Mapping[str, Any]) -> Section:
                    findings=findings, summary=rows, link="stress.html")
 
 
+def assurance_section(file: Path, found: Mapping[str, Any]) -> Section:
+    """What an assurance counted (`rans.show.assure_counts`); the page beside its file has the rest."""
+    wanted, page, table = found["about"]["below"] is not None, file.with_suffix(".html"), counts(found)
+    passed = found["decision"] == "below" if wanted and is_over(found) else None
+    failed = "{failures:,} of {flights:,}".format(**found["bounds"]["any"])
+    return Section(_title(file), f"Flown by {found['command']}.", [table],
+                   findings=[Finding(verdict(found), passed)],
+                   summary=[("flights that failed", failed),
+                            (f"probability of failure, {table.columns[-1]}", table.rows[0][-1])],
+                   link=page.name if page.is_file() else "")
+
+
+def _title(file: Path) -> str:
+    """Such as "Assurance lab" of assurance-lab.json."""
+    return file.stem.replace("-", " ").capitalize()
+
+
 def _outcome(row: Mapping[str, Any]) -> str:
     text = f"settles from {row['settled']} of {counted(row['starts'], 'start')}"
     for key, what in (("median_settling_time", "s (median)"), ("mean_impulse", "N s of thrust (mean)")):
@@ -159,7 +181,7 @@ def _evaluation(file: Path, found: Any) -> Section:
                 for name, caption in (("evaluation", "All episodes."), ("episode", "One episode."))
                 if (picture := file.with_name(f"{file.stem.replace('evaluation', name)}.svg")).is_file()]
     section = evaluation_section([*_find_metrics(found)], pictures)
-    return replace(section, title=file.stem.replace("-", " ").capitalize())
+    return replace(section, title=_title(file))
 
 
 def _find_metrics(found: Any) -> Iterator[Metrics]:

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 
+from rans.errors import ConfigError
+from rans.files import first_line
+from rans.model.drift import step_goal
 from rans.model.dynamics import State
 from rans.model.fields import Field, finite, where
 from rans.model.random import Random
@@ -14,9 +19,56 @@ from rans.tasks.rewards import Transition
 from rans.tasks.settings import map_settings
 from rans.tasks.sight import Column, Dimension, Layout, Sight
 
+PLACES: dict[Dimension, str] = {2: "in the plane", 3: "in space"}
+
+
+def dimensions(task: Task) -> tuple[Dimension, ...]:
+    """Those in which the task works; both, where none of them could be found to work."""
+    return tuple(one for one in PLACES if _failure(task, one) is None) or tuple(PLACES)
+
+
+def check_dimension(task: Task, dimension: Dimension) -> None:
+    """Refuse a task that works in the other dimension only.
+
+    One that works in neither may want more than NumPy's numbers: its own code tells what is wrong with it.
+
+    Raises:
+        ConfigError: one of the task's functions, or of its drift, fails here and not there.
+    """
+    if (reason := _failure(task, dimension)) is None or dimension in (works := dimensions(task)):
+        return
+    here, there = PLACES[dimension], PLACES[works[0]]
+    raise ConfigError(
+        f"the task {type(task).__name__} works {there}, but not {here}: {type(reason).__name__}: "
+        f"{first_line(reason)}. Fly a spacecraft that moves {there}, or write the task with what states have "
+        "in both, such as (goal.p - state.p).norm() and state.attitude.to(goal.attitude).") from reason
+
+
+def _failure(task: Task, dimension: Dimension) -> Exception | None:
+    """What is raised when all that a task computes is computed once, of numbers."""
+    shut = (np.zeros(1),) * 16  # as many in both, and enough for who looks at single thrusters
+    try:
+        with warnings.catch_warnings(action="ignore"):
+            state, goal = example_state(task, dimension)
+            if {len(one.p.columns()) for one in (state, goal)} != {dimension}:
+                raise TypeError("its sample gives states of the other dimension")
+            step_goal(state, task.drift, 0.2)
+            goal = task.next_goal(goal, state, 0.2)
+            sight(task, state, goal).columns()
+            sum(task.reward(Transition(state, goal, shut, shut)).values())
+            _ = task.failed(state, goal) | task.reached(state, goal)
+    except Exception as error:  # somebody else's code raises anything
+        return error
+    return None
+
 
 def example(task: Task, dimension: Dimension) -> Sight:
-    """What the task shows at the start of an episode, whose entries have the types that all have."""
+    """What the task shows at the start of an episode, whose entries have the types that all have.
+
+    Raises:
+        ConfigError: see `check_dimension`.
+    """
+    check_dimension(task, dimension)
     try:
         return sight(*symbolic(task, dimension))
     except UNTRACEABLE:  # only torch or NumPy can follow this task

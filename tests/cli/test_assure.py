@@ -48,6 +48,10 @@ def test_numbers_a_page_and_commands_that_show_failures_again(monkeypatch: pytes
     policy = Path(campaign.__file__).parents[2] / "data/pretrained/go-to-pose-2d/policy.zip"
     told = subprocess.run(["sha256sum", policy], capture_output=True, text=True, check=True).stdout
     assert found["about"]["hashes"]["weights (policy.zip)"] == told.split()[0]
+    assert main(["report", str(folder)]) == 0
+    report = (folder / "report.html").read_text("utf-8")
+    rows = re.findall(r"<tr>.*?</tr>", page.partition("<table>")[2].partition("</table>")[0], re.DOTALL)
+    assert [row in report for row in rows] == [True] * 7  # a heading, any failure, five kinds
     shown: list[Any] = []
     monkeypatch.setattr("rans.cli.view.View._show", lambda _, flights: shown.extend(flights))
     assert main(shlex.split(found["replays"]["judged"][0]["see"])[1:]) == 0

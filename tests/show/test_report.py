@@ -13,13 +13,25 @@ from rich.console import Console
 from rans.errors import ConfigError
 from rans.evaluation.measure.aggregate import measure
 from rans.show.page import Finding, Page, Section, Table
-from rans.show.report import comparison_section, evaluation_section, report_from_run, validation_section
+from rans.show.report import (
+    assurance_section,
+    comparison_section,
+    evaluation_section,
+    report_from_run,
+    validation_section,
+)
 from tests.evaluation.flights import two_episodes
 from tests.show.test_figures import ROWS
 
 CHECK = {"name": "force", "value": 1e-16, "tolerance": 1e-12, "unit": "N", "reason": "Rounding.",
          "passed": True}
 LATE = CHECK | {"name": "rollout", "value": 2e-3, "tolerance": 1e-9, "unit": "m", "passed": False}
+
+NEVER = {"failures": 0, "flights": 2000, "rate": 0.0, "at least": 0.0, "at most": 0.0023}
+SELDOM = {"failures": 17, "flights": 2000, "rate": 0.0085, "at least": 0.0044, "at most": 0.0146}
+ASSURANCE = {"about": {"agent": "agent", "confidence": 0.99, "below": None, "looks": [[2000, 0.01, 0.01]]},
+             "decision": "open", "command": "rans assure agent --conditions lab",
+             "bounds": {"any": SELDOM, "NOT_FINITE": NEVER, "LEFT": SELDOM}}
 
 
 class Read(HTMLParser):
@@ -60,6 +72,7 @@ def run(tmp_path: Path) -> Path:
             "lab": {"size": None, "contestants": {
                 "agent": {"held": {"value": 0.5, "low": 0.15, "high": 0.85}}}},
             "latency-0.1": {"size": 0.1, "contestants": {"agent": {"held": {}}}}}},
+        "assurance-lab.json": ASSURANCE,
     }
     for name, content in contents.items():
         (tmp_path / name).write_text(json.dumps(content))
@@ -69,11 +82,12 @@ def run(tmp_path: Path) -> Path:
 
 def test_report_from_run_holds_everything(run: Path) -> None:
     page = Read(report_from_run(run).html())
-    headings = ["Evaluation", "Comparison", "Stress", "Training", "Validation", "Configuration"]
+    headings = ["Evaluation", "Comparison", "Stress", "Assurance lab", "Training", "Validation",
+                "Configuration"]
     assert [text for text in page.text if text in headings] == headings * 2  # in the links and above
     for text in ("rans train go-to-pose", "rans 0.1.0, revision abc1234", "timing.control_period",
                  "2.45 cm", "compare.html", "stress.html", "50.0% (15.0% to 85.0%)", "10,000", "5.0 s",
-                 "100.0%"):
+                 "100.0%", "at most (99 %)", "left the tolerances in the last fifth", "0.0146"):
         assert text in page.text
     assert page.tags.count("img") == 4  # two panels of the learning curve, two of the flight
     assert page.tags.count("details") == 2  # validation and configuration are there for those who ask
@@ -120,12 +134,12 @@ def test_failures_come_first(run: Path) -> None:
     text = Read(report_from_run(run).html()).text
     marks = [mark for mark in text[:20] if mark in ("pass", "FAIL", "note")]
     assert text[3] == "Something has failed."
-    assert marks == ["FAIL", "FAIL", "note", "note"]
+    assert marks == ["FAIL", "FAIL", "note", "note", "note"]
     assert "rollout: 0.002 m, tolerance 1e-09." in text[:20]
 
 
 @pytest.mark.parametrize("kept", ["validation.json", "metrics.jsonl", "evaluation.json", "compare.json",
-                                  "stress.json"])
+                                  "stress.json", "assurance-lab.json"])
 def test_what_is_missing_is_left_out(run: Path, kept: str) -> None:
     for file in run.iterdir():
         if file.name != kept:
@@ -149,7 +163,7 @@ def test_a_damaged_file_is_named(run: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["config.json", "validation.json", "evaluation.json", "compare.json",
-                                  "stress.json"])
+                                  "stress.json", "assurance-lab.json"])
 @pytest.mark.parametrize("content", [
     '[3]', '3', '"text"', '{"rows": 3, "checks": 3, "summary": 3, "controller": 3, "about": 3}'])
 def test_other_content_is_named(run: Path, name: str, content: str) -> None:
@@ -166,7 +180,8 @@ def test_summary_tells_the_essence(run: Path) -> None:
     console.print(report_from_run(run).summary())
     text = console.file.getvalue()  # type: ignore[attr-defined]
     parts = ["Evaluation", "50 %", "2.45 cm", "Comparison", "agent",
-             "settles from 1 of 1 start, 6.50 s (median)", "Training", "10,000", "5.0 s", "100.0%",
+             "settles from 1 of 1 start, 6.50 s (median)", "Assurance lab", "17 of 2,000", "0.0146",
+             "Training", "10,000", "5.0 s", "100.0%",
              "Validation", "1 of 2"]
     places = [text.find(part) for part in parts]
     assert -1 not in places
@@ -222,6 +237,26 @@ def test_a_comparison_is_its_outcomes_and_what_went_wrong() -> None:
         ("least time settles from 2 of 4 starts, 12.00 N s of thrust (mean); the optimiser found none "
          "from 1.", None)]
     assert [name for name, _ in section.summary] == ["agent", "least time"]
+
+
+def test_an_assurance_passes_if_what_was_wanted_is_shown(tmp_path: Path) -> None:
+    """It links the page that signs it, where that is beside it; one that was interrupted decides nothing."""
+    file, about = tmp_path / "assurance.json", ASSURANCE["about"]
+    wanted = ASSURANCE | {"about": about | {"below": 0.02}, "decision": "below"}
+    section = assurance_section(file, wanted)
+    (tmp_path / "assurance.html").touch()
+    assert (section.title, section.link, assurance_section(file, wanted).link) == (
+        "Assurance", "", "assurance.html")
+    for decision, flights, passed, said in (
+            ("below", 1000, True, "Shown: the probability of failure is below 0.02. 17 of 2,000 flights"),
+            ("above", 1000, False, "Refuted: the probability of failure is above 0.02. 17 of"),
+            ("open", 2000, False, "Not decided: whether the probability of failure is below 0.02. 17 of"),
+            ("open", 4000, None, "Interrupted, to be gone on with by the same command. Not decided")):
+        looks = {"looks": [[flights, 0.01, 0.01]]}
+        told, = assurance_section(file, wanted | {
+            "about": wanted["about"] | looks, "decision": decision}).findings
+        assert told.passed is passed
+        assert told.text.startswith(said)
 
 
 def test_a_failed_write_keeps_the_old_report(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

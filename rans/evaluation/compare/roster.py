@@ -4,41 +4,70 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from os import PathLike
 from pathlib import Path
+from typing import Any, cast
 
-from rans.errors import ConfigError, RansError
+from rans.errors import ConfigError, RansError, brief
 from rans.evaluation.compare.contest import Contest, Contestant
 from rans.evaluation.fly.agent import LoadedRun
 from rans.evaluation.fly.contestants import agent_folder, contestant, controller_name
-from rans.evaluation.fly.controllers import CONTROLLERS, controller, is_user_policy
+from rans.evaluation.fly.controllers import CONTROLLERS, Guarded, Maker, controller, is_user_policy
 from rans.evaluation.fly.judge import EngineName
 from rans.evaluation.fly.knob import without_knob
 from rans.evaluation.fly.lookahead import PREFIX, Lookahead
 from rans.evaluation.fly.tuned import tuned
 from rans.fast.learn.run_folder import RunFolder
 from rans.files import read_json
-from rans.flight import Setup
+from rans.flight import Controller, Setup
 from rans.model.conditions import Conditions
 from rans.model.random import seed_words
 from rans.scenario import EVALUATION_SEED
+from rans.tasks.derived import check_dimension
 from rans.tasks.go_to_pose_priced import KnobPositions
+
+Guest = Controller | Maker
+"""A controller that was made for the contest's setup, or what makes one of it."""
 
 _OBSERVATION = "observation"
 _MODEL = "state, exact model"
 _UNTUNED = "none: default settings"
+_UNKNOWN = "not known"
+
+
+def invitations(contestants: Sequence[object]) -> tuple[str, list[str | Guest]]:
+    """The name of the first contestant, and all of them as `enlisted` takes them.
+
+    Raises:
+        ConfigError: there is none, the first one is not named, or one is neither a name nor a controller.
+    """
+    if not contestants:
+        raise ConfigError("name at least one contestant, for example the folder of a run.")
+    invited: list[Any] = [str(one) if isinstance(one, PathLike) else one for one in contestants]
+    for one in invited:
+        if not (isinstance(one, str) or callable(one) or hasattr(one, "act")):
+            raise ConfigError("a contestant is a name, a run folder, a controller or what makes one of "
+                              f"spacecraft, task and timing, got {brief(one)}.")
+    if not isinstance(first := invited[0], str):
+        raise ConfigError("the first contestant gives task, spacecraft and rate, which a controller does not "
+                          f"tell: name one before it, as in 'lqr:go-to-pose-2d', got {brief(first)}.")
+    return first, invited
 
 
 def contest_of(spec: str, episodes: int, seed: int = EVALUATION_SEED, engine: EngineName = "fast",
                conditions: str | Path | Conditions | None = None) -> Contest:
-    """The setup of the first contestant, for all others too; `ConfigError` if it knows no task.
+    """The setup of the first contestant, for all others too.
+
+    `ConfigError` if it knows no task, or one that works in the other dimension only.
 
     Conditions by name, file or as such take the place of its own.
     """
     if episodes < 1:
         raise ConfigError(f"--episodes must be at least 1, got {episodes}.")
-    seed_words(seed)  # which refuses a wrong one: else every contestant would
     run = _single(spec, contestant(spec)).under(conditions)
     craft, task, timing, world = run.judged
+    seed_words(seed)  # what is wrong here is told once: else every contestant would
+    check_dimension(task, craft.dimension)
     return Contest(craft, task, timing, seed, episodes, engine, world)
 
 
@@ -55,24 +84,35 @@ def _single(spec: str, run: LoadedRun) -> LoadedRun:
     return plain
 
 
-def enlisted(specs: Sequence[str], contest: Contest, trust: bool = False) -> dict[str, Contestant]:
+def enlisted(specs: Sequence[str | Guest], contest: Contest, trust: bool = False) -> dict[str, Contestant]:
     """Contestants by the texts that name them, before anybody flies; one `ConfigError` tells all wrong ones.
 
-    See `enlist`; who is named as somebody before is called by its text.
+    See `enlist`; who is named as somebody before is called by its text, a guest by its name and place.
     """
     found: dict[str, Contestant] = {}
     wrong: list[str] = []
-    for spec in dict.fromkeys(specs):
+    for place, spec in enumerate(specs, 1):
+        if isinstance(spec, str) and spec in found:
+            continue
         try:
-            one = enlist(spec, contest, trust)
+            one = enlist(spec, contest, trust) if isinstance(spec, str) else _guest(spec, contest)
         except RansError as error:
             wrong.append(str(error))
             continue
+        text = spec if isinstance(spec, str) else f"{one.name} ({place})"
         taken = [other.name for other in found.values()]
-        found[spec] = replace(one, name=spec) if one.name in taken else one
+        found[text] = replace(one, name=text) if one.name in taken else one
     if wrong:
-        raise ConfigError(" ".join(wrong))
+        raise ConfigError(" ".join(dict.fromkeys(wrong)))
     return found
+
+
+def _guest(given: Guest, contest: Contest) -> Contestant:
+    """Whose answers are checked, as those of `Guarded` are."""
+    makes = isinstance(given, type) or not hasattr(given, "act")
+    who = getattr(given, "__name__", type(given).__name__)
+    made = Guarded(who, contest.setup, cast(Maker, given) if makes else lambda *_: cast(Controller, given))
+    return Contestant(made.name, made, _MODEL, _UNKNOWN)
 
 
 def turned(spec: str, count: int) -> list[str]:
@@ -110,7 +150,7 @@ def enlist(spec: str, contest: Contest, trust: bool = False) -> Contestant:
 def _tuning(spec: str) -> str:
     """What was spent on an agent or a policy, as far as its files tell."""
     if is_user_policy(spec):
-        return "not known"
+        return _UNKNOWN
     folder = agent_folder(spec.removeprefix(f"{PREFIX}:"))
     card, run = folder / "card.json", RunFolder(folder)
     if card.exists():

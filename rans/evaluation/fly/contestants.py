@@ -33,11 +33,12 @@ def contestant(spec: str, protocol: ProtocolName = "own", lent: Setup | None = N
 
     Args:
         spec: a run folder; ``pretrained:NAME`` (see `rans.pretrained`), or NAME where no folder is called
-            so; ``CONTROLLER:TASK-2d`` or ``-3d``
-            with a name of `CONTROLLERS` or MODULE:NAME, which fly the floating platform or the free flyer,
-            or another spacecraft as in ``CONTROLLER:go-to-pose-2d@floating-platform-shared``. ``#TASK`` at
-            the end picks one of the tasks of a multi-task agent, ``#0.3`` a position of a knob. Policies
-            made elsewhere (see `user_policy`) know no task of their own: `ConfigError` if they are lent none.
+            so; ``CONTROLLER:TASK-2d`` or ``-3d`` with a name of `CONTROLLERS` or MODULE:NAME, which fly
+            the floating platform or the free flyer, or another spacecraft as in
+            ``CONTROLLER:go-to-pose-2d@floating-platform-shared``, with the usual `Timing` unless a protocol
+            has its own. ``#TASK`` at the end picks one of the tasks of a multi-task agent, ``#0.3`` a
+            position of a knob. Policies made elsewhere (see `user_policy`) know no task of their own:
+            `ConfigError` if they are lent none.
         protocol: see `rans.evaluation.fly.protocols.under_protocol`.
         lent: somebody's setup, in which policies made elsewhere fly, and a controller by its bare name or
             MODULE:NAME.
