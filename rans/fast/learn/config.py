@@ -125,8 +125,8 @@ class PPOSettings:
             raise ConfigError(f"averages stand beside a history, so that memory must be 'history', got "
                               f"{self.memory!r}.")
         if self.filtered_steady and not self.filters:
-            raise ConfigError(f"filtered_steady {self.filtered_steady} is what filters look for, of which there "
-                              "are none: give some, such as filters [0.01, 1.0].")
+            raise ConfigError(f"filtered_steady {self.filtered_steady} is what filters look for, of which "
+                              "there are none: give some, such as filters [0.01, 1.0].")
         if self.filters and self.memory == "recurrent":
             raise ConfigError("filters stand beside a history or nothing, not beside memory 'recurrent', "
                               "which is all that such a network remembers.")
