@@ -104,13 +104,10 @@ def agent_program(network: Network) -> Program:
     seen = columns if view is None else view.columns(program, given.layout.body, columns)
 
     # What the trunk is given: columns now, as filters have them, and a history of columns and commands.
-    x = _looks(program, network, seen)
     kept = given.rows, given.filtering
     history, known = program.split("memory", kept) if any(kept) else ("", "")
     filters = program.split(known, [1] * given.filtering) if given.filters else []
-    filtered = _filtered(program, network, view, body, filters) if given.filters else ""
-    recalled = _recalled(program, network, view, history) if given.recalled else ""
-    x = program.joined(x, filtered, recalled, name="shown") if filtered or recalled else x
+    x = _shown(program, network, view, body, seen, filters, history)
     layers = [name for name in weights if name.startswith(f"{EXTRACTOR}trunk.") and name.endswith("weight")]
     for name in layers:
         x = program.linear(x, weights[name], weights[name.removesuffix("weight") + "bias"])
@@ -129,9 +126,9 @@ def agent_program(network: Network) -> Program:
         opens = program.apply("Greater", head, program.constant(0.0))
         command = program.apply("Cast", opens, name="command", to=1)  # to float32
     if any(kept):
-        newest = program.joined(columns, command) if given.recalled else ""
-        rows = _remembered(program, given, history, newest) if newest else []
-        program.joined(*rows, *_expected(program, given, body, filters), name="memory_out")
+        rows = _remembered(program, given, history, columns, command) if history else []
+        rows += _expected(program, given, body, filters) if filters else []
+        program.joined(*rows, name="memory_out")
     return program
 
 
@@ -230,6 +227,15 @@ def _normalised(program: Program, network: Network, x: str) -> str:
     return program.apply("Clip", scaled, program.constant(-clip), program.constant(clip))
 
 
+def _shown(program: Program, network: Network, view: _View | None, body: Sequence[str], seen: str,
+           filters: Sequence[str], history: str) -> str:
+    """The columns, what filters make of them, and a history, each if there is one."""
+    x = _looks(program, network, seen)
+    filtered = _filtered(program, network, view, body, filters) if filters else ""
+    recalled = _recalled(program, network, view, history) if history else ""
+    return program.joined(x, filtered, recalled, name="shown") if filtered or recalled else x
+
+
 def _filtered(program: Program, network: Network, view: _View | None, body: Sequence[str],
               filters: Sequence[str]) -> str:
     """What filters make of the columns, from the same side, each looked at as the columns are."""
@@ -238,23 +244,20 @@ def _filtered(program: Program, network: Network, view: _View | None, body: Sequ
     known = dict(zip((*read, *memory), (*body, *filters), strict=True))
     _, *blocks = given.filtered((*read, *memory))
     found = program.joined(*program.lowered([x for _, block in blocks for x in block], known))
-    found = _shaped(program, found, len(blocks), given.seen + given.steady)
-    if view is not None:
-        found = view.columns(program, blocks[0][0], found, rows=True)
-    columns, steady = program.split(found, (given.seen, given.steady))
+    rows = _shaped(program, found, len(blocks), given.seen + given.steady)
+    rows = rows if view is None else view.columns(program, blocks[0][0], rows, rows=True)
+    columns, steady = program.split(rows, (given.seen, given.steady))
     if steady:
         steady = program.apply("Clip", steady, program.constant(-given.clip), program.constant(given.clip))
     shown = program.joined(_looks(program, network, columns), steady)
     return _shaped(program, shown, given.inputs - given.rows - given.seen * (2 if given.zoom else 1))
 
 
-def _expected(program: Program, given: Architecture, body: Sequence[str], filters: Sequence[str]
-              ) -> list[str]:
+def _expected(program: Program, given: Architecture, body: Sequence[str],
+              filters: Sequence[str]) -> list[str]:
     """What filters remember once the command is given."""
-    if not given.filters:
-        return []
-    names = ("read", given.seen), ("filter", given.filtering), ("told", given.thrusters)
-    symbols = [symbol for name, count in names for symbol in _symbols(name, count)]
+    sizes = {"read": given.seen, "filter": given.filtering, "told": given.thrusters}
+    symbols = [symbol for name in sizes for symbol in _symbols(name, sizes[name])]
     columns = *body, *filters, *program.split("command", [1] * given.thrusters)
     return program.lowered(given.expected(symbols), dict(zip(symbols, columns, strict=True)))
 
@@ -270,8 +273,9 @@ def _recalled(program: Program, network: Network, view: _View | None, history: s
     return _shaped(program, program.joined(_normalised(program, network, then), told), given.rows)
 
 
-def _remembered(program: Program, given: Architecture, history: str, newest: str) -> list[str]:
+def _remembered(program: Program, given: Architecture, history: str, columns: str, command: str) -> list[str]:
     """Averages that move towards the newest columns and command, then the last ones, oldest first."""
+    newest = program.joined(columns, command)
     width, count = given.seen + given.thrusters, len(given.averages)
     averages, _, others = program.split(history, (count * width, width, (given.history - 1) * width))
     if count:

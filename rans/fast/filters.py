@@ -84,7 +84,9 @@ class Filters(NamedTuple):
         """Whether it has as many rows and numbers as that takes."""
         axes, spins = (block.width for block in layout.blocks[:2])
         sizes = (thrusters, axes), (thrusters, spins), (len(layout.blocks), 3)
-        return bool(self.drift) and tuple(map(np.shape, self[2:5])) == sizes
+        told = bool(self.drift) and np.shape(self.drift) == (len(self.drift),)
+        numbers = isinstance(self.period, float) and isinstance(self.steady, float)
+        return told and numbers and tuple(map(np.shape, self[2:5])) == sizes
 
     @property
     def axes(self) -> int:

@@ -71,7 +71,10 @@ def test_what_is_expected_is_what_is_seen_next(steady: float, name: str, craft: 
 
 
 def test_what_a_thruster_gives_in_a_period() -> None:
-    """1 N for 0.2 s on 5.32 kg is 0.0376 m/s, at 45 degrees; 0.31 m off, on 0.2045 kg m^2, 0.303 rad/s."""
+    """1 N for 0.2 s on 5.32 kg is 0.0376 m/s, at 45 degrees; 0.31 m off, on 0.2045 kg m^2, 0.3032 rad/s.
+
+    To as many places as are given.
+    """
     bank_of_one = bank(PLATFORM, GoToPose(), 1.0)
     assert np.abs(bank_of_one.push) == pytest.approx(np.full((8, 2), 0.0376 * 0.7071), rel=1e-3)
     assert np.abs(bank_of_one.twist) == pytest.approx(np.full((8, 1), 0.3032), rel=1e-3)
@@ -90,7 +93,7 @@ def test_covariances_become_those_of_scipy(drift: float) -> None:
         memory = filters.expected(body, read, memory, shut)
     pose, both, velocity = (float(x[0]) for x in memory[-3:])
     moves, noise = np.array([[1.0, period], [0.0, 1.0]]), np.diag([drift * (0.5 * period) ** 2, drift])
-    known = [[pose, both], [both, velocity]]
+    known = [[pose, both], [both, velocity]]  # after 80 s: what is left of the beginning is rounding
     np.testing.assert_allclose(known, solve_discrete_are(moves.T, np.eye(2), noise, np.eye(2)), rtol=1e-6)
 
 
@@ -208,7 +211,7 @@ def test_no_reading_makes_it_lose_its_numbers() -> None:
     for command in (next(commands(FLYER, 0.5, seed)) for seed in range(200)):
         memory = filters.expected(body, list(random.normal(0.0, 10.0, (body.width, COUNT))), memory, command)
         assert np.isfinite(memory).all()
-        assert np.abs(memory).max() < 1e4
+        assert np.abs(memory).max() < 1e4  # readings of up to some 40 are never added up
 
 
 class Windy(GoToPose):

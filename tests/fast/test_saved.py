@@ -136,6 +136,7 @@ def spoilt(folder: Path, change: Callable[[dict[str, Any]], object]) -> str:
 _FILTERS = {"drift": [1.0], "period": 0.2, "push": [[0.1, 0.0]] * 3, "twist": [[0.1]] * 3,
             "share": [[0.0, 0.0, 0.0]] * 5}
 """Of a craft with three thrusters."""
+_OWN = _FILTERS | {"push": [[0.1, 0.0]] * 8, "twist": [[0.1]] * 8}
 
 
 @pytest.mark.parametrize(("change", "sentence"), [
@@ -149,6 +150,9 @@ _FILTERS = {"drift": [1.0], "period": 0.2, "push": [[0.1, 0.0]] * 3, "twist": [[
     (lambda t: t["architecture"].update(filters=_FILTERS), "its filters are of another spacecraft"),
     (lambda t: t["architecture"].update(filters=_FILTERS | {"drift": "all"}), "is damaged"),
     (lambda t: t["architecture"].update(filters={"drift": [1.0]}), "is damaged"),
+    (lambda t: t["architecture"].update(filters=_OWN | {"period": [0.2]}), "its filters are of another"),
+    (lambda t: t["architecture"].update(filters=_OWN | {"drift": [[1.0]]}), "its filters are of another"),
+    (lambda t: t["architecture"].update(filters=_OWN), "not those of the network"),
     (lambda t: t["architecture"]["layout"][0].__setitem__(0, "os.system"), "unknown kind os.system"),
     (lambda t: t["weights"].pop("value_net.bias"), "not those of the network"),
     (lambda t: t["weights"].update({"value_net.bias": torch.zeros(3)}), "not those of the network"),

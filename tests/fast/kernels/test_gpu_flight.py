@@ -21,7 +21,7 @@ COUNT = 16384
 
 @pytest.mark.parametrize(("products", "alike"), [("bf16", 0.1), ("bf16x3", 0.9), ("bf16x6", 0.9)])
 @pytest.mark.parametrize("name", ["go-to-pose-2d-fast", "go-to-pose-2d", "go-to-pose-3d", "multi-task-2d",
-                                  "go-to-pose-2d-robust"])
+                                  "go-to-pose-2d-robust", "go-to-pose-3d-robust"])
 def test_the_kernel_flies_as_a_cpu_does(name: str, products: Products, alike: float) -> None:
     run = contestant(f"pretrained:{name}")
     assert isinstance(run.controller, Agent)

@@ -1,0 +1,21 @@
+"""Errors of readings and of filters, as decision 024 compares them."""
+
+from __future__ import annotations
+
+import pytest
+
+from validation.estimates import Estimates
+
+
+@pytest.mark.parametrize("craft", ["floating-platform", "free-flyer"])
+def test_filters_know_more_than_readings(craft: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """Noise of 0 to 0.03 m/s, drawn evenly: 0.03 / sqrt(3) in the mean. Of 64 flights a tenth is chance."""
+    asked = Estimates(craft, 64)
+    noise, lab = asked.errors("noise"), asked.errors("lab")
+    assert noise["reading"][0] == pytest.approx(0.03 / 3**0.5, rel=0.15)
+    assert 5.0 * noise["drift 0.001"][0] < noise["reading"][0]
+    # A filter that believes in the designed craft is led astray, one that looks for what pushes is not.
+    assert lab["drift 0.001"][1] > 5.0 * lab["reading"][1]
+    assert all(told < read for told, read in zip(lab["drift 0.1, steady too"], lab["reading"], strict=True))
+    assert asked.run() == 0
+    assert f"{craft} in lab" in capsys.readouterr().out
