@@ -20,7 +20,7 @@ from tyro.conf import Positional
 
 from rans.deploy.contract import observed
 from rans.deploy.export import Form, write_agent
-from rans.fast.learn.architecture import OnOff
+from rans.fast.learn.distributions import OnOff
 from rans.fast.learn.network import Network
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.saved import SavedPolicy, read_policy

@@ -12,8 +12,8 @@ import torch
 
 from rans.evaluation.fly.agent import Agent
 from rans.evaluation.fly.judge import flown
-from rans.fast.learn.architecture import Duty
 from rans.fast.learn.config import TrainConfig, to_table
+from rans.fast.learn.distributions import Duty
 from rans.fast.learn.network import Network
 from rans.files import git_revision, package_version
 from rans.flight import Setup

@@ -265,25 +265,25 @@ def _expected(program: Program, given: Architecture, body: Sequence[str],
 def _recalled(program: Program, network: Network, view: _View | None, history: str) -> str:
     """What is remembered, (N, m), from the same side and with the columns normalised."""
     given = network.architecture
-    rows = _shaped(program, history, given.recalled, given.seen + given.thrusters)
-    then, told = program.split(rows, (given.seen, given.thrusters))
+    rows = _shaped(program, history, given.recalled, given.row)
+    then, told = program.split(rows, (given.answered, given.thrusters))
     if view is not None:
-        then = view.columns(program, given.layout.body, then, rows=True)
+        then = then and view.columns(program, given.layout.body, then, rows=True)
         told = view.commands(program, told, given.recalled)
-    return _shaped(program, program.joined(_normalised(program, network, then), told), given.rows)
+    return _shaped(program, program.joined(then and _normalised(program, network, then), told), given.rows)
 
 
 def _remembered(program: Program, given: Architecture, history: str, columns: str, command: str) -> list[str]:
     """Averages that move towards the newest columns and command, then the last ones, oldest first."""
-    newest = program.joined(columns, command)
-    width, count = given.seen + given.thrusters, len(given.averages)
-    averages, _, others = program.split(history, (count * width, width, (given.history - 1) * width))
+    newest = command if given.commands_only else program.joined(columns, command)
+    width, count, last = given.row, len(given.averages), min(given.history, 1)
+    averages, _, others = program.split(history, [x * width for x in (count, last, given.history - last)])
     if count:
         kept = program.constant(np.repeat(np.asarray(given.averages, np.float32), width), "kept")
         often = program.joined(*[newest] * count)
         apart = program.apply("Mul", kept, program.apply("Sub", averages, often))
         averages = program.apply("Add", often, apart)
-    return [averages, others, newest]
+    return [averages, others, newest if last else ""]
 
 
 def _core(program: Program, weights: Mapping[str, str], x: str) -> str:

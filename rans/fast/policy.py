@@ -21,8 +21,9 @@ from torch import Tensor
 
 from rans.errors import ConfigError
 from rans.fast.learn.adam import EPSILON
-from rans.fast.learn.architecture import EXTRACTOR, LOG_STD, Architecture, Duty, paper_layout
+from rans.fast.learn.architecture import EXTRACTOR, LOG_STD, Architecture, paper_layout
 from rans.fast.learn.config import PPOSettings
+from rans.fast.learn.distributions import Duty
 from rans.fast.learn.network import Network, Output
 from rans.fast.saved import AGENT, packed_agent
 from rans.files import replace_file

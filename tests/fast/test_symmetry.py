@@ -78,22 +78,23 @@ def test_policies_fly_every_equivalent_view_alike(craft: Spacecraft, task: Any) 
 
 
 @both_crafts
-def test_what_is_remembered_is_seen_from_the_same_side(craft: Spacecraft) -> None:
+@pytest.mark.parametrize("memory", ["history", "commands"])
+def test_what_is_remembered_is_seen_from_the_same_side(craft: Spacecraft, memory: str) -> None:
     """Flights of three steps, and the same flights of a craft turned about."""
     task = TASKS["go-to-pose"]()
-    network = scatter(tiny_learner(craft, dtype=torch.float64, task=task, symmetric=True, memory="history",
+    network = scatter(tiny_learner(craft, dtype=torch.float64, task=task, symmetric=True, memory=memory,
                                    history=2).network)
     goal, *states = (random_states(craft.dimension, 50, seed) for seed in range(4))
 
     def flown(view: np.ndarray, place: np.ndarray) -> Tensor:
-        memory, said = network.blank(50), torch.empty(0)
+        kept, said = network.blank(50), torch.empty(0)
         for step, state in enumerate(states):
             seen = np.stack(observation(task, seen_as(view, state), seen_as(view, goal)), axis=1)
-            output, columns = network.shown(torch.from_numpy(seen), memory)
+            output, columns = network.shown(torch.from_numpy(seen), kept)
             told = torch.randn(50, len(place), generator=torch.Generator().manual_seed(step)).double()
             command = torch.empty_like(told)
             command[:, place] = told  # the same nozzles, wherever they are now
-            memory, said = network.remember(columns, memory, command, output), output.policy[0][:, place]
+            kept, said = network.remember(columns, kept, command, output), output.policy[0][:, place]
         return said
 
     views = views_of(craft)

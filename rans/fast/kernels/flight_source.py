@@ -144,25 +144,26 @@ class _Writer(Lines):
     def _recalled(self) -> Iterator[str]:
         """Averages and moments from the side seen now; thrusters are where they look like in it."""
         given, program = self._given, self._program
-        width = given.seen + given.thrusters
-        first = given.inputs - given.rows
+        first, width = given.inputs - given.rows, given.answered
         yield f"for (int row = 0; row < {given.recalled}; ++row) {{"
-        yield f"  const int at = row * {width};"
+        yield f"  const int at = row * {given.row};"
         known = dict(self.names)
-        for i in range(given.seen):
+        for i in range(width):
             self.names[Symbol.input(f"then_{i}")] = f"then_{i}"
             yield f"  const real then_{i} = memory[at + {i}];"
-        yield from indented(self.values(program.then))
-        yield from indented(self._row("before", program.then))
-        yield f"  real recalled[{given.seen}], told[{given.thrusters}];"
-        yield f"  normalise(before, mean, scale, {given.clip}f, recalled);"
-        yield "  " + f"inputs.show({first} + at, recalled);"
+        if width:
+            yield from indented(self.values(program.then))
+            yield from indented(self._row("before", program.then))
+            yield f"  real recalled[{width}];"
+            yield f"  normalise(before, mean, scale, {given.clip}f, recalled);"
+            yield "  " + f"inputs.show({first} + at, recalled);"
+        yield f"  real told[{given.thrusters}];"
         yield "  #pragma unroll"
-        yield f"  for (int i = 0; i < {given.thrusters}; ++i) told[i] = memory[at + {given.seen} + i];"
+        yield f"  for (int i = 0; i < {given.thrusters}; ++i) told[i] = memory[at + {width} + i];"
         if given.symmetries is None:
-            yield "  " + f"inputs.show({first} + at + {given.seen}, told);"
+            yield "  " + f"inputs.show({first} + at + {width}, told);"
         else:
-            view, at = self.operand(program.view), f"{first} + at + {given.seen} + places[{{}}][i]"
+            view, at = self.operand(program.view), f"{first} + at + {width} + places[{{}}][i]"
             yield f"  for (int i = 0; i < {given.thrusters}; ++i) {{"
             yield "    const real one[1] = {told[i]};"
             yield "    " + f"inputs.show({at.format(view)}, one);"
@@ -213,21 +214,24 @@ class _Writer(Lines):
     def _remember(self) -> Iterator[str]:
         """As `rans.fast.learn.network.Network.remember`."""
         given = self._given
-        width, averages = given.seen + given.thrusters, len(given.averages)
+        width, averages = given.row, len(given.averages)
         if not given.recalled:
             return
-        yield from self._row("newest", self._program.columns)
+        if given.answered:
+            yield from self._row("newest", self._program.columns)
         told = ", ".join(f"command_{i}" for i in range(given.thrusters))
         yield f"const real told[] = {{{told}}};"
+        parts = [part for part in ((given.answered, "newest", 0), (given.thrusters, "told", given.answered))
+                 if part[0]]
         for row, kept in enumerate(given.averages):
-            for count, source, start in ((given.seen, "newest", 0), (given.thrusters, "told", given.seen)):
+            for count, source, start in parts:
                 at, new = f"memory[{row * width + start} + i]", f"{source}[i]"
                 yield f"for (int i = 0; i < {count}; ++i) {at} = {new} + {kept}f * ({at} - {new});"
         if given.history:
             start, end = averages * width, (given.recalled - 1) * width
             yield f"for (int i = {start}; i < {end}; ++i) memory[i] = memory[i + {width}];"
-            yield f"for (int i = 0; i < {given.seen}; ++i) memory[{end} + i] = newest[i];"
-            yield f"for (int i = 0; i < {given.thrusters}; ++i) memory[{end + given.seen} + i] = told[i];"
+            for count, source, start in parts:
+                yield f"for (int i = 0; i < {count}; ++i) memory[{end + start} + i] = {source}[i];"
 
     def _verdict(self) -> Iterator[str]:
         """Added to the results: by the first thread of a warp what all of it has."""

@@ -17,8 +17,9 @@ from rans.fast.kernels.design import DoesNotFit
 from rans.fast.kernels.launch import CudaError, Function
 from rans.fast.kernels.update_design import PAD, STATISTICS, WARPS, KernelDesign, Places, UpdateDesign
 from rans.fast.learn.adam import Adam
-from rans.fast.learn.architecture import ACTIVATIONS, OnOff
+from rans.fast.learn.architecture import ACTIVATIONS
 from rans.fast.learn.config import Coefficients
+from rans.fast.learn.distributions import OnOff
 from rans.fast.learn.graph import fused
 from rans.fast.learn.network import Network
 from rans.fast.learn.rollout import Batch

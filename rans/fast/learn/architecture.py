@@ -1,4 +1,4 @@
-"""What a network is made of, the weights it begins with, and the distributions of commands it ends in."""
+"""What a network is made of, and the weights it begins with."""
 
 from __future__ import annotations
 
@@ -6,11 +6,9 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import NamedTuple
 
 import torch
 from torch import Tensor, nn
-from torch.nn import functional
 
 from rans.fast.engine import Engine
 from rans.fast.filters import Filters
@@ -62,6 +60,8 @@ class Architecture:
     """Whether commands are duties in [0, 1] instead of on and off."""
     history: int = 0
     """How many last columns and commands the network is shown."""
+    commands_only: bool = False
+    """Whether those are commands without the columns that they answered."""
     averages: tuple[float, ...] = ()
     """Besides, exponential moving averages of all of them: the share that each keeps from step to step."""
     filters: Filters | None = None
@@ -80,13 +80,13 @@ class Architecture:
     @classmethod
     def of(cls, engine: Engine, settings: PPOSettings) -> Architecture:
         """Of a network with these settings for an engine's task and spacecraft."""
-        craft, has_history = engine.craft, settings.memory == "history"
+        craft, has_history = engine.craft, settings.memory in ("history", "commands")
         return cls(
             layout=engine.layout, thrusters=len(craft.thrusters), layers=tuple(settings.layers),
             activation=settings.activation, zoom=settings.zoom,
             symmetries=symmetries(craft) if settings.symmetric else None,
             bf16=settings.matmul == "bf16", continuous=craft.actuators.is_continuous,
-            history=settings.history if has_history else 0,
+            history=settings.history if has_history else 0, commands_only=settings.memory == "commands",
             averages=tuple(settings.averages) if has_history else (),
             filters=Filters.of(craft, engine.task, engine.timing.control_period, settings.filters,
                                settings.filtered_steady)
@@ -109,7 +109,17 @@ class Architecture:
     @property
     def rows(self) -> int:
         """Those of them that are a history."""
-        return self.recalled * (self.seen + self.thrusters)
+        return self.recalled * self.row
+
+    @property
+    def answered(self) -> int:
+        """Columns in a row of a history, before the command that answered them."""
+        return 0 if self.commands_only else self.seen
+
+    @property
+    def row(self) -> int:
+        """Numbers in a row of a history."""
+        return self.answered + self.thrusters
 
     @property
     def filtering(self) -> int:
@@ -227,73 +237,3 @@ def expect_duty(tensors: Mapping[str, Tensor], duty: float) -> None:
         bias.fill_(duty)
     else:
         bias[1::2] = bias[0::2] + math.log(duty / (1.0 - duty))
-
-
-class OnOff(NamedTuple):
-    """N commands of n independent on/off thrusters."""
-
-    logit: Tensor
-    """(N, n): log-odds of opening each thruster."""
-
-    def log_prob(self, action: Tensor) -> Tensor:
-        """Log-probability (N,) of an action (N, n) of zeros and ones."""
-        return -functional.softplus((1 - 2 * action) * self.logit).sum(dim=1)
-
-    def entropy(self) -> Tensor:
-        """Entropy (N,) of the joint distribution, nats."""
-        return (functional.softplus(self.logit) - self.logit * torch.sigmoid(self.logit)).sum(dim=1)
-
-    def sample(self, uniform: Tensor) -> Tensor:
-        """The action (N, n), zeros and ones, that uniform random numbers (N, n) in [0, 1) choose."""
-        return (uniform < torch.sigmoid(self.logit)).to(self.logit.dtype)
-
-    def mode(self) -> Tensor:
-        """Most likely action (N, n), zeros and ones in the logits' dtype."""
-        return (self.logit > 0).to(self.logit.dtype)
-
-    def command(self, action: Tensor) -> Tensor:
-        """What the thrusters are told, (N, n)."""
-        return action
-
-    def placed(self, place: Tensor) -> OnOff:
-        """The same with every thruster taken from its place (N, n) in a view of the spacecraft."""
-        return OnOff(self.logit.gather(1, place))
-
-
-class Duty(NamedTuple):
-    """N commands of n thrusters that are open for a share of the control period, or throttled to one.
-
-    A diagonal Gaussian, as SB3's; what lies beyond shut or open is clipped where it acts.
-    """
-
-    mean: Tensor
-    """(N, n)."""
-    log_std: Tensor
-    """(N, n), or (n,) for all."""
-
-    def log_prob(self, action: Tensor) -> Tensor:
-        """Log-density (N,) of an action (N, n) before it is clipped."""
-        deviation = (action - self.mean) * torch.exp(-self.log_std)
-        return -(0.5 * deviation.square() + self.log_std + 0.5 * math.log(2 * math.pi)).sum(dim=1)
-
-    def entropy(self) -> Tensor:
-        """Differential entropy (N,), nats."""
-        return (0.5 + 0.5 * math.log(2 * math.pi) + self.log_std).expand_as(self.mean).sum(dim=1)
-
-    def sample(self, uniform: Tensor) -> Tensor:
-        """The action (N, n) that uniform random numbers (N, n) in [0, 1) choose."""
-        # Six standard deviations: float32 rounds one in 3e7 uniform numbers to zero, which is infinitely far.
-        normal = (math.sqrt(2) * torch.erfinv(2 * uniform - 1)).clamp(-6.0, 6.0)
-        return self.mean + self.log_std.exp() * normal
-
-    def mode(self) -> Tensor:
-        """Most likely command (N, n)."""
-        return self.command(self.mean)
-
-    def command(self, action: Tensor) -> Tensor:
-        """What the thrusters are told, (N, n): in [0, 1]."""
-        return action.clamp(0.0, 1.0)
-
-    def placed(self, place: Tensor) -> Duty:
-        """As `OnOff.placed`."""
-        return Duty(self.mean.gather(1, place), self.log_std.expand_as(self.mean).gather(1, place))

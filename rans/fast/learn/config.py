@@ -22,7 +22,7 @@ Precision = Literal["float32", "tf32", "bf16"]
 """Of a GPU's matrix products: 24, 11 or, in hidden layers, 8 significant bits (docs/speed.md)."""
 
 Activation = Literal["tanh", "elu", "relu"]
-Memory = Literal["none", "history", "recurrent"]
+Memory = Literal["none", "history", "commands", "recurrent"]
 
 MOST_LAYERS, MOST_UNITS = 32, 65_536
 """A hundred times what any agent here has: more is a slip, and fills the memory."""
@@ -76,13 +76,15 @@ class PPOSettings:
     """How a GPU multiplies matrices; a CPU always does in float32. In bf16 gradients are one kernel for most
     networks (decision 020)."""
     memory: Memory = "none"
-    """What the network remembers of an episode: nothing, the last observations and commands, or what a gated
-    recurrent unit keeps."""
+    """What the network remembers of an episode: nothing, the last observations and commands, the last
+    commands alone, which is all that filters leave to remember, or what a gated recurrent unit keeps."""
     history: int = 4
     """How many last observations and commands."""
     averages: tuple[float, ...] = ()
-    """Beside a history, exponential moving averages of all observations and commands: the share that each
-    keeps from step to step. They tell what is steady from noise, and are longer than a history can be."""
+    """Beside them, or with history 0 in their place, exponential moving averages of all: the share that each
+    keeps from step to step. They tell what is steady from noise, and are longer than a history can be; of
+    commands alone the average that keeps a half has the last one as its first binary digit, the one before
+    as its second."""
     filters: tuple[float, ...] = ()
     """What Kalman filters make of everything observed, besides: of each the variance by which it lets
     velocities wander in a control period, in units of their readings' noise. They know the spacecraft as
@@ -102,8 +104,8 @@ class PPOSettings:
     def __post_init__(self) -> None:
         _require(self, ">= 1 and < 2^31", lambda x: 1 <= x < 2**31, "n_envs", "n_steps", "n_epochs")
         _require(self, ">= 2 and < 2^31", lambda x: 2 <= x < 2**31, "batch_size")
-        _require(self, f">= 1 and <= {MOST_UNITS:,}", lambda x: 1 <= x <= MOST_UNITS,
-                 "history", "recurrent_units")
+        _require(self, f">= 1 and <= {MOST_UNITS:,}", lambda x: 1 <= x <= MOST_UNITS, "recurrent_units")
+        _require(self, f">= 0 and <= {MOST_UNITS:,}", lambda x: 0 <= x <= MOST_UNITS, "history")
         _require(self, "finite and > 0", lambda x: 0 < x < math.inf,
                  "learning_rate", "max_learning_rate", "clip_range", "max_grad_norm", "reward_scale")
         _require(self, "finite and >= 0", lambda x: 0 <= x < math.inf,
@@ -121,9 +123,13 @@ class PPOSettings:
             _require(self, f"one of {', '.join(known)}", lambda x, known=known: x in known, name)
         _require(self, f"1 to {MOST_LAYERS} numbers >= 1 and <= {MOST_UNITS:,}",
                  lambda x: 1 <= len(x) <= MOST_LAYERS and 1 <= min(x) <= max(x) <= MOST_UNITS, "layers")
-        if self.averages and self.memory != "history":
-            raise ConfigError(f"averages stand beside a history, so that memory must be 'history', got "
-                              f"{self.memory!r}.")
+        recalls = self.memory in ("history", "commands")
+        if self.averages and not recalls:
+            raise ConfigError("averages are of a history, so that memory must be 'history' or 'commands', "
+                              f"got {self.memory!r}.")
+        if recalls and not (self.history or self.averages):
+            raise ConfigError(f"memory {self.memory!r} with history 0 and no averages remembers nothing: "
+                              "give history 1 or more, averages, or memory 'none'.")
         if self.filtered_steady and not self.filters:
             raise ConfigError(f"filtered_steady {self.filtered_steady} is what filters look for, of which "
                               "there are none: give some, such as filters [0.01, 1.0].")

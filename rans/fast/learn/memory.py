@@ -1,8 +1,8 @@
 """What networks remember from step to step: a history, what filters expect, or a recurrent state.
 
-A history (N, m) has rows of columns in the body frame and the command they were answered with: first
-exponential moving averages of all of them, then the last ones, the oldest first. What filters remember stands
-behind it.
+A history (N, m) has rows of columns in the body frame and the command they were answered with, or of commands
+alone: first exponential moving averages of all of them, then the last ones, the oldest first. What filters
+remember stands behind it.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class Remembering:
     def __init__(self, architecture: Architecture, like: Tensor, programs: bool) -> None:
         self.architecture, self._like = architecture, like
         kept, views = like.new_tensor(architecture.averages), architecture.symmetries
-        self._kept = kept.repeat_interleave(architecture.seen + architecture.thrusters)
+        self._kept = kept.repeat_interleave(architecture.row)
         self._views = None if views is None else views.tensors_like(like)
         self._look = look(architecture, self._views, like, programs)
 
@@ -61,7 +61,8 @@ class Remembering:
         history, filters = self._parted(memory, len(columns))
         kept = []
         if history is not None:
-            kept.append(continued(history, torch.cat((columns, command), dim=1), self._kept))
+            columns_kept = columns[:, :self.architecture.answered]
+            kept.append(continued(history, torch.cat((columns_kept, command), dim=1), self._kept))
         if filters is not None:
             kept.append(self._look.expected(torch.cat((columns, filters, command), dim=1)))
         return torch.cat(kept, dim=1) if len(kept) > 1 else kept[0]
@@ -72,14 +73,21 @@ def continued(history: Tensor, newest: Tensor, kept: Tensor) -> Tensor:
     averages, moments = history.tensor_split([len(kept)], dim=1)
     if len(kept):
         averages = torch.lerp(newest.repeat(1, len(kept) // newest.shape[1]), averages, kept)
+    if not moments.shape[1]:
+        return averages
     return torch.cat((averages, moments[:, newest.shape[1]:], newest), dim=1)
 
 
 def viewed(history: Tensor, rows: int, layout: Layout, views: Symmetries, which: Tensor) -> Tensor:
-    """A history of so many rows from the sides (N,) of the spacecraft that ``which`` names."""
+    """A history of so many rows from the sides (N,) of the spacecraft that ``which`` names.
+
+    The layout is of the columns in a row; commands alone have none.
+    """
     each = which.repeat_interleave(rows)
-    then, told = history.reshape(len(each), -1).tensor_split([layout.width], dim=1)
-    then = torch.stack(views.viewed(layout, then.unbind(dim=1), each), dim=1)
+    told = history.reshape(len(each), -1)
+    then, told = told.tensor_split([told.shape[1] - views.place.shape[1]], dim=1)
+    if then.shape[1]:
+        then = torch.stack(views.viewed(layout, then.unbind(dim=1), each), dim=1)
     told = torch.empty_like(told).scatter(1, views.place[each], told)
     return torch.cat((then, told), dim=1).reshape(len(history), -1)
 

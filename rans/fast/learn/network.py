@@ -11,7 +11,8 @@ from torch import Tensor
 from torch.nn import functional
 
 from rans.fast.distributed import ALONE, Processes
-from rans.fast.learn.architecture import ACTIVATIONS, EXTRACTOR, Architecture, Duty, OnOff
+from rans.fast.learn.architecture import ACTIVATIONS, EXTRACTOR, Architecture
+from rans.fast.learn.distributions import Duty, OnOff
 from rans.fast.learn.memory import Remembering, by_row, recurrent, viewed
 
 
@@ -147,8 +148,8 @@ class Network(Remembering):
         return torch.cat((self._looks(columns), steady.clamp(-clip, clip)), dim=-1)
 
     def _recalled(self, rows: Tensor) -> Tensor:
-        then, told = rows.tensor_split([self.architecture.seen], dim=-1)
-        return torch.cat((self._normalised(then), told), dim=-1)
+        then, told = rows.tensor_split([self.architecture.answered], dim=-1)
+        return torch.cat((self._normalised(then), told), dim=-1) if then.shape[-1] else told
 
     def _rows(self, x: Tensor) -> Tensor:
         """(N, ...) by member: (K, N / K, ...)."""

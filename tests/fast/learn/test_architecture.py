@@ -10,7 +10,8 @@ import pytest
 import torch
 from scipy.stats import norm
 
-from rans.fast.learn.architecture import Duty, OnOff, paper_layout
+from rans.fast.learn.architecture import paper_layout
+from rans.fast.learn.distributions import Duty, OnOff
 from tests.fast.training import tiny_learner
 
 

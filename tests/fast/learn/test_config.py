@@ -148,12 +148,13 @@ def test_wrong_averages(averages: tuple[float, ...]) -> None:
 
 
 @pytest.mark.parametrize(("given", "message"), [
-    ({"memory": "histori"}, "memory must be one of none, history, recurrent, got 'histori'"),
+    ({"memory": "histori"}, "memory must be one of none, history, commands, recurrent, got"),
     ({"matmul": "fp8"}, "matmul must be one of float32, tf32, bf16, got 'fp8'"),
     ({"activation": "gelu"}, "activation must be one of tanh, elu, relu, got 'gelu'"),
-    ({"averages": (0.5,)}, "averages stand beside a history"),
+    ({"averages": (0.5,)}, "averages are of a history, so that memory must be 'history' or"),
     ({"memory": "history", "averages": 0.5}, "averages must be numbers between 0 and 1, got 0.5"),
     ({"memory": "history", "averages": (1.0,)}, "averages must be numbers between 0 and 1"),
+    ({"memory": "commands", "history": 0}, "with history 0 and no averages remembers nothing"),
     ({"filters": (0.0,)}, "filters must be numbers >= 1e-6 and <= 1e6, got \\[0.0\\]"),
     ({"filtered_steady": 1.0}, "filtered_steady 1.0 is what filters look for, of which there are none"),
     ({"filters": (1.0,), "filtered_steady": -1.0}, "filtered_steady must be finite and >= 0, got -1.0"),
