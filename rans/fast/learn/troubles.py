@@ -69,9 +69,9 @@ def robust(share: float = 0.4) -> Conditions:
     return replace(load_conditions("lab"), weight=weight, others=others)
 
 
-def robust_in_space() -> Conditions:
-    """`robust`, with what takes longest to learn there oftener: noise, and valves that stay open."""
+def robust_poses(valves: float, noise: float = 6.0) -> Conditions:
+    """`robust`, with what takes longest to learn of poses as often as this: valves that stay open, noise."""
     given, slow, noisy = robust(), Conditions(thrusters=ThrusterConditions(least_on=0.4)), _HARD[-1].sensors
-    oftener = tuple(replace(one, weight=6.0) if replace(one, weight=1.0) == slow else
-                    replace(one, weight=9.0) if one.sensors == noisy else one for one in given.others)
-    return replace(given, others=oftener, weight=20.0)
+    others = tuple(replace(one, weight=valves) if replace(one, weight=1.0) == slow else
+                   replace(one, weight=noise) if one.sensors == noisy else one for one in given.others)
+    return replace(given, others=others, weight=20.0)

@@ -34,8 +34,8 @@ def test_robust_agents_meet_the_laboratory_and_every_trouble(name: str) -> None:
     assert set(TROUBLES.values()) <= {replace(other, weight=1.0) for other in conditions.others}
     assert Conditions() in conditions.others
     share = conditions.weight / (conditions.weight + sum(other.weight for other in conditions.others))
-    assert share == pytest.approx(0.4, abs=0.03)  # in space valves that stay open take 0.03 of it
-    assert config.ppo.memory == "history"
+    assert share == pytest.approx(0.4, abs=0.04)  # valves that stay open take 0.04 of it from poses
+    assert config.ppo.memory in ("history", "commands")
     assert config.curriculum[-1].begin + config.curriculum[-1].duration < config.total_timesteps
 
 
