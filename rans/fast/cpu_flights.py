@@ -8,6 +8,7 @@ import numpy as np
 import torch
 
 from rans.episode import World
+from rans.fast.cpu_history import CpuHistory
 from rans.fast.cpu_network import CpuNetwork
 from rans.fast.kernels.flight_program import FlightProgram
 from rans.fast.learn.network import Network
@@ -25,19 +26,21 @@ class CpuFlights:
 
     Args:
         world: in float32; its task's settings are numbers.
-        network: of one member that remembers nothing, in float32 on the CPU.
+        network: of one member without a recurrent core, in float32 on the CPU.
         program: theirs.
     """
 
     def __init__(self, world: World, network: Network, program: FlightProgram) -> None:
         self._world, self._program, self._own = world, program, threading.local()
+        self._given = network.architecture
         words = [Symbol.input(name, "int") for name in ("low", "high", "number")]
         carried = [one.symbol for one in program.carried]
         self._moved = [one for one in program.carried if one.after is not one.symbol]
+        self._carried = set(carried)
         self._told = [Symbol.input(f"command_{i}") for i in range(len(world.craft.thrusters))]
         self._begin = Straight(words, [one.begin for one in program.carried])
-        self._step = Straight([*words, *carried, *self._told], [*program.seen, program.view],
-                              [one.after for one in self._moved])
+        shown = [*program.seen, program.view, *program.columns]
+        self._step = Straight([*words, *carried, *self._told], shown, [one.after for one in self._moved])
         self._verdict = Straight(carried, [program.failure, program.settles, program.settled,
                                            *program.totals])
         self._answers = CpuNetwork(network)
@@ -49,16 +52,23 @@ class CpuFlights:
         """What becomes of scenarios ``first`` to ``first + count - 1``."""
         numbers = np.arange(first, first + count, dtype=np.int32)
         begin, step, verdict = self._memory(count)
+        history, shown = CpuHistory(self._given, count), len(self._program.seen)
         # What is no longer finite flies on in vain: nothing of it is counted.
         with np.errstate(all="ignore"):
             begin.give((*seed_words(seed), numbers))
             begun = begin.run(0)
             step.give((*seed_words(seed), numbers, *begun))
             for _ in range(self._world.timing.episode_steps):
-                *seen, view = step.run(0)
-                for symbol, command in zip(self._told, self._answers(seen, view), strict=True):
+                found = step.run(0)
+                seen, view, columns = found[:shown], found[shown], found[shown + 1:]
+                commands = self._answers(seen, view, history)
+                history.remember(columns, commands)
+                for symbol, command in zip(self._told, commands, strict=True):
                     step.put(symbol, command)
-                for one, value in zip(self._moved, step.run(1), strict=True):
+                # What becomes another, as the last command the last but one, would be overwritten before.
+                after = [np.copy(x) if one.after in self._carried else x
+                         for one, x in zip(self._moved, step.run(1), strict=True)]
+                for one, value in zip(self._moved, after, strict=True):
                     step.put(one.symbol, value)
             verdict.give(step.value(one.symbol) for one in self._program.carried)
             failure, settles, settled, *totals = (np.broadcast_to(x, count) for x in verdict.run(0))

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from itertools import pairwise
+from itertools import islice, pairwise
 
 import numpy as np
 
+from rans.fast.cpu_history import CpuHistory
 from rans.fast.cpu_look import placed
 from rans.fast.learn.architecture import EXTRACTOR, Architecture
 from rans.fast.learn.network import Network
@@ -31,7 +32,7 @@ _MARGIN = 2.0
 
 
 class CpuNetwork:
-    """The commands of a network of one member that remembers nothing, as float32 finds them.
+    """The commands of a network of one member without a recurrent core, as float32 finds them.
 
     On a processor that multiplies bytes (AVX512-VNNI), hyperbolic tangents but the last layer's are rounded
     to one, and so are the weights that they meet. Where that leaves a command in doubt, float32 decides.
@@ -63,12 +64,13 @@ class CpuNetwork:
         """Doubt logits below a bound from now on, by the greatest error so far."""
         self._doubtful = _MARGIN * self._worst
 
-    def __call__(self, seen: Sequence[np.ndarray], view: np.ndarray) -> np.ndarray:
+    def __call__(self, seen: Sequence[np.ndarray], view: np.ndarray, history: CpuHistory) -> np.ndarray:
         """Commands (thrusters, N) to columns (N,) as they are seen from one side of the craft, (N,) int32."""
         count = len(seen[0])
-        out = self._logits(self._shown(seen), count)
-        views, commands = np.zeros(out.shape[1], np.int32), np.empty_like(out)
+        views = np.zeros(-(-count // WIDTH) * WIDTH, np.int32)
         views[:count] = view
+        out = self._logits(self._shown(seen, history.shown(views[:count])), count)
+        commands = np.empty_like(out)
         self._command(out.ctypes.data, out.shape[1], views.ctypes.data, out.shape[1] // LANES,
                       commands.ctypes.data)
         return commands[:, :count]
@@ -95,17 +97,33 @@ class CpuNetwork:
                             scratch.ctypes.data, out.ctypes.data)
         return out
 
-    def _shown(self, seen: Sequence[np.ndarray]) -> np.ndarray:
-        """What the first layer is given, as `Network._looks`: rows of a multiple of `WIDTH` spacecraft."""
-        given, width, count = self._given, len(seen), len(seen[0])
-        rows = np.zeros((width * (2 if given.zoom else 1), -(-count // WIDTH) * WIDTH), np.float32)
-        for i, column in enumerate(seen):
-            row = np.subtract(column, self._mean[i], rows[i, :count])
-            np.clip(np.multiply(row, self._scale[i], row), -given.clip, given.clip, row)
-            if given.zoom:
-                row = np.multiply(column, self._scale[i] * np.float32(given.zoom), rows[width + i, :count])
+    def _shown(self, seen: Sequence[np.ndarray], recalled: np.ndarray) -> np.ndarray:
+        """What the first layer is given, as `Network.inputs`: rows of a multiple of `WIDTH` spacecraft."""
+        given, count = self._given, len(seen[0])
+        rows = np.zeros((given.inputs, -(-count // WIDTH) * WIDTH), np.float32)
+        left, read = iter(rows[:, :count]), iter(seen)
+        # Columns as they are read, then as each filter has them, twice each; what filters take for steady.
+        for steady in (0, *(given.steady,) * (given.looks - 1)):
+            columns = list(islice(read, given.seen))
+            for i, column in enumerate(columns):
+                self._normalise(column, i, next(left))
+            for i, column in enumerate(columns if given.zoom else ()):
+                row = np.multiply(column, self._scale[i] * np.float32(given.zoom), next(left))
                 np.tanh(row, row)
+            for column in islice(read, steady):
+                np.clip(column, -given.clip, given.clip, next(left))
+        # Columns and commands of before.
+        for then in recalled:
+            for i, column in enumerate(then):
+                if i < given.answered:
+                    self._normalise(column, i, next(left))
+                else:
+                    next(left)[...] = column
         return rows
+
+    def _normalise(self, column: np.ndarray, i: int, to: np.ndarray) -> None:
+        clip = self._given.clip
+        np.clip(np.multiply(np.subtract(column, self._mean[i], to), self._scale[i], to), -clip, clip, to)
 
 
 def _layers(network: Network) -> list[tuple[np.ndarray, np.ndarray]]:

@@ -69,7 +69,7 @@ class Flights:
             return FlightKernel.made(self.world, self._network, self.device, products)
         given = self._network.architecture
         try:
-            program = None if given.memory else trace_flight(self.world, given)
+            program = None if given.units else trace_flight(self.world, given)
         except UNTRACEABLE:  # a task that does more than arithmetic on fields
             program = None
         with one_thread():

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 
+from rans.fast.cpu_history import CpuHistory
 from rans.fast.cpu_network import WIDTH, CpuNetwork
 from rans.fast.learn.selection import likeliest
 from rans.fast.vectors import FEATURES
@@ -34,7 +35,7 @@ def test_commands_are_torchs(kind: str, count: int) -> None:
     rows = seen(count, network.architecture.layout.width)
     expected, _ = likeliest(network, rows, None)
     columns, view = shown(network, rows)
-    found = CpuNetwork(network)(columns, view)
+    found = CpuNetwork(network)(columns, view, CpuHistory(network.architecture, count))
     # Both sum float32 numbers, in another order: one command in ten thousand may be as near to zero.
     assert (found != expected.T.numpy()).mean() <= 1e-3
     assert 0.1 < found.mean() < 0.9
@@ -57,11 +58,12 @@ def test_products_of_bytes_decide_as_float32() -> None:
     network = policy(PLATFORM, layers=(64, 96, 64), zoom=8.0)
     columns, view = shown(network, seen(40_000, network.architecture.layout.width))
     quick, exact = CpuNetwork(network), CpuNetwork(network, quick=False)
-    quick([column[:2000] for column in columns], view[:2000])
+    few, all_of_them = (CpuHistory(network.architecture, count) for count in (2000, len(view)))
+    quick([column[:2000] for column in columns], view[:2000], few)
     quick.settle()
     asked = list[int]()
     through = quick._through
     quick._through = lambda name, rows: (asked.append(rows.shape[1]), through(name, rows))[1]  # type: ignore[method-assign]
-    np.testing.assert_array_equal(quick(columns, view), exact(columns, view))
+    np.testing.assert_array_equal(quick(columns, view, all_of_them), exact(columns, view, all_of_them))
     assert len(asked) == 2
     assert asked[1] < 0.9 * asked[0]

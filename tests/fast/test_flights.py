@@ -20,6 +20,7 @@ from rans.evaluation.fly.judge import flown
 from rans.evaluation.measure import metrics
 from rans.fast import flights as module
 from rans.fast.cpu_flights import CpuFlights
+from rans.fast.filters import Filters
 from rans.fast.flights import Flights
 from rans.fast.step import Backend
 from rans.fast.verdicts import QUANTITIES, Failure, Verdicts
@@ -28,7 +29,7 @@ from rans.model.actuators import Throttle
 from rans.model.spacecraft import Spacecraft
 from rans.tasks import GoToPose
 from tests.fast.engines import FLYER, PLATFORM, both_crafts
-from tests.fast.flying import WIDE, policy, setup
+from tests.fast.flying import BRIEF, WIDE, policy, setup
 from tests.worlds import EFFECTS
 
 COUNT = 300
@@ -84,17 +85,33 @@ def test_the_program_does_what_stepping_does(kind: str) -> None:
     assert sum(count > 0 for count in a.failures.values()) >= 3
 
 
-def test_conditions_are_flown() -> None:
-    network, given = policy(PLATFORM), setup(PLATFORM, conditions=EFFECTS["swing"])
+@pytest.mark.parametrize("effect", EFFECTS)
+def test_conditions_are_flown(effect: str) -> None:
+    """Valves that hold and sensors that are late remember several periods, each moved on by the next."""
+    network, given = policy(PLATFORM), setup(PLATFORM, conditions=EFFECTS[effect])
     found = Flights(network, given).fly(0, COUNT, 1)
     alike(found, Flights(network, given, generated=False).fly(0, COUNT, 1), different=2, share=1e-3)
     perfect = Flights(network, setup(PLATFORM)).fly(0, COUNT, 1)
     assert perfect.sums["return"] != found.sums["return"]
 
 
-@pytest.mark.parametrize("memory", [{"history": 2, "averages": (0.5,)}, {"units": 8}])
-def test_a_policy_with_a_memory_is_stepped(memory: Any) -> None:
-    flights = Flights(policy(PLATFORM, sided=False, **memory), setup(PLATFORM))
+@pytest.mark.parametrize("memory", [
+    {"history": 2, "averages": (0.5,)}, {"history": 3, "sided": False, "zoom": 4.0},
+    {"averages": (0.5,), "commands_only": True, "zoom": 4.0}, {"steady": 25.0, "sided": False},
+    {"steady": 0.0, "history": 2, "commands_only": True}], ids=str)
+@both_crafts
+def test_a_policy_with_a_memory(craft: Spacecraft, memory: Any) -> None:
+    kind = {name: x for name, x in memory.items() if name != "steady"}
+    if "steady" in memory:
+        kind["filters"] = Filters.of(craft, WIDE, BRIEF.control_period, (0.01, 1.0), memory["steady"])
+    network, given = policy(craft, **kind), setup(craft, conditions=EFFECTS["sensors"])
+    found = Flights(network, given).fly(0, COUNT, 1)
+    assert found.ways == {"CPU, float32"}
+    alike(found, Flights(network, given, generated=False).fly(0, COUNT, 1), different=2, share=1e-3)
+
+
+def test_a_recurrent_policy_is_stepped() -> None:
+    flights = Flights(policy(PLATFORM, sided=False, units=8), setup(PLATFORM))
     found = flights.fly(0, 20, 1)
     assert found.ways == {"stepping, cpu"}
     assert found.flights == 20
