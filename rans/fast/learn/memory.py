@@ -61,8 +61,8 @@ class Remembering:
         history, filters = self._parted(memory, len(columns))
         kept = []
         if history is not None:
-            columns_kept = columns[:, :self.architecture.answered]
-            kept.append(continued(history, torch.cat((columns_kept, command), dim=1), self._kept))
+            answered = columns[:, :self.architecture.answered]
+            kept.append(continued(history, torch.cat((answered, command), dim=1), self._kept))
         if filters is not None:
             kept.append(self._look.expected(torch.cat((columns, filters, command), dim=1)))
         return torch.cat(kept, dim=1) if len(kept) > 1 else kept[0]
