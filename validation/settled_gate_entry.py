@@ -73,7 +73,7 @@ class Train:
     """Train an agent of one axis into RUN/agent.safetensors."""
 
     run_folder: Annotated[Path, Positional, tyro.conf.arg(metavar="RUN")]
-    iterations: int = 220
+    iterations: int = 660
     """Of 1,024 new axes for 64 s each."""
     seed: int = 0
 
