@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from validation import settled_gate_agent
-from validation.settled_gate_agent import Agent, Axes, Memory, astray, flown, trained
+from validation.settled_gate_agent import Agent, Axes, Memory, Training, astray, flown, trained
 
 
 def test_training_meets_each_kind_in_its_range() -> None:
@@ -80,14 +80,30 @@ def test_a_seed_trains_the_same_agent_again() -> None:
         torch.testing.assert_close(mine, its, rtol=0, atol=0)
 
 
-@pytest.mark.parametrize(("learns", "beginnings"), [(9.0, 1), (0.0, 5)])
+@pytest.mark.parametrize(("learns", "expected"), [
+    (9.0, [*range(14)] * 2), (0.0, [0, 1] * 5 + [*range(2, 14)])], ids=["all", "none"])
 def test_who_does_not_learn_is_left_for_another(monkeypatch: pytest.MonkeyPatch, learns: float,
-                                                beginnings: int) -> None:
-    """After 2 iterations of 14, up to five times: where all pass or none does."""
+                                                expected: list[int]) -> None:
+    """After 2 iterations of 14, up to five times: where all pass, two are trained, or none does."""
     monkeypatch.setattr(settled_gate_agent, "_LEARNS", learns)
     told: list[int] = []
     trained(14, 5, 8, 8, report=lambda done, _: told.append(done))
-    assert told == [0, 1] * beginnings + [*range(2, 14)]
+    assert told == expected
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_the_better_of_two_is_taken(monkeypatch: pytest.MonkeyPatch, seed: int) -> None:
+    """By the mean of their last twenty losses."""
+    monkeypatch.setattr(settled_gate_agent, "_LEARNS", 9.0)
+    agent, both = trained(24, seed, 8, 8), []
+    for own in (seed, seed + 1000):
+        torch.manual_seed(own)
+        training = Training(24, 8, 8)
+        training.go_on(24, lambda *_: None)
+        both.append((sum(training.losses[4:]), training.agent))
+    better = min(both, key=lambda one: one[0])[1]
+    for mine, its in zip(agent.parameters(), better.parameters(), strict=True):
+        torch.testing.assert_close(mine, its, rtol=0, atol=0)
 
 
 def test_training_finds_the_way() -> None:
