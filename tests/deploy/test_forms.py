@@ -48,9 +48,9 @@ def shipped(name: str) -> tuple[Network, Setup]:
 
 
 @cache
-def robust() -> tuple[Network, Setup, np.ndarray]:
-    """The agent with the most in it, and what it observes on four flights."""
-    network, setup = shipped("go-to-pose-2d-robust")
+def remembering() -> tuple[Network, Setup, np.ndarray]:
+    """An agent with a history, averages and symmetries, and what it observes on four flights."""
+    network, setup = shipped("go-to-pose-2d-faults")
     return network, setup, observed(network, setup, count=4)
 
 
@@ -158,7 +158,7 @@ ERRORS: dict[str, Callable[[Network], Network]] = {
 @pytest.mark.parametrize("error", ERRORS)
 def test_planted_errors_are_found(error: str, tmp_path: Path) -> None:
     """By the comparison, and by the golden pairs that a robot engineer has."""
-    network, _, seen = robust()
+    network, _, seen = remembering()
     written(tmp_path, ERRORS[error](network), "numpy")
     found = unequal(network, list(seen), numpy_answer(tmp_path))
     assert found.beyond > 0 or found.memory > 1e-3
@@ -175,7 +175,7 @@ def checked(folder: Path) -> tuple[int, int]:
 
 
 def test_golden_pairs_come_out_of_the_exported_file(tmp_path: Path) -> None:
-    network, _, seen = robust()
+    network, _, seen = remembering()
     pairs = golden(network, seen)
     assert [at for at, begins in enumerate(pairs["begins"]) if begins] == [0, 125, 250, 375]
     assert 0.02 < np.mean(pairs["command"]) < 0.5  # of both kinds
@@ -229,7 +229,7 @@ def test_an_exported_network_flies_as_the_agent_does(tmp_path: Path) -> None:
 
 
 def test_any_number_of_rows_and_one(tmp_path: Path) -> None:
-    network, _, seen = robust()
+    network, _, seen = remembering()
     written(tmp_path, network, *FORMS)
     rows = seen[20]
     memory = np.random.default_rng(0).normal(size=(4, network.architecture.memory)).astype(np.float32)
