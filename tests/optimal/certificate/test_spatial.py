@@ -201,7 +201,7 @@ def test_what_is_found_flies_there() -> None:
     """From 20 cm away, by the engines' equations in twice as many substeps as the search replays."""
     goal = replace(moving(1, 0.0), p=Vec3(0.0, 0.0, 0.0), v=Vec3(0.0, 0.0, 0.0), w=Vec3(0.0, 0.0, 0.0))
     start, lattice = replace(goal, p=Vec3(0.1, -0.2, 0.05)), SpinLattice(FLYER, PERIOD)
-    for found in (least_time(lattice, REST, start, goal, 40, TASK_SET, Effort(20.0)),
+    for found in (least_time(lattice, REST, start, goal, 40, TASK_SET, Effort(6.0)),
                   least_fuel(lattice, REST, start, goal, 20, TASK_SET, Effort(0.1))):
         assert found.commands is not None
         assert 0.0 < found.lower <= found.upper + 1e-9
