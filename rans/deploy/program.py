@@ -101,17 +101,15 @@ def agent_program(network: Network) -> Program:
     body = _in_body(program, given.layout)
     columns = program.joined(*body, name="body")
     view = _View.chosen(program, given, body)
-    seen = columns if view is None else view.columns(program, given.layout.body, columns)
 
     # What the trunk is given: columns now, as filters have them, and a history of columns and commands.
     kept = given.rows, given.filtering
     history, known = program.split("memory", kept) if any(kept) else ("", "")
     filters = program.split(known, [1] * given.filtering) if given.filters else []
-    x = _shown(program, network, view, body, seen, filters, history)
-    layers = [name for name in weights if name.startswith(f"{EXTRACTOR}trunk.") and name.endswith("weight")]
-    for name in layers:
-        x = program.linear(x, weights[name], weights[name.removesuffix("weight") + "bias"])
-        x = program.apply(_ACTIVATIONS[given.activation], x)
+    x = _shown(program, network, view, columns, body, filters, history)
+    for layer in range(len(given.layers)):
+        weight, bias = (weights[f"{EXTRACTOR}trunk.{2 * layer}.{part}"] for part in ("weight", "bias"))
+        x = program.apply(_ACTIVATIONS[given.activation], program.linear(x, weight, bias))
     if given.units:
         x = _core(program, weights, x)
 
@@ -120,8 +118,7 @@ def agent_program(network: Network) -> Program:
     if view is not None:
         head = program.apply("GatherElements", head, view.place, axis=1)
     if given.continuous:
-        bounds = program.constant(0.0), program.constant(1.0)
-        command = program.apply("Clip", head, *bounds, name="command")
+        command = program.apply("Clip", head, program.constant(0.0), program.constant(1.0), name="command")
     else:
         opens = program.apply("Greater", head, program.constant(0.0))
         command = program.apply("Cast", opens, name="command", to=1)  # to float32
@@ -227,9 +224,10 @@ def _normalised(program: Program, network: Network, x: str) -> str:
     return program.apply("Clip", scaled, program.constant(-clip), program.constant(clip))
 
 
-def _shown(program: Program, network: Network, view: _View | None, body: Sequence[str], seen: str,
+def _shown(program: Program, network: Network, view: _View | None, columns: str, body: Sequence[str],
            filters: Sequence[str], history: str) -> str:
     """The columns, what filters make of them, and a history, each if there is one."""
+    seen = columns if view is None else view.columns(program, network.architecture.layout.body, columns)
     x = _looks(program, network, seen)
     filtered = _filtered(program, network, view, body, filters) if filters else ""
     recalled = _recalled(program, network, view, history) if history else ""
