@@ -19,6 +19,7 @@ _PRINTED: dict[str, str] = {
     "Add": "{0} + {1}", "Sub": "{0} - {1}", "Mul": "{0} * {1}", "Div": "{0} / {1}",
     "Neg": "-{0}", "Equal": "{0} == {1}",
     "Greater": "{0} > {1}", "Where": "np.where({0}, {1}, {2})", "Clip": "np.clip({0}, {1}, {2})",
+    "Max": "np.maximum({0}, {1})",
     "Tanh": "np.tanh({0})", "Relu": "np.maximum({0}, 0)", "Sigmoid": "0.5 + 0.5 * np.tanh(0.5 * {0})",
     "Elu": "np.where({0} > 0, {0}, np.expm1(np.minimum({0}, 0)))", "MatMul": "{0} @ {1}",
     "Gemm": "{0} @ {1}.T + {2}", "ArgMax": "np.argmax({0}, axis=1)", "Gather": "{0}[{1}]",

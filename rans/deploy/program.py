@@ -16,7 +16,8 @@ from rans.fast.symmetry import AIM, Symmetries
 from rans.model.trace import Symbol, ordered
 from rans.tasks.sight import Columns, Layout
 
-_LOWERED = {"+": "Add", "-": "Sub", "*": "Mul", "/": "Div", "==": "Equal", "neg": "Neg", "where": "Where"}
+_LOWERED = {"+": "Add", "-": "Sub", "*": "Mul", "/": "Div", "==": "Equal", "neg": "Neg", "where": "Where",
+            "maximum": "Max"}
 """ONNX's names of what a layout and filters do to columns."""
 _ACTIVATIONS = {"tanh": "Tanh", "elu": "Elu", "relu": "Relu"}
 
@@ -83,7 +84,8 @@ class Program:
                 values[symbol] = self.apply(_LOWERED[symbol.operation], *(values[x] for x in symbol.args))
             else:
                 raise ConfigError(f"the agent's layout takes {symbol.operation!r} of its columns, which no "
-                                  "export knows: only sums, products, quotients and choices by equality do.")
+                                  "export knows: only sums, products, quotients, the larger of two and "
+                                  "choices by equality do.")
         return [values[symbol] for symbol in results]
 
 

@@ -9,32 +9,18 @@ work on the columns of what is observed, in B, so that any task's may be filtere
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import NamedTuple, cast
 
 import numpy as np
 
-from rans.errors import ConfigError
+from rans.fast.responses import Response
+from rans.fast.shares import Share, changing, first_of, shares
 from rans.fast.turning import cross, scaled_sum, seen_turned, tilt_between, turned
-from rans.model.dynamics import State
 from rans.model.fields import Field, where
 from rans.model.spacecraft import Spacecraft
-from rans.tasks.base import Task, sight
-from rans.tasks.derived import example_state
-from rans.tasks.sight import (
-    Block,
-    Columns,
-    Dimension,
-    Drawn,
-    Entry,
-    Layout,
-    OwnAttitude,
-    Spin,
-    Turn,
-    VectorInW,
-)
+from rans.tasks.base import Task
+from rans.tasks.sight import Block, Columns, Layout, Scalar, Spin, Turn, VectorInW
 
-_Share = tuple[float, float, float]
 _Covariance = tuple[Field, Field, Field, Field, Field, Field]
 """Of a pose, its velocity and a steady acceleration, by rows without what symmetry tells."""
 
@@ -47,6 +33,8 @@ class _Known(NamedTuple):
     steady: Columns
     """Accelerations in B that no command explains, m/s^2 and rad/s^2."""
     covariance: _Covariance
+    responses: tuple[Response, ...] = ()
+    """Of forces and of torques, if they are looked for."""
 
 
 class Filters(NamedTuple):
@@ -64,28 +52,32 @@ class Filters(NamedTuple):
     """Velocity in B that each thruster gives in a period, m/s."""
     twist: tuple[tuple[float, ...], ...]
     """Angular velocity in B that it gives, rad/s."""
-    share: tuple[_Share, ...]
+    share: tuple[Share, ...]
     """How much each block of `Layout.body` has of position, velocity and angular velocity."""
     steady: float = 0.0
     """Variance of the steady accelerations that are looked for, in units of the noise; 0: none are."""
+    response: float = 0.0
+    """Variance of the responses that are looked for, see `rans.fast.responses`, in units of the noise over
+    what the strongest thruster gives; 0: thrusters give what they are designed to."""
 
     @classmethod
     def of(cls, craft: Spacecraft, task: Task, period: float, drift: Sequence[float],
-           steady: float = 0.0) -> Filters:
+           steady: float = 0.0, response: float = 0.0) -> Filters:
         """Of a spacecraft as designed; ConfigError where the task shows what no filter can follow."""
         force, torque = np.split(np.array(craft.wrench_map), [craft.dimension], axis=1)
         spins = slice(-torque.shape[1], None)  # in the plane about z alone
         inertia = np.array(craft.inertia)[spins, spins]
         gains = period / craft.mass * force, period * np.linalg.solve(inertia, torque.T).T
         push, twist = (tuple(map(tuple, gain.tolist())) for gain in gains)
-        return cls(tuple(drift), period, push, twist, tuple(_shares(task, craft.dimension)), steady)
+        return cls(tuple(drift), period, push, twist, tuple(shares(task, craft.dimension)), steady,
+                   response)
 
     def fits(self, layout: Layout, thrusters: int) -> bool:
         """Whether it has as many rows and numbers as that takes."""
         axes, spins = (block.width for block in layout.blocks[:2])
         sizes = (thrusters, axes), (thrusters, spins), (len(layout.blocks), 3)
         told = bool(self.drift) and np.shape(self.drift) == (len(self.drift),)
-        numbers = isinstance(self.period, float) and isinstance(self.steady, float)
+        numbers = all(isinstance(x, float) for x in (self.period, self.steady, self.response))
         return told and numbers and tuple(map(np.shape, self[2:5])) == sizes
 
     @property
@@ -93,29 +85,44 @@ class Filters(NamedTuple):
         """Components of the steady accelerations that it tells, of place and turn."""
         return len(self.push[0]) + len(self.twist[0]) if self.steady else 0
 
+    @property
+    def told(self) -> int:
+        """Numbers that it tells beside columns: steady accelerations and responses."""
+        return self.axes + (4 if self.response else 0)
+
+    @property
+    def _units(self) -> tuple[float, float]:
+        """What the strongest thruster gives in a period, m/s and rad/s."""
+        push, twist = (float(np.abs(gains).max()) or 1.0 for gains in (self.push, self.twist))
+        return push, twist
+
     def width(self, layout: Layout) -> int:
         """Numbers that all of them remember of columns of this layout, that of the body."""
         return len(self.drift) * self._size(layout)
 
     def _size(self, layout: Layout) -> int:
+        answers = sum(Response.width(len(gains[0])) for gains in (self.push, self.twist) if self.response)
+        return self._known(layout) + answers
+
+    def _known(self, layout: Layout) -> int:
         return layout.width + self.axes + (6 if self.steady else 3)
 
     def shown(self, layout: Layout) -> Layout:
-        """The layout of an estimate: columns of this one, then steady accelerations."""
+        """The layout of an estimate: columns of this one, then steady accelerations and responses."""
         told = (Block(VectorInW, len(self.push[0])), Block(Spin, len(self.twist[0]))) if self.steady else ()
-        return Layout((*layout.blocks, *told))
+        return Layout((*layout.blocks, *told, *(Block(Scalar, 4),) * bool(self.response)))
 
     def estimates(self, layout: Layout, read: Columns, memory: Columns) -> list[list[Field]]:
         """What each filter makes of columns as they were read, see `shown`.
 
-        Of steady accelerations it tells what they give in a period, in units of the strongest thruster's.
+        Of steady accelerations it tells what they give in a period, in units of the strongest thruster's; of
+        forces, then of torques, how much more comes at once than designed, and how much in the period after.
         """
-        units = [self.period / (float(np.abs(gains).max()) or 1.0)
-                 for gains in (self.push, self.twist) for _ in gains[0]]
-        told = (one.columns if not self.steady else (
-            *one.columns, *(a * unit for a, unit in zip(one.steady, units, strict=True)))
-                for one in self._read(layout, read, memory))
-        return list(map(list, told))
+        units = [self.period / unit for unit, gains in zip(self._units, (self.push, self.twist), strict=True)
+                 for _ in gains[0]]
+        return [[*one.columns, *(a * unit for a, unit in zip(one.steady, units, strict=True) if self.steady),
+                 *(x for answer in one.responses for x in (answer.more, answer.late))]
+                for one in self._read(layout, read, memory)]
 
     def expected(self, layout: Layout, read: Columns, memory: Columns, command: Columns) -> list[Field]:
         """What all remember after columns were read and answered with this command."""
@@ -129,18 +136,22 @@ class Filters(NamedTuple):
                 for start in range(0, len(memory), size)]
 
     def _packed(self, known: _Known) -> list[Field]:
+        answers = [x for answer in known.responses for x in answer.packed()]
         if self.steady:
-            return [x for part in known for x in part]
+            return [*known.columns, *known.steady, *known.covariance, *answers]
         xx, xv, _, vv, *_ = known.covariance
-        return [*known.columns, xx, xv, vv]
+        return [*known.columns, xx, xv, vv, *answers]
 
     def _unpacked(self, layout: Layout, memory: Columns) -> _Known:
-        columns, rest = memory[:layout.width], memory[layout.width:]
+        size, force = self._known(layout), Response.width(len(self.push[0]))
+        columns, rest, answers = memory[:layout.width], memory[layout.width:size], memory[size:]
+        answers = tuple(map(Response.unpacked, (answers[:force], answers[force:]) if answers else ()))
         if self.steady:
             xx, xv, xa, vv, va, aa = rest[self.axes:]
-            return _Known(columns, rest[:self.axes], (xx, xv, xa, vv, va, aa))
+            return _Known(columns, rest[:self.axes], (xx, xv, xa, vv, va, aa), answers)
         xx, xv, vv = rest
-        return _Known(columns, (0.0,) * (len(self.push[0]) + len(self.twist[0])), (xx, xv, 0.0, vv, 0.0, 0.0))
+        none = (0.0,) * (len(self.push[0]) + len(self.twist[0]))
+        return _Known(columns, none, (xx, xv, 0.0, vv, 0.0, 0.0), answers)
 
     def _corrected(self, layout: Layout, read: Columns, expected: _Known) -> _Known:
         """What was expected, moved towards what was read by Kalman's gains."""
@@ -158,8 +169,8 @@ class Filters(NamedTuple):
         turns = [(now, then) for (block, now), (_, then), _ in blocks if issubclass(block.kind, Turn)]
         tilt = tilt_between(*turns[0]) if turns else [0.0] * len(self.twist[0])
         off = [self._off(block, now, then, [-0.5 * x for x in tilt]) for (block, now), (_, then), _ in blocks]
-        off_place = _first(off, self.share, 0)
-        off_velocity, off_spin = _first(off, self.share, 1), _first(off, self.share, 2)
+        off_place = first_of(off, self.share, 0)
+        off_velocity, off_spin = first_of(off, self.share, 1), first_of(off, self.share, 2)
 
         # Each block by its own error and by that of its derivative or integral; what no motion changes is as
         # it is read.
@@ -167,7 +178,7 @@ class Filters(NamedTuple):
         gains = pose, velocity[::-1], velocity[::-1]
         found: list[Field] = []
         for ((block, _), (_, then), share), error in zip(blocks, off, strict=True):
-            for k in _changing(share):
+            for k in changing(share):
                 other = (off_velocity, off_place, tilt)[k]
                 error = scaled_sum(gains[k][0], error, gains[k][1] * share[k], other)
             found += seen_turned(block, scaled_sum(1.0, then, 1.0, error), half)
@@ -180,7 +191,10 @@ class Filters(NamedTuple):
         first, fresh = xx == 0.0, (1.0, 0.0, 0.0, 1.0, 0.0, self.steady)
         columns, pushed, left = ([where(first, a, b) for a, b in zip(*pair, strict=True)] for pair in (
             (read, found), ((0.0,) * len(pushed), pushed), (fresh, left)))
-        return _Known(columns, pushed, cast(_Covariance, tuple(left)))
+        answers = tuple(answer.learnt(error, (vv + 1.0) * unit**2).begun(first, self.response)
+                        for answer, error, unit in zip(expected.responses, (off_velocity, off_spin),
+                                                       self._units, strict=False))
+        return _Known(columns, pushed, cast(_Covariance, tuple(left)), answers)
 
     @staticmethod
     def _off(block: Block, now: Columns, then: Columns, half: Columns) -> Columns:
@@ -195,11 +209,13 @@ class Filters(NamedTuple):
         Forces are constant in B; of its turning within the period the first order is kept.
         """
         axes, period = len(self.push[0]), self.period
-        push = scaled_sum(1.0, _dot(command, self.push), period, known.steady[:axes])
-        twist = scaled_sum(1.0, _dot(command, self.twist), period, known.steady[axes:])
+        told, answers = [_dot(command, gains) for gains in (self.push, self.twist)], known.responses
+        given = [answer.given(mine) for answer, mine in zip(answers, told, strict=True)] if answers else told
+        push, twist = (scaled_sum(1.0, mine, period, pushed) for mine, pushed in zip(
+            given, (known.steady[:axes], known.steady[axes:]), strict=True))
         blocks = list(layout.split(known.columns))
-        velocity = _first([mine for _, mine in blocks], self.share, 1)
-        spin = _first([mine for _, mine in blocks], self.share, 2)
+        velocity = first_of([mine for _, mine in blocks], self.share, 1)
+        spin = first_of([mine for _, mine in blocks], self.share, 2)
         half = [(w + 0.5 * more) * (0.5 * period) for w, more in zip(spin, twist, strict=True)]
         # Of tangents the second term: half the angle is no longer small in a fast turn.
         half = [x * (1.0 + sum(y * y for y in half) * (1.0 / 3.0)) for x in half]
@@ -207,11 +223,14 @@ class Filters(NamedTuple):
         way = [(v + 0.5 * more) * period for v, more in zip(velocity, push, strict=True)]
         found: list[Field] = []
         for (block, mine), share in zip(blocks, self.share, strict=True):
-            for k in _changing(share):
+            for k in changing(share):
                 mine = scaled_sum(1.0, mine, share[k], (way, gained, twist)[k])
             found += seen_turned(block, mine, half)
         steady = *turned(known.steady[:axes], half), *known.steady[axes:]
-        return _Known(found, steady, _aged(known.covariance, period, drift, drift if self.steady else 0.0))
+        after = tuple(answer.after(mine, turn) for answer, mine, turn in zip(
+            answers, told, (half, ()), strict=False))  # torques are constant in B
+        aged = _aged(known.covariance, period, drift, drift if self.steady else 0.0)
+        return _Known(found, steady, aged, after)
 
 
 def _aged(covariance: _Covariance, period: float, drift: float, wander: float) -> _Covariance:
@@ -222,50 +241,6 @@ def _aged(covariance: _Covariance, period: float, drift: float, wander: float) -
     v = xv + t * xa, vv + t * va, va + t * aa
     return (x[0] + t * x[1] + h * x[2] + drift * (0.5 * t) ** 2, x[1] + t * x[2], x[2],
             v[1] + t * v[2] + drift, v[2], aa + wander)
-
-
-def _shares(task: Task, dimension: Dimension) -> list[_Share]:
-    """How columns of the body's blocks change with position, velocity and angular velocity."""
-    state, goal = example_state(task, dimension)
-    entries = sight(task, state, goal).entries
-    moved = [_nudged(state, name) for name in ("p", "v", "w")]
-    changed = [sight(task, one, goal).entries for one in moved]
-    return [(0.0, 0.0, 0.0) if issubclass(type(entry), Turn) else _share(entry, others)
-            for entry, *others in zip(entries, *changed, strict=True) if not isinstance(entry, OwnAttitude)]
-
-
-def _nudged(state: State, name: str) -> State:
-    value = getattr(state, name)
-    return replace(state, **{name: value + type(value)(1.0, *(0.0,) * (len(value.columns()) - 1))
-                             if hasattr(value, "columns") else value + 1.0})
-
-
-def _share(entry: Entry, others: Sequence[Entry]) -> _Share:
-    """Of one block: what its first column gains by one unit of each, if it is linear in only one of them."""
-    first, *rest = (np.asarray(x, float) for x in entry.columns())
-    found = [float(np.round(np.asarray(one.columns()[0], float) - first, 9).reshape(-1)[0]) for one in others]
-    still = all(np.allclose(np.asarray(b, float), a) for one in others for a, b in
-                zip(rest, one.columns()[1:], strict=True))
-    fits = found[:2] if isinstance(entry, VectorInW) else found[2:] if isinstance(entry, Spin) else []
-    known = still and len(_changing(found)) <= 1 and any(found) == any(fits)
-    if isinstance(entry, Drawn) or not known:
-        raise ConfigError(f"filters cannot follow the observed {entry.name!r}: it is neither a place, a "
-                          "velocity nor an angular velocity, but changes with them. Train without "
-                          "filters, or let the task show it otherwise.")
-    return found[0], found[1], found[2]
-
-
-def _changing(share: Sequence[float]) -> list[int]:
-    """Of position, velocity and angular velocity, which change a block: none, or one."""
-    return [k for k, factor in enumerate(share) if factor]
-
-
-def _first(values: Sequence[Columns], shares: Sequence[_Share], which: int) -> Columns:
-    """Of the first block that has a share of it, in its units; zeros if there is none."""
-    for mine, share in zip(values, shares, strict=True):
-        if share[which]:
-            return [x * (1.0 / share[which]) for x in mine]
-    return [0.0] * len(values[0])
 
 
 def _dot(command: Columns, gains: Sequence[Sequence[float]]) -> list[Field]:

@@ -99,12 +99,13 @@ def test_conditions_are_flown(effect: str) -> None:
 @pytest.mark.parametrize("memory", [
     {"history": 2, "averages": (0.5,)}, {"history": 3, "sided": False, "zoom": 4.0},
     {"averages": (0.5,), "commands_only": True, "zoom": 4.0}, {"steady": 25.0, "sided": False},
-    {"steady": 0.0, "history": 2, "commands_only": True}], ids=str)
+    {"steady": 0.0, "history": 2, "commands_only": True}, {"steady": 25.0, "response": 1.0}], ids=str)
 @both_crafts
 def test_a_policy_with_a_memory(craft: Spacecraft, memory: Any) -> None:
-    kind = {name: x for name, x in memory.items() if name != "steady"}
-    if "steady" in memory:
-        kind["filters"] = Filters.of(craft, WIDE, BRIEF.control_period, (0.01, 1.0), memory["steady"])
+    looked_for = {name: memory[name] for name in ("steady", "response") if name in memory}
+    kind = {name: x for name, x in memory.items() if name not in looked_for}
+    if looked_for:
+        kind["filters"] = Filters.of(craft, WIDE, BRIEF.control_period, (0.01, 1.0), **looked_for)
     network, given = policy(craft, **kind), setup(craft, conditions=EFFECTS["sensors"])
     found = Flights(network, given).fly(0, COUNT, 1)
     assert found.ways == {"CPU, float32"}

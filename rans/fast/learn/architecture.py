@@ -89,7 +89,7 @@ class Architecture:
             history=settings.history if has_history else 0, commands_only=settings.memory == "commands",
             averages=tuple(settings.averages) if has_history else (),
             filters=Filters.of(craft, engine.task, engine.timing.control_period, settings.filters,
-                               settings.filtered_steady)
+                               settings.filtered_steady, settings.filtered_response)
             if settings.filters else None,
             units=settings.recurrent_units if settings.memory == "recurrent" else 0,
             privileged=engine.known.width if settings.privileged_critic else 0,
@@ -134,7 +134,7 @@ class Architecture:
     @property
     def steady(self) -> int:
         """Steady accelerations that every filter tells besides."""
-        return self.filters.axes if self.filters else 0
+        return self.filters.told if self.filters else 0
 
     @property
     def shown(self) -> int:

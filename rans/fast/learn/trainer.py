@@ -30,7 +30,7 @@ _COMPILING = 30.0
 """Seconds of training from which on compiling pays, which takes 5 to 35 and makes it twice as fast."""
 _CHECKPOINT_SECONDS = 5.0
 _ARCHITECTURE = ("layers", "activation", "zoom", "symmetric", "memory", "history", "averages", "filters",
-                 "filtered_steady", "recurrent_units", "privileged_critic")
+                 "filtered_steady", "filtered_response", "recurrent_units", "privileged_critic")
 """Settings of the network rather than of its training."""
 
 

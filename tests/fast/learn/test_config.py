@@ -158,6 +158,7 @@ def test_wrong_averages(averages: tuple[float, ...]) -> None:
     ({"filters": (0.0,)}, "filters must be numbers >= 1e-6 and <= 1e6, got \\[0.0\\]"),
     ({"filtered_steady": 1.0}, "filtered_steady 1.0 is what filters look for, of which there are none"),
     ({"filters": (1.0,), "filtered_steady": -1.0}, "filtered_steady must be finite and >= 0, got -1.0"),
+    ({"filtered_response": 1.0}, "filtered_response 1.0 is what filters look for, of which there are none"),
     ({"filters": 0.5}, "filters must be numbers >= 1e-6 and <= 1e6, got 0.5"),
     ({"filters": (1.0,), "memory": "recurrent", "symmetric": False}, "not beside memory 'recurrent'"),
     ({"gamma": "x"}, r"gamma must be in \(0, 1\], got 'x'"),
