@@ -56,13 +56,13 @@ class Filters(NamedTuple):
     """How much each block of `Layout.body` has of position, velocity and angular velocity."""
     steady: float = 0.0
     """Variance of the steady accelerations that are looked for, in units of the noise; 0: none are."""
-    response: float = 0.0
-    """Variance of the responses that are looked for, see `rans.fast.responses`, in units of the noise over
-    what the strongest thruster gives; 0: thrusters give what they are designed to."""
+    response: tuple[float, ...] = ()
+    """Variance of the responses that each looks for, see `rans.fast.responses`, in units of the noise over
+    what the strongest thruster gives; without: thrusters give what they are designed to."""
 
     @classmethod
     def of(cls, craft: Spacecraft, task: Task, period: float, drift: Sequence[float],
-           steady: float = 0.0, response: float = 0.0) -> Filters:
+           steady: float = 0.0, response: Sequence[float] = ()) -> Filters:
         """Of a spacecraft as designed; ConfigError where the task shows what no filter can follow."""
         force, torque = np.split(np.array(craft.wrench_map), [craft.dimension], axis=1)
         spins = slice(-torque.shape[1], None)  # in the plane about z alone
@@ -70,14 +70,15 @@ class Filters(NamedTuple):
         gains = period / craft.mass * force, period * np.linalg.solve(inertia, torque.T).T
         push, twist = (tuple(map(tuple, gain.tolist())) for gain in gains)
         return cls(tuple(drift), period, push, twist, tuple(shares(task, craft.dimension)), steady,
-                   response)
+                   tuple(response))
 
     def fits(self, layout: Layout, thrusters: int) -> bool:
         """Whether it has as many rows and numbers as that takes."""
         axes, spins = (block.width for block in layout.blocks[:2])
         sizes = (thrusters, axes), (thrusters, spins), (len(layout.blocks), 3)
-        told = bool(self.drift) and np.shape(self.drift) == (len(self.drift),)
-        numbers = all(isinstance(x, float) for x in (self.period, self.steady, self.response))
+        count = len(self.drift)
+        told = count > 0 and np.shape(self.drift) == (count,) and np.shape(self.response) in ((0,), (count,))
+        numbers = isinstance(self.period, float) and isinstance(self.steady, float)
         return told and numbers and tuple(map(np.shape, self[2:5])) == sizes
 
     @property
@@ -131,9 +132,9 @@ class Filters(NamedTuple):
 
     def _read(self, layout: Layout, read: Columns, memory: Columns) -> list[_Known]:
         """What each filter knows once a reading is taken into account."""
-        size = self._size(layout)
-        return [self._corrected(layout, read, self._unpacked(layout, memory[start:start + size]))
-                for start in range(0, len(memory), size)]
+        size, doubts = self._size(layout), self.response or (0.0,) * len(self.drift)
+        return [self._corrected(layout, read, self._unpacked(layout, memory[k * size:(k + 1) * size]), doubt)
+                for k, doubt in enumerate(doubts)]
 
     def _packed(self, known: _Known) -> list[Field]:
         answers = [x for answer in known.responses for x in answer.packed()]
@@ -153,8 +154,8 @@ class Filters(NamedTuple):
         none = (0.0,) * (len(self.push[0]) + len(self.twist[0]))
         return _Known(columns, none, (xx, xv, 0.0, vv, 0.0, 0.0), answers)
 
-    def _corrected(self, layout: Layout, read: Columns, expected: _Known) -> _Known:
-        """What was expected, moved towards what was read by Kalman's gains."""
+    def _corrected(self, layout: Layout, read: Columns, expected: _Known, doubt: float) -> _Known:
+        """What was expected, moved towards what was read by Kalman's gains; doubt is that of responses."""
         # Gains of poses, velocities and accelerations. A reading's noise is the unit: its variance is 1.
         xx, xv, xa, vv, va, aa = expected.covariance
         scale = 1.0 / ((xx + 1.0) * (vv + 1.0) - xv * xv)
@@ -191,7 +192,7 @@ class Filters(NamedTuple):
         first, fresh = xx == 0.0, (1.0, 0.0, 0.0, 1.0, 0.0, self.steady)
         columns, pushed, left = ([where(first, a, b) for a, b in zip(*pair, strict=True)] for pair in (
             (read, found), ((0.0,) * len(pushed), pushed), (fresh, left)))
-        answers = tuple(answer.learnt(error, (vv + 1.0) * unit**2).begun(first, self.response)
+        answers = tuple(answer.learnt(error, (vv + 1.0) * unit**2).begun(first, doubt)
                         for answer, error, unit in zip(expected.responses, (off_velocity, off_spin),
                                                        self._units, strict=False))
         return _Known(columns, pushed, cast(_Covariance, tuple(left)), answers)

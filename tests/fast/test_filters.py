@@ -38,7 +38,8 @@ def commands(craft: Spacecraft, often: float, seed: int = 1) -> Any:
         yield tuple((random.random((len(craft.thrusters), COUNT)) < often).astype(float))
 
 
-def bank(craft: Spacecraft, task: Task, *drift: float, steady: float = 0.0, response: float = 0.0) -> Filters:
+def bank(craft: Spacecraft, task: Task, *drift: float, steady: float = 0.0,
+         response: Sequence[float] = ()) -> Filters:
     return Filters.of(craft, task, TIMING.control_period, drift, steady, response)
 
 
@@ -49,8 +50,8 @@ def in_body(craft: Spacecraft, task: Task, columns: Sequence[Any]) -> list[np.nd
 
 @both_crafts
 @pytest.mark.parametrize("name", FOLLOWED)
-@pytest.mark.parametrize(("steady", "response"), [(0.0, 0.0), (25.0, 0.0), (25.0, 1.0)])
-def test_what_is_expected_is_what_is_seen_next(steady: float, response: float, name: str,
+@pytest.mark.parametrize(("steady", "response"), [(0.0, ()), (25.0, ()), (25.0, (0.1, 1.0))])
+def test_what_is_expected_is_what_is_seen_next(steady: float, response: tuple[float, ...], name: str,
                                                craft: Spacecraft) -> None:
     """In a perfect world, whose motion is the engine's; turning by up to 0.3 rad in a period."""
     task = TASKS[name]()
@@ -205,8 +206,8 @@ def test_a_rotation_stays_one(craft: Spacecraft) -> None:
     np.testing.assert_allclose(inner, one, rtol=0, atol=3e-6)  # some roundings of single precision
 
 
-@pytest.mark.parametrize("response", [0.0, 25.0])
-def test_no_reading_makes_it_lose_its_numbers(response: float) -> None:
+@pytest.mark.parametrize("response", [(), (1.0, 25.0)])
+def test_no_reading_makes_it_lose_its_numbers(response: tuple[float, ...]) -> None:
     """Not even of rotations that are none, as a broken sensor may give."""
     task, random = GoToPose(), np.random.default_rng(3)
     body, filters = layout(task, 3).body, bank(FLYER, task, 1e-3, 1.0, response=response)

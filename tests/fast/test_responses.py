@@ -54,7 +54,7 @@ def test_what_is_not_as_designed_is_found(conditions: Conditions, forces: tuple[
                                           torques: tuple[float, float], craft: Spacecraft) -> None:
     """After 10 s of exact readings, with one nozzle in fifty open."""
     task, own = TASKS["go-to-pose"](), draws(SEED, COUNT)
-    filters = Filters.of(craft, task, TIMING.control_period, (0.1,), 25.0, 25.0)
+    filters = Filters.of(craft, task, TIMING.control_period, (0.1,), 25.0, (25.0,))
     chosen, body = scenarios(task, craft, SEED, COUNT), layout(task, craft.dimension).body
     world = World(craft, task, TIMING, conditions=conditions)
     now, memory = world.begin(chosen.start, chosen.goal, 0, own), [np.zeros(COUNT)] * filters.width(body)

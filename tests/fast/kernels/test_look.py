@@ -84,7 +84,7 @@ def test_programs_filter_as_torch_does(dtype: torch.dtype, symmetric: bool, craf
     engine = Engine(craft, TASKS["go-to-pose"](), 64, seed=3, dtype=dtype)
     given = Architecture.of(engine, PPOSettings(n_envs=64, symmetric=symmetric, filters=(0.001, 1.0),
                                                 filtered_steady=25.0 * symmetric,
-                                                filtered_response=1.0 * symmetric))
+                                                filtered_response=(0.1, 1.0) * symmetric))
     tensors = {name: x.to(dtype) for name, x in given.initial(0, 0.5)[0].items()}
     ours, theirs = Network(given, tensors), Network(given, tensors)
     ours._look = programs = (ArrayLook if dtype == torch.float32 else HostLook)(
