@@ -31,6 +31,8 @@ _GPU = PPOSettings(n_envs=256, n_steps=32, batch_size=2048, layers=(128, 128))
 _GPU_SPACE = PPOSettings(n_envs=2048, n_steps=32, batch_size=16_384, layers=(256, 256))
 _BY_BODY = {(2, "cpu"): _CPU, (3, "cpu"): _CPU_SPACE, (2, "cuda"): _GPU, (3, "cuda"): _GPU_SPACE}
 
+_LONGER = 16
+"""Times as many steps on a GPU."""
 _MANY = {("multi-task", 2, "cuda"): replace(_GPU, n_envs=512, n_steps=64, batch_size=8192)}
 """Many tasks at once need more flight in an update than one."""
 
@@ -58,6 +60,8 @@ class Recipe:
     """Of the training, if not the timing's."""
     failures: Failures = field(default_factory=Failures)
     """On a GPU, where very many flights take no time."""
+    longer: int = _LONGER
+    """Times as long that ramps take on a GPU."""
 
 
 _PLANE = PPOSettings(n_envs=256, n_steps=64, batch_size=4096, gamma=0.99, max_learning_rate=3e-3, anneal=0.7)
@@ -73,9 +77,9 @@ _ADAPTIVE = replace(_SHARP, gamma=0.98, initial_duty=0.2, memory="history", hist
 """For a world that is not as designed, which only what has happened tells, and noise hides."""
 _INFORMED = replace(_ADAPTIVE, privileged_critic=True)
 """The critic is told what the policy has to find out, so that luck with the world is none of its merit."""
-_FILTERED = replace(_SOON, n_envs=512, n_steps=32, layers=(128, 64), memory="commands", history=1,
-                    filters=(0.003, 0.1), filtered_steady=25.0)
-"""Kalman filters and the last command tell as much of it in a quarter of the numbers (decision 024)."""
+_FILTERED: dict[str, Any] = {"memory": "commands", "history": 2, "averages": (), "filters": (0.003, 0.1),
+                             "filtered_steady": 25.0, "filtered_response": (2.0, 2.0)}
+"""Kalman filters and the last commands tell more of it in a quarter of the numbers (decision 024)."""
 _LOOSE = {"fine_weight": 1.0, "rest_position": 0.02, "rest_attitude": 0.02}
 """For goals that are held to centimetres, however the world is."""
 _WIDE = (128, 128)  # layers for space
@@ -87,7 +91,6 @@ _LARGE: dict[str, Any] = {"n_envs": 4096, "n_steps": 32, "batch_size": 32768, "l
 _ADAPTIVE_LARGE = {"n_envs": 16384, "n_steps": 16, "n_epochs": 2, "matmul": "bf16"}
 _SOON_LARGE = {**_ADAPTIVE_LARGE, "layers": (512, 256)}
 _WIDEST = {**_ADAPTIVE_LARGE, "layers": (512, 512)}
-_LONGER = 16  # on a GPU
 _PLATFORM, _SHARED, _FLYER, _FLYER_SHARED = (
     "floating-platform", "floating-platform-shared", "free-flyer", "free-flyer-shared")
 _VELOCITY = {"fine_scale": 0.01, "thrust_weight": 0.05}
@@ -102,10 +105,14 @@ _STEADY: dict[str, dict[str, Any]] = {
 _STEADY_STEPS = {"go-to-position": 350_000_000, "track-velocity": 1_600_000_000,
                  "track-velocity-heading": 600_000_000}
 """In the plane, on a GPU."""
-_STEADY_IN_SPACE = {**_STEADY, "track-velocity-heading": _TRACKED}
+_TRACKED_STEPS = {"track-velocity": 1_800_000_000, "track-velocity-heading": 2_000_000_000}
+"""In space, on a GPU."""
 _PRICED_LATE = Ramp("thrust_weight", 0.02, 5_000_000, 625_000, "geometric")
 _STAYED = Ramp("verge_weight", 0.5, 31_250_000, 12_500_000, "geometric")
 """Who has learnt to arrive is asked to stay."""
+_STAYED_SOON = tuple(replace(ramp, duration=ramp.duration // 2, begin=ramp.begin // 2)
+                     for ramp in (_PRICED_LATE, _STAYED))
+"""Both in half the time: on a CPU, where filters make trainings short."""
 _STAYED_LATER = Ramp("verge_weight", 0.5, 37_500_000, 25_000_000, "geometric")
 """In space that is learnt later."""
 _ARRIVED = {"arrived_weight": 6.0, "arrived_fine_weight": 2.0, "arrived_thrust_weight": 0.5,
@@ -154,9 +161,12 @@ RECIPES: dict[str, Recipe] = {
         large=_WIDEST, large_timesteps=4_000_000_000, episode_steps=100),
     "go-to-pose-2d-robust": Recipe(
         "go-to-pose", _PLATFORM,
-        {**_LOOSE, **_ARRIVED, "verge_weight": 40.0, "thrust_weight": 0.25},
-        replace(_FILTERED, reward_scale=0.05), 60_000_000, (_PRICED_LATE, _STAYED),
-        partial(robust_poses, valves=6.0), {**_ADAPTIVE_LARGE, "privileged_critic": True}, 1_800_000_000),
+        {**_LOOSE, **_ARRIVED, "verge_weight": 40.0, "thrust_weight": 0.35},
+        replace(_SOON, n_envs=512, n_steps=32, layers=(128, 64), reward_scale=0.05,
+                **_FILTERED | {"filters": (0.01, 0.3)}),
+        30_000_000, _STAYED_SOON, partial(robust_poses, valves=6.0),
+        {**_ADAPTIVE_LARGE, **_FILTERED, "history": 1, "filtered_response": (0.05, 3.0),
+         "privileged_critic": True}, 1_800_000_000, longer=2 * _LONGER),
     **{f"{task}-2d-robust": Recipe(
         task, _PLATFORM, settings, replace(_INFORMED, symmetric=TASKS[task].symmetric), 10_000_000,
         (_PRICED_LATE,), robust, _ADAPTIVE_LARGE, _STEADY_STEPS[task])
@@ -202,11 +212,14 @@ RECIPES: dict[str, Recipe] = {
         replace(_INFORMED, layers=_WIDE, filters=(1e-3, 0.03, 1.0)), 60_000_000,
         (_PRICED_LATE, _STAYED_LATER), partial(robust_poses, valves=6.0, noise=9.0), _SOON_LARGE,
         4_400_000_000, _COARSE),
+    "go-to-position-3d-robust": Recipe(
+        "go-to-position", _FLYER, _STEADY["go-to-position"],
+        replace(_INFORMED, symmetric=TASKS["go-to-position"].symmetric, layers=_WIDE), 10_000_000,
+        (_PRICED_LATE,), robust, _ADAPTIVE_LARGE, 400_000_000, _COARSE),
     **{f"{task}-3d-robust": Recipe(
-        task, _FLYER, settings, replace(_INFORMED, symmetric=TASKS[task].symmetric, layers=_WIDE), 10_000_000,
-        (_PRICED_LATE,), robust, *((_ADAPTIVE_LARGE, 400_000_000) if task == "go-to-position" else
-                                   (_SOON_LARGE, 2_500_000_000)), _COARSE)
-        for task, settings in _STEADY_IN_SPACE.items()},
+        task, _FLYER, _TRACKED,
+        replace(_INFORMED, symmetric=TASKS[task].symmetric, layers=_WIDE, **_FILTERED), 10_000_000,
+        (_PRICED_LATE,), robust, _SOON_LARGE, steps, _COARSE) for task, steps in _TRACKED_STEPS.items()},
     "go-to-pose-3d-faults": Recipe(
         "go-to-pose", _FLYER, {**_LOOSE, "thrust_weight": 0.06}, replace(_INFORMED, layers=_WIDE), 12_000_000,
         (_PRICED_LATE,), failing_in_other_bodies,
@@ -238,7 +251,7 @@ def recipe(name: str, device: str) -> TrainConfig:
     """
     given = RECIPES[name]
     large = not device.startswith("cpu")
-    times = _LONGER if large else 1
+    times = given.longer if large else 1
     steps = given.total_timesteps * times
     ramps = tuple(replace(ramp, duration=ramp.duration * times, begin=ramp.begin * times)
                   for ramp in given.curriculum)
