@@ -22,9 +22,9 @@ from rans.terminal import Terminal, table
 from validation.robustness import rows
 
 DRIFTS = 0.001, 0.01, 0.1, 1.0
-STEADY = 0.0, 25.0
-_OPEN = 0.003
-"""Share of the thrusters that are open in a period, each by itself."""
+LOOKED_FOR: dict[str, tuple[float, tuple[float, ...]]] = {
+    "": (0.0, ()), ", steady too": (25.0, ()), ", responses too": (25.0, (2.0,) * len(DRIFTS))}
+"""Variances of steady accelerations and of responses that a bank looks for."""
 _SETTLED, _STEPS = 30, 60
 """Periods after which errors count, and all of them."""
 _SEED = 5
@@ -37,42 +37,46 @@ class Estimates:
     spacecraft: str = "free-flyer"
     """Name or file."""
     episodes: int = 512
+    open: float = 0.003
+    """Share of the thrusters that are open in a period, each by itself."""
 
     def run(self) -> int:
         """Print them."""
         for conditions in ("noise", "lab"):
             found = [(who, *(f"{x:.3f}" for x in errors)) for who, errors in self.errors(conditions).items()]
-            heads = "what", "velocity, m/s", "place, m", "rotation"
+            heads = "what", "velocity, m/s", "spin, rad/s", "place, m", "rotation"
             Terminal(room=100).print(table(f"{self.spacecraft} in {conditions}", heads, found))
         return 0
 
     def errors(self, conditions: str) -> dict[str, list[float]]:
-        """Root mean squares over flights, periods and columns: of velocity, place and the rotation to go."""
+        """Root mean squares over flights, periods and columns: velocity, spin, place and the turn to go."""
         craft, task, timing, count = load_spacecraft(self.spacecraft), GoToPose(), Timing(), self.episodes
         seen, own = layout(task, craft.dimension), draws(_SEED, count)
-        banks = {steady: Filters.of(craft, task, timing.control_period, DRIFTS, steady) for steady in STEADY}
+        banks = {name: Filters.of(craft, task, timing.control_period, DRIFTS, *looked_for)
+                 for name, looked_for in LOOKED_FOR.items()}
         chosen, random = scenarios(task, craft, _SEED, count), np.random.default_rng(_SEED)
         world = World(craft, task, timing, conditions=rows()[conditions])
         now = world.begin(chosen.start, chosen.goal, 0, own)
-        memory = {steady: [np.zeros(count)] * bank.width(seen.body) for steady, bank in banks.items()}
+        memory = {name: [np.zeros(count)] * bank.width(seen.body) for name, bank in banks.items()}
         off, shown = [], dict[str, list[np.ndarray]]()
         for _ in range(_STEPS):
             read = seen.in_body(world.observe(now, own))
             shown = {"reading": read} | {
-                f"drift {drift:g}{', steady too' if steady else ''}": told for steady, bank in banks.items()
-                for drift, told in zip(DRIFTS, bank.estimates(seen.body, read, memory[steady]), strict=True)}
+                f"drift {drift:g}{name}": told for name, bank in banks.items()
+                for drift, told in zip(DRIFTS, bank.estimates(seen.body, read, memory[name]), strict=True)}
             columns = seen.in_body(observation(task, now.state, now.goal))
             true = np.array([x * np.ones(count) for x in columns])
             off.append([np.array(told[:len(true)]) - true for told in shown.values()])
-            command = tuple((random.random((len(craft.thrusters), count)) < _OPEN).astype(float))
-            memory = {steady: bank.expected(seen.body, read, memory[steady], command)
-                      for steady, bank in banks.items()}
+            command = tuple((random.random((len(craft.thrusters), count)) < self.open).astype(float))
+            memory = {name: bank.expected(seen.body, read, memory[name], command)
+                      for name, bank in banks.items()}
             now = step(world, now, command, own).episode
         # Columns: velocity, angular velocity, the task's flag, place, rotation.
         axes = craft.dimension
         place = axes + len(now.state.spin()) + 1
         turn = place + axes
-        parts = slice(axes), slice(place, turn), slice(turn, turn + 2 * (2 * axes - 3))
+        size = 2 * (2 * axes - 3)
+        parts = slice(axes), slice(axes, place - 1), slice(place, turn), slice(turn, turn + size)
         mean = np.square(off[_SETTLED:]).mean(axis=(0, 3))
         return {who: [float(np.sqrt(mean[i, part].mean())) for part in parts] for i, who in enumerate(shown)}
 

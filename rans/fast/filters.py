@@ -70,7 +70,7 @@ class Filters(NamedTuple):
         gains = period / craft.mass * force, period * np.linalg.solve(inertia, torque.T).T
         push, twist = (tuple(map(tuple, gain.tolist())) for gain in gains)
         return cls(tuple(drift), period, push, twist, tuple(shares(task, craft.dimension)), steady,
-                   tuple(response))
+                   tuple(map(float, response)))
 
     def fits(self, layout: Layout, thrusters: int) -> bool:
         """Whether it has as many rows and numbers as that takes."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from validation.estimates import Estimates
@@ -15,7 +17,11 @@ def test_filters_know_more_than_readings(craft: str, capsys: pytest.CaptureFixtu
     assert noise["reading"][0] == pytest.approx(0.03 / 3**0.5, rel=0.15)
     assert 5.0 * noise["drift 0.001"][0] < noise["reading"][0]
     # A filter that believes in the designed craft is led astray, one that looks for what pushes is not.
-    assert lab["drift 0.001"][1] > 5.0 * lab["reading"][1]
-    assert all(told < read for told, read in zip(lab["drift 0.1, steady too"], lab["reading"], strict=True))
+    assert lab["drift 0.001"][2] > 5.0 * lab["reading"][2]
+    for part in (0, 2, 3):
+        assert lab["drift 0.1, steady too"][part] < lab["reading"][part]
+    # Where nozzles open oftener, how they answer is worth knowing, of spin most: a pulse gives much of it.
+    often = replace(asked, open=0.03).errors("lab")
+    assert often["drift 0.1, responses too"][1] < 0.6 * often["drift 0.1, steady too"][1]
     assert asked.run() == 0
     assert f"{craft} in lab" in capsys.readouterr().out
