@@ -31,8 +31,7 @@ _GPU = PPOSettings(n_envs=256, n_steps=32, batch_size=2048, layers=(128, 128))
 _GPU_SPACE = PPOSettings(n_envs=2048, n_steps=32, batch_size=16_384, layers=(256, 256))
 _BY_BODY = {(2, "cpu"): _CPU, (3, "cpu"): _CPU_SPACE, (2, "cuda"): _GPU, (3, "cuda"): _GPU_SPACE}
 
-_LONGER = 16
-"""Times as many steps on a GPU."""
+_LONGER = 16  # on a GPU
 _MANY = {("multi-task", 2, "cuda"): replace(_GPU, n_envs=512, n_steps=64, batch_size=8192)}
 """Many tasks at once need more flight in an update than one."""
 
@@ -60,8 +59,6 @@ class Recipe:
     """Of the training, if not the timing's."""
     failures: Failures = field(default_factory=Failures)
     """On a GPU, where very many flights take no time."""
-    longer: int = _LONGER
-    """Times as long that ramps take on a GPU."""
 
 
 _PLANE = PPOSettings(n_envs=256, n_steps=64, batch_size=4096, gamma=0.99, max_learning_rate=3e-3, anneal=0.7)
@@ -110,9 +107,6 @@ _TRACKED_STEPS = {"track-velocity": 1_800_000_000, "track-velocity-heading": 2_0
 _PRICED_LATE = Ramp("thrust_weight", 0.02, 5_000_000, 625_000, "geometric")
 _STAYED = Ramp("verge_weight", 0.5, 31_250_000, 12_500_000, "geometric")
 """Who has learnt to arrive is asked to stay."""
-_STAYED_SOON = tuple(replace(ramp, duration=ramp.duration // 2, begin=ramp.begin // 2)
-                     for ramp in (_PRICED_LATE, _STAYED))
-"""Both in half the time: on a CPU, where filters make trainings short."""
 _STAYED_LATER = Ramp("verge_weight", 0.5, 37_500_000, 25_000_000, "geometric")
 """In space that is learnt later."""
 _ARRIVED = {"arrived_weight": 6.0, "arrived_fine_weight": 2.0, "arrived_thrust_weight": 0.5,
@@ -164,9 +158,9 @@ RECIPES: dict[str, Recipe] = {
         {**_LOOSE, **_ARRIVED, "verge_weight": 40.0, "thrust_weight": 0.35},
         replace(_SOON, n_envs=512, n_steps=32, layers=(128, 64), reward_scale=0.05,
                 **_FILTERED | {"filters": (0.01, 0.3)}),
-        30_000_000, _STAYED_SOON, partial(robust_poses, valves=6.0),
+        60_000_000, (_PRICED_LATE, _STAYED), partial(robust_poses, valves=6.0),
         {**_ADAPTIVE_LARGE, **_FILTERED, "history": 1, "filtered_response": (0.05, 3.0),
-         "privileged_critic": True}, 1_800_000_000, longer=2 * _LONGER),
+         "privileged_critic": True}, 1_800_000_000),
     **{f"{task}-2d-robust": Recipe(
         task, _PLATFORM, settings, replace(_INFORMED, symmetric=TASKS[task].symmetric), 10_000_000,
         (_PRICED_LATE,), robust, _ADAPTIVE_LARGE, _STEADY_STEPS[task])
@@ -251,7 +245,7 @@ def recipe(name: str, device: str) -> TrainConfig:
     """
     given = RECIPES[name]
     large = not device.startswith("cpu")
-    times = given.longer if large else 1
+    times = _LONGER if large else 1
     steps = given.total_timesteps * times
     ramps = tuple(replace(ramp, duration=ramp.duration * times, begin=ramp.begin * times)
                   for ramp in given.curriculum)
