@@ -6,11 +6,12 @@ from dataclasses import replace
 
 import pytest
 
+from validation import estimates
 from validation.estimates import Estimates
 
 
 @pytest.mark.parametrize("craft", ["floating-platform", "free-flyer"])
-def test_filters_know_more_than_readings(craft: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_filters_know_more_than_readings(craft: str) -> None:
     """Noise of 0 to 0.03 m/s, drawn evenly: 0.03 / sqrt(3) in the mean. Of 64 flights a tenth is chance."""
     asked = Estimates(craft, 64)
     noise, lab = asked.errors("noise"), asked.errors("lab")
@@ -23,5 +24,13 @@ def test_filters_know_more_than_readings(craft: str, capsys: pytest.CaptureFixtu
     # Where nozzles open oftener, how they answer is worth knowing, of spin most: a pulse gives much of it.
     often = replace(asked, open=0.03).errors("lab")
     assert often["drift 0.1, responses too"][1] < 0.6 * often["drift 0.1, steady too"][1]
-    assert asked.run() == 0
-    assert f"{craft} in lab" in capsys.readouterr().out
+
+
+def test_it_prints_a_table_for_each_world(monkeypatch: pytest.MonkeyPatch,
+                                          capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr(estimates, "_STEPS", 2)
+    monkeypatch.setattr(estimates, "_SETTLED", 0)
+    assert Estimates("free-flyer", 4).run() == 0
+    printed = capsys.readouterr().out
+    for world in ("noise", "lab"):
+        assert f"free-flyer in {world}" in printed
