@@ -102,8 +102,8 @@ class Filters(NamedTuple):
         return len(self.drift) * self._size(layout)
 
     def _size(self, layout: Layout) -> int:
-        answers = sum(Response.width(len(gains[0])) for gains in (self.push, self.twist) if self.response)
-        return self._known(layout) + answers
+        responses = sum(Response.width(len(gains[0])) for gains in (self.push, self.twist) if self.response)
+        return self._known(layout) + responses
 
     def _known(self, layout: Layout) -> int:
         return layout.width + self.axes + (6 if self.steady else 3)
@@ -122,7 +122,7 @@ class Filters(NamedTuple):
         units = [self.period / unit for unit, gains in zip(self._units, (self.push, self.twist), strict=True)
                  for _ in gains[0]]
         return [[*one.columns, *(a * unit for a, unit in zip(one.steady, units, strict=True) if self.steady),
-                 *(x for answer in one.responses for x in (answer.more, answer.late))]
+                 *(x for response in one.responses for x in (response.more, response.late))]
                 for one in self._read(layout, read, memory)]
 
     def expected(self, layout: Layout, read: Columns, memory: Columns, command: Columns) -> list[Field]:
@@ -132,30 +132,30 @@ class Filters(NamedTuple):
 
     def _read(self, layout: Layout, read: Columns, memory: Columns) -> list[_Known]:
         """What each filter knows once a reading is taken into account."""
-        size, doubts = self._size(layout), self.response or (0.0,) * len(self.drift)
-        return [self._corrected(layout, read, self._unpacked(layout, memory[k * size:(k + 1) * size]), doubt)
-                for k, doubt in enumerate(doubts)]
+        size, spreads = self._size(layout), self.response or (0.0,) * len(self.drift)
+        return [self._corrected(layout, read, self._unpacked(layout, memory[k * size:(k + 1) * size]), spread)
+                for k, spread in enumerate(spreads)]
 
     def _packed(self, known: _Known) -> list[Field]:
-        answers = [x for answer in known.responses for x in answer.packed()]
+        responses = [x for response in known.responses for x in response.packed()]
         if self.steady:
-            return [*known.columns, *known.steady, *known.covariance, *answers]
+            return [*known.columns, *known.steady, *known.covariance, *responses]
         xx, xv, _, vv, *_ = known.covariance
-        return [*known.columns, xx, xv, vv, *answers]
+        return [*known.columns, xx, xv, vv, *responses]
 
     def _unpacked(self, layout: Layout, memory: Columns) -> _Known:
         size, force = self._known(layout), Response.width(len(self.push[0]))
-        columns, rest, answers = memory[:layout.width], memory[layout.width:size], memory[size:]
-        answers = tuple(map(Response.unpacked, (answers[:force], answers[force:]) if answers else ()))
+        columns, rest, responses = memory[:layout.width], memory[layout.width:size], memory[size:]
+        responses = tuple(map(Response.unpacked, (responses[:force], responses[force:]) if responses else ()))
         if self.steady:
             xx, xv, xa, vv, va, aa = rest[self.axes:]
-            return _Known(columns, rest[:self.axes], (xx, xv, xa, vv, va, aa), answers)
+            return _Known(columns, rest[:self.axes], (xx, xv, xa, vv, va, aa), responses)
         xx, xv, vv = rest
         none = (0.0,) * (len(self.push[0]) + len(self.twist[0]))
-        return _Known(columns, none, (xx, xv, 0.0, vv, 0.0, 0.0), answers)
+        return _Known(columns, none, (xx, xv, 0.0, vv, 0.0, 0.0), responses)
 
-    def _corrected(self, layout: Layout, read: Columns, expected: _Known, doubt: float) -> _Known:
-        """What was expected, moved towards what was read by Kalman's gains; doubt is that of responses."""
+    def _corrected(self, layout: Layout, read: Columns, expected: _Known, spread: float) -> _Known:
+        """What was expected, moved towards what was read by Kalman's gains; of new responses the variance."""
         # Gains of poses, velocities and accelerations. A reading's noise is the unit: its variance is 1.
         xx, xv, xa, vv, va, aa = expected.covariance
         scale = 1.0 / ((xx + 1.0) * (vv + 1.0) - xv * xv)
@@ -192,10 +192,14 @@ class Filters(NamedTuple):
         first, fresh = xx == 0.0, (1.0, 0.0, 0.0, 1.0, 0.0, self.steady)
         columns, pushed, left = ([where(first, a, b) for a, b in zip(*pair, strict=True)] for pair in (
             (read, found), ((0.0,) * len(pushed), pushed), (fresh, left)))
-        answers = tuple(answer.learnt(error, (vv + 1.0) * unit**2).begun(first, doubt)
-                        for answer, error, unit in zip(expected.responses, (off_velocity, off_spin),
-                                                       self._units, strict=False))
-        return _Known(columns, pushed, cast(_Covariance, tuple(left)), answers)
+        responses = self._learnt(expected, (off_velocity, off_spin), spread)
+        return _Known(columns, pushed, cast(_Covariance, tuple(left)), responses)
+
+    def _learnt(self, expected: _Known, off: tuple[Columns, Columns], spread: float) -> tuple[Response, ...]:
+        """Responses, if they are looked for, once velocity and spin are off by so much from the expected."""
+        xx, _, _, vv, *_ = expected.covariance
+        return tuple(response.learnt(error, (vv + 1.0) * unit**2).begun(xx == 0.0, spread)
+                     for response, error, unit in zip(expected.responses, off, self._units, strict=False))
 
     @staticmethod
     def _off(block: Block, now: Columns, then: Columns, half: Columns) -> Columns:
@@ -210,8 +214,9 @@ class Filters(NamedTuple):
         Forces are constant in B; of its turning within the period the first order is kept.
         """
         axes, period = len(self.push[0]), self.period
-        told, answers = [_dot(command, gains) for gains in (self.push, self.twist)], known.responses
-        given = [answer.given(mine) for answer, mine in zip(answers, told, strict=True)] if answers else told
+        told, responses = [_dot(command, gains) for gains in (self.push, self.twist)], known.responses
+        given = told if not responses else [
+            response.given(mine) for response, mine in zip(responses, told, strict=True)]
         push, twist = (scaled_sum(1.0, mine, period, pushed) for mine, pushed in zip(
             given, (known.steady[:axes], known.steady[axes:]), strict=True))
         blocks = list(layout.split(known.columns))
@@ -228,8 +233,8 @@ class Filters(NamedTuple):
                 mine = scaled_sum(1.0, mine, share[k], (way, gained, twist)[k])
             found += seen_turned(block, mine, half)
         steady = *turned(known.steady[:axes], half), *known.steady[axes:]
-        after = tuple(answer.after(mine, turn) for answer, mine, turn in zip(
-            answers, told, (half, ()), strict=False))  # torques are constant in B
+        after = tuple(response.after(mine, turn) for response, mine, turn in zip(
+            responses, told, (half, ()), strict=False))  # torques are constant in B
         aged = _aged(known.covariance, period, drift, drift if self.steady else 0.0)
         return _Known(found, steady, aged, after)
 

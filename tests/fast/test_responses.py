@@ -39,7 +39,7 @@ def test_it_is_the_least_squares_of_all_there_was() -> None:
     np.testing.assert_allclose([found.more, found.late], best, rtol=1e-9)
     xx, xy, yy = found.spread
     np.testing.assert_allclose([[xx, xy], [xy, yy]], np.linalg.inv(told.T @ told), rtol=1e-9)
-    assert np.abs(best - (0.4, -0.2)).max() < 0.2
+    assert np.abs(best - (0.4, -0.2)).max() < 0.2  # twice the deviation that 36 such readings leave
 
 
 @both_crafts

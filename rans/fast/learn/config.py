@@ -128,6 +128,10 @@ class PPOSettings:
             _require(self, f"one of {', '.join(known)}", lambda x, known=known: x in known, name)
         _require(self, f"1 to {MOST_LAYERS} numbers >= 1 and <= {MOST_UNITS:,}",
                  lambda x: 1 <= len(x) <= MOST_LAYERS and 1 <= min(x) <= max(x) <= MOST_UNITS, "layers")
+        self._check_memory()
+
+    def _check_memory(self) -> None:
+        """Whether what is remembered and filtered goes together."""
         recalls = self.memory in ("history", "commands")
         if self.averages and not recalls:
             raise ConfigError("averages are of a history, so that memory must be 'history' or 'commands', "
