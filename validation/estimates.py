@@ -22,9 +22,9 @@ from rans.terminal import Terminal, table
 from validation.robustness import rows
 
 DRIFTS = 0.001, 0.01, 0.1, 1.0
-LOOKED_FOR: dict[str, tuple[float, tuple[float, ...]]] = {
-    "": (0.0, ()), ", steady too": (25.0, ()), ", responses too": (25.0, (2.0,) * len(DRIFTS))}
-"""Variances of steady accelerations and of responses that a bank looks for."""
+LOOKED_FOR: dict[str, tuple[float, float]] = {
+    "": (0.0, 0.0), ", steady too": (25.0, 0.0), ", responses too": (25.0, 2.0)}
+"""Variances of steady accelerations and of responses that filters look for."""
 _SETTLED, _STEPS = 30, 60
 """Periods after which errors count, and all of them."""
 _SEED = 5
@@ -52,24 +52,24 @@ class Estimates:
         """Root mean squares over flights, periods and columns: velocity, spin, place and the turn to go."""
         craft, task, timing, count = load_spacecraft(self.spacecraft), GoToPose(), Timing(), self.episodes
         seen, own = layout(task, craft.dimension), draws(_SEED, count)
-        banks = {name: Filters.of(craft, task, timing.control_period, DRIFTS, *looked_for)
-                 for name, looked_for in LOOKED_FOR.items()}
+        filters = {f"drift {one.drift:g}{name}": one for name, looked_for in LOOKED_FOR.items()
+                   for one in Filters.of(craft, task, timing.control_period, DRIFTS,
+                                         *([x] * len(DRIFTS) for x in looked_for)).each}
         chosen, random = scenarios(task, craft, _SEED, count), np.random.default_rng(_SEED)
         world = World(craft, task, timing, conditions=rows()[conditions])
         now = world.begin(chosen.start, chosen.goal, 0, own)
-        memory = {name: [np.zeros(count)] * bank.width(seen.body) for name, bank in banks.items()}
+        memory = {name: [np.zeros(count)] * one.width(seen.body) for name, one in filters.items()}
         off, shown = [], dict[str, list[np.ndarray]]()
         for _ in range(_STEPS):
             read = seen.in_body(world.observe(now, own))
             shown = {"reading": read} | {
-                f"drift {drift:g}{name}": told for name, bank in banks.items()
-                for drift, told in zip(DRIFTS, bank.estimates(seen.body, read, memory[name]), strict=True)}
+                name: one.estimate(seen.body, read, memory[name]) for name, one in filters.items()}
             columns = seen.in_body(observation(task, now.state, now.goal))
             true = np.array([x * np.ones(count) for x in columns])
             off.append([np.array(told[:len(true)]) - true for told in shown.values()])
             command = tuple((random.random((len(craft.thrusters), count)) < self.open).astype(float))
-            memory = {name: bank.expected(seen.body, read, memory[name], command)
-                      for name, bank in banks.items()}
+            memory = {name: one.expected(seen.body, read, memory[name], command)
+                      for name, one in filters.items()}
             now = step(world, now, command, own).episode
         # Columns: velocity, angular velocity, the task's flag, place, rotation.
         axes = craft.dimension

@@ -26,7 +26,7 @@ _PRINTED: dict[str, str] = {
     "GatherElements": "np.take_along_axis({0}, {1}, axis={axis})", "Cast": "({0}).astype(np.float32)",
 }
 """What each operation is in NumPy."""
-_PARTS = {"observation": "o", "body": "b", "turn": "t", "memory": "m", "memory_1": "f", "command": "c"}
+_PARTS = {"observation": "o", "body": "b", "memory": "m", "memory_1": "f", "command": "c"}
 """Short names for columns by themselves."""
 _ROOM, _LINE = 100, 110
 """Longest operation that is written within another, and longest line; characters."""

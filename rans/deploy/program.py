@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import islice
 
 import numpy as np
 import torch
@@ -178,8 +179,7 @@ class _View:
         """Columns (N, k), or several rows of them (N, rows, k), as the view shows them."""
         count, size, _ = self.views.turn.shape
         table = np.concatenate((self.views.turn.reshape(count, -1), self.views.hand[:, None]), axis=1)
-        told = program.apply("Gather", program.constant(table, "turns"), self.which, axis=0,
-                             name="" if rows else "turn")
+        told = program.apply("Gather", program.constant(table, "turns"), self.which, axis=0)
         if rows:
             told = _shaped(program, told, 1, size * size + 1)
         turn, hand = _symbols("turn", size * size), Symbol.input("hand")
@@ -242,15 +242,15 @@ def _filtered(program: Program, network: Network, view: _View | None, body: Sequ
     given = network.architecture
     read, memory = _symbols("read", given.seen), _symbols("filter", given.filtering)
     known = dict(zip((*read, *memory), (*body, *filters), strict=True))
-    _, *blocks = given.filtered((*read, *memory))
-    found = program.joined(*program.lowered([x for _, block in blocks for x in block], known))
-    rows = _shaped(program, found, len(blocks), given.seen + given.steady)
-    rows = rows if view is None else view.columns(program, blocks[0][0], rows, rows=True)
-    columns, steady = program.split(rows, (given.seen, given.steady))
-    if steady:
-        steady = program.apply("Clip", steady, program.constant(-given.clip), program.constant(given.clip))
-    shown = program.joined(_looks(program, network, columns), steady)
-    return _shaped(program, shown, given.inputs - given.rows - given.seen * (2 if given.zoom else 1))
+    (_, *blocks), shown = given.filtered((*read, *memory)), []
+    found = iter(program.lowered([x for _, block in blocks for x in block], known))
+    for (layout, block), told in zip(blocks, given.told[1:], strict=True):
+        rows = program.joined(*islice(found, len(block)))
+        rows = rows if view is None else view.columns(program, layout, rows)
+        columns, beside = program.split(rows, (given.seen, told))
+        bounds = [program.constant(x) for x in (-given.clip, given.clip)]
+        shown += [_looks(program, network, columns), beside and program.apply("Clip", beside, *bounds)]
+    return program.joined(*shown)
 
 
 def _expected(program: Program, given: Architecture, body: Sequence[str],

@@ -102,15 +102,15 @@ class CpuNetwork:
         given, count = self._given, len(seen[0])
         rows = np.zeros((given.inputs, -(-count // WIDTH) * WIDTH), np.float32)
         left, read = iter(rows[:, :count]), iter(seen)
-        # Columns as they are read, then as each filter has them, twice each; what filters take for steady.
-        for steady in (0, *(given.steady,) * (given.looks - 1)):
+        # Columns as they are read, then as each filter has them, twice each; what filters tell besides.
+        for told in given.told:
             columns = list(islice(read, given.seen))
             for i, column in enumerate(columns):
                 self._normalise(column, i, next(left))
             for i, column in enumerate(columns if given.zoom else ()):
                 row = np.multiply(column, self._scale[i] * np.float32(given.zoom), next(left))
                 np.tanh(row, row)
-            for column in islice(read, steady):
+            for column in islice(read, told):
                 np.clip(column, -given.clip, given.clip, next(left))
         # Columns and commands of before.
         for then in recalled:

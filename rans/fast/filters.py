@@ -1,76 +1,57 @@
-"""Kalman filters within a policy: what it expects to see next, from what it saw and told the thrusters.
+"""A bank of Kalman filters, which trust the designed craft more or less, as agents keep it.
 
-Noise in readings hides what a craft is about to do; its mass, its thrust and the commands tell most of it.
-Each filter of a bank trusts them more or less (Kalman, "A new approach to linear filtering and prediction
-problems", 1960; a bank: Magill, "Optimal adaptive estimation of sampled stochastic processes", 1965). They
-work on the columns of what is observed, in B, so that any task's may be filtered (decision 024).
+After Magill, "Optimal adaptive estimation of sampled stochastic processes", 1965; which to believe is left to
+the network (decision 024).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple, cast
+from itertools import zip_longest
+from typing import NamedTuple
 
 import numpy as np
 
-from rans.fast.responses import Response
-from rans.fast.shares import Share, changing, first_of, shares
-from rans.fast.turning import cross, scaled_sum, seen_turned, tilt_between, turned
-from rans.model.fields import Field, where
+from rans.fast.filter import Filter
+from rans.fast.shares import Share, shares
 from rans.model.spacecraft import Spacecraft
 from rans.tasks.base import Task
-from rans.tasks.sight import Block, Columns, Layout, Scalar, Spin, Turn, VectorInW
-
-_Covariance = tuple[Field, Field, Field, Field, Field, Field]
-"""Of a pose, its velocity and a steady acceleration, by rows without what symmetry tells."""
-
-
-class _Known(NamedTuple):
-    """What one filter knows of N spacecraft."""
-
-    columns: Columns
-    """Those of a reading."""
-    steady: Columns
-    """Accelerations in B that no command explains, m/s^2 and rad/s^2."""
-    covariance: _Covariance
-    responses: tuple[Response, ...] = ()
-    """Of forces and of torques, if they are looked for."""
+from rans.tasks.sight import Layout
 
 
 class Filters(NamedTuple):
-    """A bank of filters of one spacecraft and task; readings of poses and velocities are of equal noise.
-
-    What each remembers, (N, m), is what it knows to expect next. Zeros know nothing.
-    """
+    """Of one spacecraft and task; what they have in common, and the variances of each, see `Filter`."""
 
     drift: tuple[float, ...]
-    """Variance by which velocities, and steady accelerations, wander in a control period, in units of the
-    readings' noise, of each."""
     period: float
     """s."""
     push: tuple[tuple[float, ...], ...]
-    """Velocity in B that each thruster gives in a period, m/s."""
     twist: tuple[tuple[float, ...], ...]
-    """Angular velocity in B that it gives, rad/s."""
     share: tuple[Share, ...]
-    """How much each block of `Layout.body` has of position, velocity and angular velocity."""
-    steady: float = 0.0
-    """Variance of the steady accelerations that are looked for, in units of the noise; 0: none are."""
+    steady: tuple[float, ...] | float = ()
+    """Without: 0 of each. Older agents have one for all."""
     response: tuple[float, ...] = ()
-    """Variance of the responses that each looks for, see `rans.fast.responses`, in units of the noise over
-    what the strongest thruster gives; without: thrusters give what they are designed to."""
+    """Without: 0 of each."""
 
     @classmethod
     def of(cls, craft: Spacecraft, task: Task, period: float, drift: Sequence[float],
-           steady: float = 0.0, response: Sequence[float] = ()) -> Filters:
+           steady: Sequence[float] = (), response: Sequence[float] = ()) -> Filters:
         """Of a spacecraft as designed; ConfigError where the task shows what no filter can follow."""
         force, torque = np.split(np.array(craft.wrench_map), [craft.dimension], axis=1)
         spins = slice(-torque.shape[1], None)  # in the plane about z alone
         inertia = np.array(craft.inertia)[spins, spins]
         gains = period / craft.mass * force, period * np.linalg.solve(inertia, torque.T).T
         push, twist = (tuple(map(tuple, gain.tolist())) for gain in gains)
-        return cls(tuple(drift), period, push, twist, tuple(shares(task, craft.dimension)), steady,
-                   tuple(map(float, response)))
+        drift, steady, response = (tuple(map(float, x)) for x in (drift, steady, response))
+        return cls(drift, period, push, twist, tuple(shares(task, craft.dimension)), steady, response)
+
+    @property
+    def each(self) -> tuple[Filter, ...]:
+        """The filters."""
+        steady = self.steady if isinstance(self.steady, tuple) else (self.steady,) * len(self.drift)
+        return tuple(
+            Filter(drift, found, answer, self.period, self.push, self.twist, self.share)
+            for drift, found, answer in zip_longest(self.drift, steady, self.response, fillvalue=0.0))
 
     def fits(self, layout: Layout, thrusters: int) -> bool:
         """Whether it has as many rows and numbers as that takes."""
@@ -78,177 +59,5 @@ class Filters(NamedTuple):
         sizes = (thrusters, axes), (thrusters, spins), (len(layout.blocks), 3)
         count = len(self.drift)
         told = count > 0 and np.shape(self.drift) == (count,) and np.shape(self.response) in ((0,), (count,))
-        numbers = isinstance(self.period, float) and isinstance(self.steady, float)
-        return told and numbers and tuple(map(np.shape, self[2:5])) == sizes
-
-    @property
-    def axes(self) -> int:
-        """Components of the steady accelerations that it tells, of place and turn."""
-        return len(self.push[0]) + len(self.twist[0]) if self.steady else 0
-
-    @property
-    def told(self) -> int:
-        """Numbers that it tells beside columns: steady accelerations and responses."""
-        return self.axes + (4 if self.response else 0)
-
-    @property
-    def _units(self) -> tuple[float, float]:
-        """What the strongest thruster gives in a period, m/s and rad/s."""
-        push, twist = (float(np.abs(gains).max()) or 1.0 for gains in (self.push, self.twist))
-        return push, twist
-
-    def width(self, layout: Layout) -> int:
-        """Numbers that all of them remember of columns of this layout, that of the body."""
-        return len(self.drift) * self._size(layout)
-
-    def _size(self, layout: Layout) -> int:
-        responses = sum(Response.width(len(gains[0])) for gains in (self.push, self.twist) if self.response)
-        return self._known(layout) + responses
-
-    def _known(self, layout: Layout) -> int:
-        return layout.width + self.axes + (6 if self.steady else 3)
-
-    def shown(self, layout: Layout) -> Layout:
-        """The layout of an estimate: columns of this one, then steady accelerations and responses."""
-        told = (Block(VectorInW, len(self.push[0])), Block(Spin, len(self.twist[0]))) if self.steady else ()
-        return Layout((*layout.blocks, *told, *(Block(Scalar, 4),) * bool(self.response)))
-
-    def estimates(self, layout: Layout, read: Columns, memory: Columns) -> list[list[Field]]:
-        """What each filter makes of columns as they were read, see `shown`.
-
-        Of steady accelerations it tells what they give in a period, in units of the strongest thruster's; of
-        forces, then of torques, how much more comes at once than designed, and how much in the period after.
-        """
-        units = [self.period / unit for unit, gains in zip(self._units, (self.push, self.twist), strict=True)
-                 for _ in gains[0]]
-        return [[*one.columns, *(a * unit for a, unit in zip(one.steady, units, strict=True) if self.steady),
-                 *(x for response in one.responses for x in (response.more, response.late))]
-                for one in self._read(layout, read, memory)]
-
-    def expected(self, layout: Layout, read: Columns, memory: Columns, command: Columns) -> list[Field]:
-        """What all remember after columns were read and answered with this command."""
-        return [x for drift, one in zip(self.drift, self._read(layout, read, memory), strict=True)
-                for x in self._packed(self._moved(layout, one, command, drift))]
-
-    def _read(self, layout: Layout, read: Columns, memory: Columns) -> list[_Known]:
-        """What each filter knows once a reading is taken into account."""
-        size, spreads = self._size(layout), self.response or (0.0,) * len(self.drift)
-        return [self._corrected(layout, read, self._unpacked(layout, memory[k * size:(k + 1) * size]), spread)
-                for k, spread in enumerate(spreads)]
-
-    def _packed(self, known: _Known) -> list[Field]:
-        responses = [x for response in known.responses for x in response.packed()]
-        if self.steady:
-            return [*known.columns, *known.steady, *known.covariance, *responses]
-        xx, xv, _, vv, *_ = known.covariance
-        return [*known.columns, xx, xv, vv, *responses]
-
-    def _unpacked(self, layout: Layout, memory: Columns) -> _Known:
-        size, force = self._known(layout), Response.width(len(self.push[0]))
-        columns, rest, responses = memory[:layout.width], memory[layout.width:size], memory[size:]
-        responses = tuple(map(Response.unpacked, (responses[:force], responses[force:]) if responses else ()))
-        if self.steady:
-            xx, xv, xa, vv, va, aa = rest[self.axes:]
-            return _Known(columns, rest[:self.axes], (xx, xv, xa, vv, va, aa), responses)
-        xx, xv, vv = rest
-        none = (0.0,) * (len(self.push[0]) + len(self.twist[0]))
-        return _Known(columns, none, (xx, xv, 0.0, vv, 0.0, 0.0), responses)
-
-    def _corrected(self, layout: Layout, read: Columns, expected: _Known, spread: float) -> _Known:
-        """What was expected, moved towards what was read by Kalman's gains; of new responses the variance."""
-        # Gains of poses, velocities and accelerations. A reading's noise is the unit: its variance is 1.
-        xx, xv, xa, vv, va, aa = expected.covariance
-        scale = 1.0 / ((xx + 1.0) * (vv + 1.0) - xv * xv)
-        pose, velocity, steady = (((p * (vv + 1.0) - v * xv) * scale, (v * (xx + 1.0) - p * xv) * scale)
-                                  for p, v in ((xx, xv), (xv, vv), (xa, va)))
-        left = [value - (gain[0] * p + gain[1] * v) for value, gain, p, v in (
-            (xx, pose, xx, xv), (xv, pose, xv, vv), (xa, pose, xa, va), (vv, velocity, xv, vv),
-            (va, velocity, xa, va), (aa, steady, xa, va))]
-
-        # How far off what was expected is: how B is turned, then the rest, as seen in the B expected.
-        blocks = list(zip(layout.split(read), layout.split(expected.columns), self.share, strict=True))
-        turns = [(now, then) for (block, now), (_, then), _ in blocks if issubclass(block.kind, Turn)]
-        tilt = tilt_between(*turns[0]) if turns else [0.0] * len(self.twist[0])
-        off = [self._off(block, now, then, [-0.5 * x for x in tilt]) for (block, now), (_, then), _ in blocks]
-        off_place = first_of(off, self.share, 0)
-        off_velocity, off_spin = first_of(off, self.share, 1), first_of(off, self.share, 2)
-
-        # Each block by its own error and by that of its derivative or integral; what no motion changes is as
-        # it is read.
-        half = scaled_sum(0.5 * pose[0], tilt, 0.5 * pose[1], off_spin)
-        gains = pose, velocity[::-1], velocity[::-1]
-        found: list[Field] = []
-        for ((block, _), (_, then), share), error in zip(blocks, off, strict=True):
-            for k in changing(share):
-                other = (off_velocity, off_place, tilt)[k]
-                error = scaled_sum(gains[k][0], error, gains[k][1] * share[k], other)
-            found += seen_turned(block, scaled_sum(1.0, then, 1.0, error), half)
-        gained = (*scaled_sum(steady[0], off_place, steady[1], off_velocity),
-                  *scaled_sum(steady[0], tilt, steady[1], off_spin))
-        pushed = scaled_sum(1.0, expected.steady, 1.0, gained)
-        pushed = [*turned(pushed[:len(self.push[0])], half), *pushed[len(self.push[0]):]]
-
-        # The first reading of an episode is all there is.
-        first, fresh = xx == 0.0, (1.0, 0.0, 0.0, 1.0, 0.0, self.steady)
-        columns, pushed, left = ([where(first, a, b) for a, b in zip(*pair, strict=True)] for pair in (
-            (read, found), ((0.0,) * len(pushed), pushed), (fresh, left)))
-        responses = self._learnt(expected, (off_velocity, off_spin), spread)
-        return _Known(columns, pushed, cast(_Covariance, tuple(left)), responses)
-
-    def _learnt(self, expected: _Known, off: tuple[Columns, Columns], spread: float) -> tuple[Response, ...]:
-        """Responses, if they are looked for, once velocity and spin are off by so much from the expected."""
-        xx, _, _, vv, *_ = expected.covariance
-        return tuple(response.learnt(error, (vv + 1.0) * unit**2).begun(xx == 0.0, spread)
-                     for response, error, unit in zip(expected.responses, off, self._units, strict=False))
-
-    @staticmethod
-    def _off(block: Block, now: Columns, then: Columns, half: Columns) -> Columns:
-        """The error of a block; one that turns with B has none but its tilt."""
-        if issubclass(block.kind, Turn):
-            return [0.0] * len(then)
-        return [a - b for a, b in zip(seen_turned(block, now, half), then, strict=True)]
-
-    def _moved(self, layout: Layout, known: _Known, command: Columns, drift: float) -> _Known:
-        """A period later, of a rigid body on which nothing acts but its thrusters and what is steady.
-
-        Forces are constant in B; of its turning within the period the first order is kept.
-        """
-        axes, period = len(self.push[0]), self.period
-        told, responses = [_dot(command, gains) for gains in (self.push, self.twist)], known.responses
-        given = told if not responses else [
-            response.given(mine) for response, mine in zip(responses, told, strict=True)]
-        push, twist = (scaled_sum(1.0, mine, period, pushed) for mine, pushed in zip(
-            given, (known.steady[:axes], known.steady[axes:]), strict=True))
-        blocks = list(layout.split(known.columns))
-        velocity = first_of([mine for _, mine in blocks], self.share, 1)
-        spin = first_of([mine for _, mine in blocks], self.share, 2)
-        half = [(w + 0.5 * more) * (0.5 * period) for w, more in zip(spin, twist, strict=True)]
-        # Of tangents the second term: half the angle is no longer small in a fast turn.
-        half = [x * (1.0 + sum(y * y for y in half) * (1.0 / 3.0)) for x in half]
-        gained = [x + turn for x, turn in zip(push, cross(half, push), strict=True)]
-        way = [(v + 0.5 * more) * period for v, more in zip(velocity, push, strict=True)]
-        found: list[Field] = []
-        for (block, mine), share in zip(blocks, self.share, strict=True):
-            for k in changing(share):
-                mine = scaled_sum(1.0, mine, share[k], (way, gained, twist)[k])
-            found += seen_turned(block, mine, half)
-        steady = *turned(known.steady[:axes], half), *known.steady[axes:]
-        after = tuple(response.after(mine, turn) for response, mine, turn in zip(
-            responses, told, (half, ()), strict=False))  # torques are constant in B
-        aged = _aged(known.covariance, period, drift, drift if self.steady else 0.0)
-        return _Known(found, steady, aged, after)
-
-
-def _aged(covariance: _Covariance, period: float, drift: float, wander: float) -> _Covariance:
-    """A period later: a pose moved on by its velocity, that by its acceleration, and both have wandered."""
-    t, h = period, 0.5 * period**2
-    xx, xv, xa, vv, va, aa = covariance
-    x = xx + t * xv + h * xa, xv + t * vv + h * va, xa + t * va + h * aa
-    v = xv + t * xa, vv + t * va, va + t * aa
-    return (x[0] + t * x[1] + h * x[2] + drift * (0.5 * t) ** 2, x[1] + t * x[2], x[2],
-            v[1] + t * v[2] + drift, v[2], aa + wander)
-
-
-def _dot(command: Columns, gains: Sequence[Sequence[float]]) -> list[Field]:
-    return [sum((c * gain for c, gain in zip(command, column, strict=True) if gain), start=command[0] * 0.0)
-            for column in zip(*gains, strict=True)]
+        steady = np.shape(self.steady) in ((), (0,), (count,))
+        return told and steady and isinstance(self.period, float) and tuple(map(np.shape, self[2:5])) == sizes

@@ -85,8 +85,9 @@ def random_batches(network: Network, steps: int = 6, count: int = 50) -> list[np
     {"continuous": True, "symmetric": True, "memory": "history", "history": 1},
     {"memory": "history", "history": 3, "averages": (0.5, 0.9), "symmetric": True, "zoom": 4.0},
     {"filters": (0.01, 1.0), "symmetric": True, "zoom": 4.0}, {"filters": (0.1,), "memory": "history"},
-    {"filters": (0.1,), "filtered_steady": 25.0, "symmetric": True},
-    {"filters": (0.01, 1.0), "filtered_steady": 25.0, "filtered_response": (0.1, 1.0), "symmetric": True},
+    {"filters": (0.1,), "filtered_steady": (25.0,), "symmetric": True},
+    {"filters": (0.01, 1.0), "filtered_steady": (0.0, 25.0), "filtered_response": (0.1, 0.0),
+     "symmetric": True},
     {"memory": "commands", "history": 0, "averages": (0.5,), "symmetric": True, "filters": (0.1,)},
     {"memory": "commands", "history": 2, "averages": (0.5,)},
     {"memory": "recurrent", "recurrent_units": 12}, {"privileged_critic": True}], ids=str)

@@ -98,8 +98,9 @@ def test_conditions_are_flown(effect: str) -> None:
 
 @pytest.mark.parametrize("memory", [
     {"history": 2, "averages": (0.5,)}, {"history": 3, "sided": False, "zoom": 4.0},
-    {"averages": (0.5,), "commands_only": True, "zoom": 4.0}, {"steady": 25.0, "sided": False},
-    {"steady": 0.0, "history": 2, "commands_only": True}, {"steady": 25.0, "response": (0.1, 1.0)}], ids=str)
+    {"averages": (0.5,), "commands_only": True, "zoom": 4.0}, {"steady": (25.0, 25.0), "sided": False},
+    {"steady": (), "history": 2, "commands_only": True}, {"steady": (0.0, 25.0), "response": (0.1, 0.0)},
+], ids=str)
 @both_crafts
 def test_a_policy_with_a_memory(craft: Spacecraft, memory: Any) -> None:
     looked_for = {name: memory[name] for name in ("steady", "response") if name in memory}

@@ -54,15 +54,15 @@ def test_what_is_not_as_designed_is_found(conditions: Conditions, forces: tuple[
                                           torques: tuple[float, float], craft: Spacecraft) -> None:
     """After 10 s of exact readings, with one nozzle in fifty open."""
     task, own = TASKS["go-to-pose"](), draws(SEED, COUNT)
-    filters = Filters.of(craft, task, TIMING.control_period, (0.1,), 25.0, (25.0,))
+    found_by, = Filters.of(craft, task, TIMING.control_period, (0.1,), (25.0,), (25.0,)).each
     chosen, body = scenarios(task, craft, SEED, COUNT), layout(task, craft.dimension).body
     world = World(craft, task, TIMING, conditions=conditions)
-    now, memory = world.begin(chosen.start, chosen.goal, 0, own), [np.zeros(COUNT)] * filters.width(body)
+    now, memory = world.begin(chosen.start, chosen.goal, 0, own), [np.zeros(COUNT)] * found_by.width(body)
     told = [np.zeros(COUNT)] * 4
     for command in itertools.islice(commands(craft, 0.02), 50):
         read = in_body(craft, task, world.observe(now, own))
-        told = filters.estimates(body, read, memory)[0][-4:]
-        memory = filters.expected(body, read, memory, command)
+        told = found_by.estimate(body, read, memory)[-4:]
+        memory = found_by.expected(body, read, memory, command)
         now = step(world, now, command, own).episode
     found = np.median(np.broadcast_to(told, (4, COUNT)), axis=1)
     # A steady acceleration takes some of what thrusters give for its own, and turning costs a little.

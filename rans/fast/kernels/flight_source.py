@@ -116,29 +116,29 @@ class _Writer(Lines):
     def _shown(self) -> Iterator[str]:
         """The first layer's inputs: columns as they are seen, zoomed, filters' too, and the memory's rows.
 
-        What filters take for steady is not normalised.
+        What filters tell besides is not normalised.
         """
         given, seen, place = self._given, list(self._program.seen), 0
-        for steady in (0, *(given.steady,) * (given.looks - 1)):
+        for told in given.told:
             yield "{"
-            yield from indented(self._look(seen[:given.seen], seen[given.seen:given.seen + steady], place))
+            yield from indented(self._look(seen[:given.seen], seen[given.seen:given.seen + told], place))
             yield "}"
-            del seen[:given.seen + steady]
-            place += given.seen * (2 if given.zoom else 1) + steady
+            del seen[:given.seen + told]
+            place += given.seen * (2 if given.zoom else 1) + told
         if given.recalled:
             yield from self._recalled()
 
-    def _look(self, columns: Sequence[Symbol], steady: Sequence[Symbol], place: int) -> Iterator[str]:
+    def _look(self, columns: Sequence[Symbol], told: Sequence[Symbol], place: int) -> Iterator[str]:
         given, width = self._given, self._given.seen
         size, clip = width * (2 if given.zoom else 1), f"{given.clip}f"
         yield from self._row("seen", columns)
-        yield f"real shown[{size + len(steady)}];"
+        yield f"real shown[{size + len(told)}];"
         yield f"normalise(seen, mean, scale, {clip}, shown);"
         if given.zoom:
             yield f"for (int i = 0; i < {width}; ++i)"
             yield f"  shown[{width} + i] = activated<{self._design.parts}, Tanh>(seen[i] * zoom[i]);"
         yield from (f"shown[{size + i}] = max(-{clip}, min({clip}, {self.operand(symbol)}));"
-                    for i, symbol in enumerate(steady))
+                    for i, symbol in enumerate(told))
         yield f"inputs.show({place}, shown);"
 
     def _recalled(self) -> Iterator[str]:

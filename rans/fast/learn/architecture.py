@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import accumulate, pairwise
 
 import torch
 from torch import Tensor, nn
 
 from rans.fast.engine import Engine
+from rans.fast.filter import Filter
 from rans.fast.filters import Filters
 from rans.fast.learn.config import PPOSettings
 from rans.fast.symmetry import Symmetries, symmetries
@@ -124,28 +125,26 @@ class Architecture:
     @property
     def filtering(self) -> int:
         """Those of them that filters remember, which come last."""
-        return self.filters.width(self.layout.body) if self.filters else 0
+        return sum(one.width(self.layout.body) for one in self._bank)
 
     @property
-    def looks(self) -> int:
-        """Times that the columns are looked at: as they are read, then as each filter has them."""
-        return 1 + (len(self.filters.drift) if self.filters else 0)
+    def _bank(self) -> tuple[Filter, ...]:
+        return self.filters.each if self.filters else ()
 
     @property
-    def steady(self) -> int:
-        """Steady accelerations that every filter tells besides."""
-        return self.filters.told if self.filters else 0
+    def told(self) -> tuple[int, ...]:
+        """Numbers beside the columns: as they are read, which is none, then as each filter has them."""
+        return 0, *(one.told for one in self._bank)
 
     @property
     def shown(self) -> int:
-        """Columns and steady accelerations that are seen at once."""
-        return self.seen + (self.looks - 1) * (self.seen + self.steady)
+        """Columns and numbers told that are seen at once."""
+        return len(self.told) * self.seen + sum(self.told)
 
     @property
     def inputs(self) -> int:
         """Numbers that the trunk is given."""
-        size = self.seen * (2 if self.zoom else 1)
-        return size + (self.looks - 1) * (size + self.steady) + self.rows
+        return len(self.told) * self.seen * (2 if self.zoom else 1) + sum(self.told) + self.rows
 
     @property
     def recalled(self) -> int:
@@ -159,20 +158,21 @@ class Architecture:
 
     def filtered(self, row: Columns) -> list[tuple[Layout, Columns]]:
         """Of columns in B and what filters remember: the columns, and what each filter makes of them."""
-        body = self.layout.body
-        if self.filters is None:
-            return [(body, row)]
-        read, memory = row[:self.seen], row[self.seen:]
-        estimates = self.filters.estimates(body, read, memory)
-        return [(body, read), *((self.filters.shown(body), columns) for columns in estimates)]
+        body, read = self.layout.body, row[:self.seen]
+        return [(body, read), *((one.shown(body), one.estimate(body, read, memory))
+                                for one, memory in self._remembering(row[self.seen:]))]
 
     def expected(self, row: Columns) -> list[Field]:
         """Of the same and the command that was given: what filters remember from then on."""
-        if self.filters is None:
-            return []
         read, memory, command = (row[a:b] for a, b in pairwise(
             (0, self.seen, self.seen + self.filtering, None)))
-        return self.filters.expected(self.layout.body, read, memory, command)
+        return [x for one, memory in self._remembering(memory)
+                for x in one.expected(self.layout.body, read, memory, command)]
+
+    def _remembering(self, memory: Columns) -> Iterator[tuple[Filter, Columns]]:
+        """Each filter with what it remembers."""
+        ends = accumulate((one.width(self.layout.body) for one in self._bank), initial=0)
+        return ((one, memory[a:b]) for one, (a, b) in zip(self._bank, pairwise(ends), strict=True))
 
     def modules(self) -> dict[str, nn.Module]:
         """What is learnt before the heads, in the order of SB3, with torch's initial weights."""

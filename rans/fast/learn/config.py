@@ -89,13 +89,13 @@ class PPOSettings:
     """What Kalman filters make of everything observed, besides: of each the variance by which it lets
     velocities wander in a control period, in units of their readings' noise. They know the spacecraft as
     designed and what its thrusters were told (decision 024)."""
-    filtered_steady: float = 0.0
-    """Variance of the steady accelerations that filters look for, such as a floor's that slopes, in units of
-    their readings' noise. 0: they look for none."""
+    filtered_steady: tuple[float, ...] = ()
+    """Of each filter the variance of the steady accelerations that it looks for, such as a floor's that
+    slopes, in units of its readings' noise. 0, or without: it looks for none."""
     filtered_response: tuple[float, ...] = ()
     """Of each filter the variance of what it lets thrusters give beyond their design, at once and a control
     period late, in units of the readings' noise over what the strongest thruster gives a velocity in a
-    period. Without: they give what they are designed to."""
+    period. 0, or without: they give what they are designed to."""
     recurrent_units: int = 64
     """Of that unit."""
     privileged_critic: bool = False
@@ -113,7 +113,7 @@ class PPOSettings:
         _require(self, "finite and > 0", lambda x: 0 < x < math.inf,
                  "learning_rate", "max_learning_rate", "clip_range", "max_grad_norm", "reward_scale")
         _require(self, "finite and >= 0", lambda x: 0 <= x < math.inf,
-                 "ent_coef", "vf_coef", "zoom", "filtered_steady")
+                 "ent_coef", "vf_coef", "zoom")
         _require(self, "between 0 and 1", lambda x: 0 < x < 1, "initial_duty")
         _require(self, "between 0 and 1", lambda x: 0 <= x <= 1, "anneal")
         _require(self, "in (0, 1]", lambda x: 0 < x <= 1, "gamma", "gae_lambda")
@@ -121,8 +121,10 @@ class PPOSettings:
         _require(self, "numbers between 0 and 1",
                  lambda x: isinstance(x, tuple | list) and all(0 < share < 1 for share in x), "averages")
         _require(self, "numbers >= 1e-6 and <= 1e6",
-                 lambda x: isinstance(x, tuple | list) and all(1e-6 <= one <= 1e6 for one in x),
-                 "filters", "filtered_response")
+                 lambda x: isinstance(x, tuple | list) and all(1e-6 <= one <= 1e6 for one in x), "filters")
+        _require(self, "numbers >= 1e-6 and <= 1e6, or 0",
+                 lambda x: isinstance(x, tuple | list) and all(one == 0 or 1e-6 <= one <= 1e6 for one in x),
+                 "filtered_steady", "filtered_response")
         for name, kind in (("activation", Activation), ("matmul", Precision), ("memory", Memory)):
             known = get_args(kind)
             _require(self, f"one of {', '.join(known)}", lambda x, known=known: x in known, name)
@@ -139,12 +141,11 @@ class PPOSettings:
         if recalls and not (self.history or self.averages):
             raise ConfigError(f"memory {self.memory!r} with history 0 and no averages remembers nothing: "
                               "give history 1 or more, averages, or memory 'none'.")
-        if self.filtered_steady and not self.filters:
-            raise ConfigError(f"filtered_steady {self.filtered_steady} is what filters look for, of which "
-                              "there are none: give some, such as filters [0.01, 1.0].")
-        if self.filtered_response and len(self.filtered_response) != len(self.filters):
-            raise ConfigError(f"filtered_response has {len(self.filtered_response)} numbers, of "
-                              f"{len(self.filters)} filters: give one of each.")
+        count = len(self.filters)
+        for name, given in (("steady", self.filtered_steady), ("response", self.filtered_response)):
+            if given and len(given) != count:
+                raise ConfigError(f"filtered_{name} has {len(given)} numbers, of {count} filters: give one "
+                                  "of each.")
         if self.filters and self.memory == "recurrent":
             raise ConfigError("filters stand beside a history or nothing, not beside memory 'recurrent', "
                               "which is all that such a network remembers.")

@@ -134,18 +134,16 @@ class Network(Remembering):
     def inputs(self, seen: Tensor, memory: Tensor | None = None) -> Tensor:
         """What the trunk is given of columns (N, k) and a history (N, m), by member."""
         given, rows = self.architecture, self._rows(seen)
-        read, filtered = rows.tensor_split([given.seen], dim=-1)
-        x = self._looks(read)
-        if given.filters:
-            x = torch.cat((x, by_row(self._filtered, filtered, given.looks - 1)), dim=-1)
+        looks = rows.split([given.seen + told for told in given.told], dim=-1) if given.filters else ()
+        x = torch.cat([*map(self._filtered, looks)], dim=-1) if looks else self._looks(rows)
         if not given.recalled or memory is None:
             return x
         return torch.cat((x, by_row(self._recalled, self._rows(memory), given.recalled)), dim=-1)
 
     def _filtered(self, rows: Tensor) -> Tensor:
-        columns, steady = rows.tensor_split([self.architecture.seen], dim=-1)
-        clip = self.architecture.clip
-        return torch.cat((self._looks(columns), steady.clamp(-clip, clip)), dim=-1)
+        columns, told = rows.tensor_split([self.architecture.seen], dim=-1)
+        x, clip = self._looks(columns), self.architecture.clip
+        return torch.cat((x, told.clamp(-clip, clip)), dim=-1) if told.shape[-1] else x
 
     def _recalled(self, rows: Tensor) -> Tensor:
         then, told = rows.tensor_split([self.architecture.answered], dim=-1)

@@ -83,8 +83,8 @@ def test_programs_filter_as_torch_does(dtype: torch.dtype, symmetric: bool, craf
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     engine = Engine(craft, TASKS["go-to-pose"](), 64, seed=3, dtype=dtype)
     given = Architecture.of(engine, PPOSettings(n_envs=64, symmetric=symmetric, filters=(0.001, 1.0),
-                                                filtered_steady=25.0 * symmetric,
-                                                filtered_response=(0.1, 1.0) * symmetric))
+                                                filtered_steady=(0.0, 25.0) * symmetric,
+                                                filtered_response=(0.1, 0.0) * symmetric))
     tensors = {name: x.to(dtype) for name, x in given.initial(0, 0.5)[0].items()}
     ours, theirs = Network(given, tensors), Network(given, tensors)
     ours._look = programs = (ArrayLook if dtype == torch.float32 else HostLook)(
@@ -95,7 +95,7 @@ def test_programs_filter_as_torch_does(dtype: torch.dtype, symmetric: bool, craf
     for step in range(3):
         columns = theirs.in_body(engine.observe())
         (seen, _, place), (right, _, there) = look(columns, memory), theirs.look(columns, memory)
-        assert right.shape == (64, 3 * given.seen + (6 * (craft.dimension - 1) + 8 if symmetric else 0))
+        assert right.shape == (64, 3 * given.seen + (3 * (craft.dimension - 1) + 4 if symmetric else 0))
         # Some fifty operations on numbers up to ten.
         torch.testing.assert_close(seen, right, rtol=0, atol=1000 * torch.finfo(dtype).eps)
         assert (place is None) == (there is None)
