@@ -34,7 +34,7 @@ def test_robust_agents_meet_the_laboratory_and_every_trouble(name: str) -> None:
     assert set(TROUBLES.values()) <= {replace(other, weight=1.0) for other in conditions.others}
     assert Conditions() in conditions.others
     share = conditions.weight / (conditions.weight + sum(other.weight for other in conditions.others))
-    assert share == pytest.approx(0.4, abs=0.04)  # valves that stay open take 0.04 of it from poses
+    assert 0.33 < share < 0.41  # poses give some of it to what they learn last: valves that stay open, noise
     assert config.ppo.memory in ("history", "commands")
     assert config.curriculum[-1].begin + config.curriculum[-1].duration < config.total_timesteps
 
