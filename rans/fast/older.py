@@ -65,7 +65,7 @@ def settings(archive: zipfile.ZipFile) -> dict[str, Any]:
 def known(table: dict[str, Any]) -> dict[str, Any]:
     """The entries that `PPOSettings` has, in their types and ranges; others are as by default."""
     own = {name: value for name, value in table.items() if name in PPOSettings.__dataclass_fields__}
-    if isinstance(steady := own.get("filtered_steady"), float):
+    if isinstance(steady := own.get("filtered_steady"), float):  # once one for all filters
         own["filtered_steady"] = [steady] * len(own["filters"]) if steady else []
     return asdict(structure(own, PPOSettings, "settings"))
 
