@@ -205,11 +205,11 @@ RECIPES: dict[str, Recipe] = {
          _STAYED), large=_WIDEST, large_timesteps=9_000_000_000),
     "go-to-pose-3d-robust": Recipe(
         "go-to-pose", _FLYER,
-        {**_ARRIVED, "arrived_weight": 3.0, "arrived_fine_weight": 1.0, "arrived_thrust_weight": 0.8,
-         "fine_weight": 1.0, "rest_position": 0.03, "rest_attitude": 0.035, "verge_weight": 15.0,
-         "thrust_weight": 0.2},
+        {**_ARRIVED, "arrived_weight": 3.0, "arrived_fine_weight": 1.0, "arrived_thrust_weight": 1.4,
+         "arrived_spin": 0.35, "fine_weight": 1.0, "rest_position": 0.03, "rest_attitude": 0.05,
+         "verge_weight": 22.0, "thrust_weight": 0.2},
         replace(_INFORMED, layers=_WIDE, reward_scale=0.07, **_FILTERED | _TRUSTING), 60_000_000,
-        (_PRICED_LATE, _STAYED_LATER), partial(robust_poses, valves=9.0, noise=9.0), _SOON_LARGE,
+        (_PRICED_LATE, _STAYED_LATER), partial(robust_poses, valves=9.0, noise=10.0, lab=24.0), _SOON_LARGE,
         3_650_000_000, _COARSE),
     "go-to-position-3d-robust": Recipe(
         "go-to-position", _FLYER, _STEADY["go-to-position"],

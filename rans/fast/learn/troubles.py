@@ -69,9 +69,9 @@ def robust(share: float = 0.4) -> Conditions:
     return replace(load_conditions("lab"), weight=weight, others=others)
 
 
-def robust_poses(valves: float, noise: float = 6.0) -> Conditions:
-    """`robust`, with what takes longest to learn of poses as often as this: valves that stay open, noise."""
+def robust_poses(valves: float, noise: float = 6.0, lab: float = 20.0) -> Conditions:
+    """`robust`, as often with `lab` and what is learnt last of poses: valves that stay open, noise."""
     given, slow, noisy = robust(), Conditions(thrusters=ThrusterConditions(least_on=0.4)), _HARD[-1].sensors
     others = tuple(replace(one, weight=valves) if replace(one, weight=1.0) == slow else
                    replace(one, weight=noise) if one.sensors == noisy else one for one in given.others)
-    return replace(given, others=others, weight=20.0)
+    return replace(given, others=others, weight=lab)
