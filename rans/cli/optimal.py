@@ -105,8 +105,8 @@ class Optimal:
         """Of the trajectories' event, and of settling where that is a time; print them too."""
         from rans.evaluation.compare import bounds
         from rans.optimal.certificate.certificate import Effort
-        from rans.optimal.trajectory.arrival import aims
         from rans.scenario import each
+        from rans.tasks.goal_set import aims
 
         period, effort = self.control_period, Effort(self.certify_seconds)
         horizon = None if self.objective == "time" else objective.intervals * period

@@ -25,17 +25,11 @@ from rans.optimal.certificate import hull, spatial_certificate
 from rans.optimal.certificate.certificate import Certificate, Effort, Unreachable, least_fuel, least_time
 from rans.optimal.certificate.lattice import GoalSet, Lattice, check_period, pulse, rounded_up
 from rans.optimal.certificate.spatial import SpinLattice
-from rans.optimal.trajectory.arrival import aims
 from rans.processes import deaths_told, submitted
 from rans.scenario import Scenario
 from rans.tasks.base import Task
 from rans.tasks.derived import goal_stands_still
-
-REST_SPEED = 0.05
-"""A position counts as arrived at only below this speed relative to the goal's, m/s: 1 cm in a period."""
-REST_SPIN = math.radians(5.0)
-"""An attitude counts as arrived at only below this rate relative to the goal's, rad/s. For the floating
-platform at 5 Hz it means no spin at all, as one pulse is worth 17 degrees/s."""
+from rans.tasks.goal_set import REST_SPEED, REST_SPIN, aims
 
 CERTIFIED = ("The hull bound holds for any commands between 0 and 1; relaxed is a local optimum of those; "
              "certified holds for every on/off controller at the control rate.")

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from rans.errors import ConfigError, counted
-from rans.evaluation.compare.bounds import REST_SPEED, REST_SPIN, Amounts, Event, whole_periods
+from rans.evaluation.compare.bounds import Amounts, Event, whole_periods
 from rans.evaluation.fly.judge import EngineName, Flown, flown
 from rans.evaluation.measure.metrics import final_errors, forces, returns, settling_times
 from rans.flight import Controller, Flight, Setup, fly
@@ -21,9 +21,9 @@ from rans.model.conditions import Conditions
 from rans.model.fields import map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
-from rans.optimal.trajectory.arrival import aims
 from rans.scenario import Scenario, scenarios
 from rans.tasks import Task
+from rans.tasks.goal_set import arrived
 
 _TIMED_STARTS = 4
 
@@ -93,21 +93,6 @@ class Contest:
         world = "" if self.conditions is None else f"; {self.conditions.description or 'own conditions'}"
         return (f"{counted(self.episodes, 'start')} of seed {self.seed}, {self.craft.name}, "
                 f"{self.duration:g} s at {1.0 / self.timing.control_period:g} Hz{world}")
-
-
-def arrived(task: Task, states: Any, goals: Any) -> np.ndarray:
-    """Whether states are in the goal set: within the task's tolerances, and at rest where it has a place.
-
-    The set is that of `rans.evaluation.compare.bounds.goal_set`: where `aims` adds velocity or spin, their
-    tolerances are `REST_SPEED` and `REST_SPIN`. States have fields (T + 1, N), goals (N,).
-    """
-    inside, added = task.reached(states, goals), aims(task) - task.tolerances().keys()
-    if "velocity" in added:
-        inside = inside & ((goals.v - states.v).norm() <= REST_SPEED)
-    if "spin" in added:
-        spin = [a - b for a, b in zip(goals.spin(), states.spin(), strict=True)]
-        inside = inside & (np.linalg.norm(np.broadcast_arrays(*spin), axis=0) <= REST_SPIN)
-    return np.asarray(inside)
 
 
 @dataclass(frozen=True)

@@ -19,9 +19,9 @@ from rans.evaluation.compare.relaxed import Relaxed
 from rans.evaluation.fly.controllers import BESIDE
 from rans.files import first_line
 from rans.optimal.certificate.hull import staying_time
-from rans.optimal.trajectory.arrival import aims
 from rans.shown import Shown
 from rans.tasks.derived import goal_stands_still
+from rans.tasks.goal_set import aims
 
 _HORIZONS = (0.24, 0.32, 0.4, 0.6, 0.8, 1.0)
 """Shares of an episode at which the least thrust-time is certified: 6, 8, 10, 15, 20 and 25 s of 25 s."""

@@ -14,12 +14,11 @@ from rans.model.dynamics import State
 from rans.model.fields import leaves, map_leaves
 from rans.tasks.base import Task
 from rans.tasks.derived import goal_stands_still, residual
+from rans.tasks.goal_set import aims
 
 Ending = Literal["exact", "set", "free"]
 """At the goal; within the task's tolerances of it; or anywhere."""
 
-_RATES = {"position": "velocity", "attitude": "spin"}
-"""Who is to stay somewhere must not move, who is to keep an attitude must not turn."""
 _BRANCH = 0.5
 """How far a redundant condition may be off its target, see `Arrival`: cosines of the wanted and the
 opposite attitude differ by 2."""
@@ -31,18 +30,6 @@ ROUNDINGS = (1e-2, 1e-3)
 """Of arguments in SI units, of lengths 1 cm and 1 mm, to be solved one after the other. Problems rounded by
 the second alone take up to four times the iterations. The first alone costs agents with wide rewards 0.03 %
 of the return, those with narrow ones and a price of spin 10 to 30 %."""
-
-
-def aims(task: Task) -> frozenset[str]:
-    """What a task asks for: "position", "attitude", "velocity", "spin".
-
-    The quantities it has tolerances for, and the rates that must be the goal's for these to stay.
-
-    Raises:
-        ConfigError: a multi-task has no goal of its own.
-    """
-    wanted = task.tolerances().keys()
-    return frozenset(wanted) | {_RATES[name] for name in wanted if name in _RATES}
 
 
 def check_goal(task: Task) -> None:

@@ -22,11 +22,12 @@ from rans.model.dynamics import State, Wrench, advance
 from rans.model.fields import Vec2, Vec3, leaves, map_leaves, unflatten
 from rans.model.spacecraft import Spacecraft, controls_every_direction
 from rans.optimal.trajectory.allocation import Allocation
-from rans.optimal.trajectory.arrival import ROUNDINGS, Arrival, aims
+from rans.optimal.trajectory.arrival import ROUNDINGS, Arrival
 from rans.optimal.trajectory.guess import guess, needed_wrenches, transfer_time
 from rans.optimal.trajectory.objectives import Objective, SymbolicTrajectory
 from rans.scenario import scenario
 from rans.tasks.base import Task
+from rans.tasks.goal_set import aims
 
 _OPTIONS = {"expand": True, "print_time": False, "error_on_fail": False, "show_eval_warnings": False,
             "ipopt.print_level": 0, "ipopt.sb": "yes", "ipopt.max_iter": 500, "ipopt.min_refinement_steps": 0,

@@ -30,9 +30,9 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.certificate.certificate import Effort, Unreachable
 from rans.optimal.certificate.hull import staying_time
 from rans.optimal.certificate.lattice import GoalSet
-from rans.optimal.trajectory.arrival import aims
 from rans.scenario import Scenario, each, scenarios
 from rans.tasks import GoToPose, GoToPosition, Task, TrackVelocity
+from rans.tasks.goal_set import aims
 from tests.crafts import nasty_planar
 
 PLATFORM, TASK = load_spacecraft("floating-platform"), GoToPose(spawn_distance=(0.5, 0.6))

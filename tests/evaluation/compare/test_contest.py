@@ -10,7 +10,7 @@ import pytest
 
 from rans.errors import ConfigError
 from rans.evaluation.compare.bounds import Amounts, Event, goal_set
-from rans.evaluation.compare.contest import Contest, Contestant, Entry, arrived
+from rans.evaluation.compare.contest import Contest, Contestant, Entry
 from rans.evaluation.fly.controllers import user_policy
 from rans.flight import Flight
 from rans.model.dynamics import PlanarState
@@ -19,6 +19,7 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.optimal.control.lqr import LQR
 from rans.tasks import GoToPose, GoToPosition, TrackVelocity
+from rans.tasks.goal_set import arrived
 from tests.evaluation.flights import flight_of
 
 CRAFT = load_spacecraft("floating-platform")

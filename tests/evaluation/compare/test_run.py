@@ -15,7 +15,7 @@ from rans.errors import ConfigError
 from rans.evaluation.compare import run
 from rans.evaluation.compare.bounds import Event
 from rans.evaluation.compare.certified import certify
-from rans.evaluation.compare.contest import Contest, arrived
+from rans.evaluation.compare.contest import Contest
 from rans.evaluation.compare.roster import contest_of, enlisted
 from rans.evaluation.compare.run import Comparison, fill, trace
 from rans.files import plain
@@ -30,6 +30,7 @@ from rans.show.comparison_page import TEXT, page
 from rans.show.comparison_tables import RETURN, best_returns, differences, gaps, scoreboard, to_json
 from rans.show.report import comparison_section
 from rans.tasks import GoToPose
+from rans.tasks.goal_set import arrived
 
 SWEEP = (0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0)
 IDLE = "python:tests.evaluation.policies:idle"

@@ -24,11 +24,11 @@ from rans.optimal.certificate.certificate import Effort, least_fuel, least_time
 from rans.optimal.certificate.dual import Relaxation
 from rans.optimal.certificate.lattice import GoalSet, Lattice
 from rans.optimal.certificate.onoff import fuel, replay
-from rans.optimal.trajectory.arrival import aims
 from rans.reference.flight import rows_from_states, states_from_rows
 from rans.reference.plant import Plant
 from rans.scenario import scenarios
 from rans.tasks import GoToPose
+from rans.tasks.goal_set import aims
 from tests.optimal.tiny import (
     CRAFTS,
     PERIOD,

@@ -25,11 +25,11 @@ from rans.model.timing import Timing
 from rans.optimal.certificate import hull
 from rans.optimal.certificate.lattice import GoalSet
 from rans.optimal.control.lqr import LQR
-from rans.optimal.trajectory.arrival import aims
 from rans.optimal.trajectory.objectives import MinimumFuel, MinimumTime
 from rans.optimal.trajectory.transcription import Transcription
 from rans.scenario import scenario, scenarios
 from rans.tasks import GoToPose, GoToPosition, Task, TrackTwist, TrackVelocity, TrackVelocityHeading
+from rans.tasks.goal_set import aims
 from tests.crafts import nasty_planar, nasty_spatial, random_states, spacecraft
 from tests.optimal.tiny import fly_everything, lopsided
 

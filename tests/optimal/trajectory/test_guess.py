@@ -14,10 +14,10 @@ from rans.model.body import Body
 from rans.model.dynamics import PlanarState, advance, wrench
 from rans.model.fields import Heading, Quat, Vec2, leaves, unflatten
 from rans.model.spacecraft_file import load_spacecraft
-from rans.optimal.trajectory.arrival import aims
 from rans.optimal.trajectory.guess import guess, needed_wrenches, rotation_vector, transfer_time
 from rans.scenario import scenario
 from rans.tasks import TASKS, GoToPose, TrackTwist
+from rans.tasks.goal_set import aims
 
 
 def test_rotation_vector_of_quaternions_is_scipys() -> None:
