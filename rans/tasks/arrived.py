@@ -27,6 +27,9 @@ class Arrived:
     arrived_thrust_weight: float = 0.0
     """Weight lost per open thruster, by those only: thrift for the stay, none for the way; with
     `arrived_weight`."""
+    arrived_within: float = 1.0
+    """Share of the tolerances within which one has arrived for it, and on whose verge one is outside: below 1,
+    who is there has some to spare."""
     verge_weight: float = 0.0
     """Weight lost outside of the tolerances, but within twice as much: the way there passes in a step or two,
     and who is there should not leave."""
@@ -43,6 +46,7 @@ class Arrived:
         Shares are the errors over the task's tolerances; what is closest, the narrow rewards of each.
         """
         state, inside = transition.state, partial(within, squarings=self.arrived_squarings)
+        shares = tuple(share / self.arrived_within for share in shares)
         terms: dict[str, Field] = {}  # not `dict[str, Field]()`, which torch's compiler cannot read
         if is_used(self.arrived_weight):
             rest = state.v.norm() / self.arrived_speed, speed(state.spin()) / self.arrived_spin

@@ -84,6 +84,9 @@ def test_only_those_who_have_arrived_in_all_four_get_that_reward() -> None:
         assert arrived(task, *side) == pytest.approx(3.0)
         assert arrived(task, *(2.0 * x for x in side)) == pytest.approx(6.0 / 257.0)  # 2^8 + 1
     assert arrived(task, 0.04, 0.1, 0.2, 0.3) == pytest.approx(1.2)
+    spare = replace(task, arrived_within=0.5)  # half of it at 2 cm instead of 4; rest is asked for as before
+    for side in ((0.02, 0.0, 0.0, 0.0), (0.0, -0.05, 0.0, 0.0), (0.0, 0.0, 0.2, 0.0), (0.0, 0.0, 0.0, -0.3)):
+        assert arrived(spare, *side) == pytest.approx(3.0)
     fine = replace(task, arrived_fine_weight=4.0, fine_position_scale=0.04 / math.log(2.0),
                    fine_attitude_scale=0.1 / math.log(2.0))
     # Half of 6 + 4 (1/2 + 1), then half of 6 + 4 (1 + 1).
@@ -124,6 +127,8 @@ def test_who_is_nearly_there_pays_for_not_being_there(x: float, angle: float, ex
     state = PlanarState(Vec2(x, 0.0), Heading(angle), Vec2(0.0, 0.0), 0.0)
     cost = task.reward(Transition(state, goal, (0.0,), (0.0,)))["verge"]
     assert cost == pytest.approx(expected, abs=1e-6)
+    spare = replace(task, position_tolerance=0.05, attitude_tolerance=0.125, arrived_within=0.8)
+    assert spare.reward(Transition(state, goal, (0.0,), (0.0,)))["verge"] == pytest.approx(cost, abs=1e-9)
     assert "verge" not in GoToPose().reward(Transition(state, goal, (0.0,), (0.0,)))
 
 
