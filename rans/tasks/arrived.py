@@ -28,7 +28,7 @@ class Arrived:
     """Weight lost per open thruster, by those only: thrift for the stay, none for the way; with
     `arrived_weight`."""
     arrived_within: float = 1.0
-    """Share of the tolerances within which one has arrived for it, and on whose verge one is outside: below 1,
+    """Share of the tolerances within which one has arrived for it, and on whose verge one is outside; below 1
     who is there has some to spare."""
     verge_weight: float = 0.0
     """Weight lost outside of the tolerances, but within twice as much: the way there passes in a step or two,
