@@ -191,18 +191,13 @@ RECIPES: dict[str, Recipe] = {
         "multi-task", _PLATFORM, _EVERY, replace(_SHARP, initial_duty=0.3, layers=_WIDE), 24_000_000,
         large=_SOON_LARGE, large_timesteps=1_200_000_000),
     "go-to-pose-3d": Recipe(
-        "go-to-pose", _FLYER, {"fine_weight": 1.5, "rest_position": 0.01, "rest_attitude": 0.02,
-                               "thrust_weight": 0.04}, replace(_SHARP, layers=_WIDE), 20_000_000,
-        large=_ADAPTIVE_LARGE, large_timesteps=900_000_000,
-        failures=Failures(0.25, looks=10, flights=300_000)),
-    "go-to-pose-3d-quiet": Recipe(
         "go-to-pose", _FLYER,
-        {"fine_weight": 3.0, "arrived_weight": 10.0, "arrived_fine_weight": 8.0, "arrived_squarings": 3,
-         "arrived_thrust_weight": 1.0, "rest_position": 0.01, "rest_attitude": 0.02, "thrust_weight": 0.15,
-         "spin_weight": 0.1, "verge_weight": 30.0},
+        {"fine_weight": 1.5, "arrived_weight": 10.0, "arrived_fine_weight": 4.0, "arrived_squarings": 4,
+         "arrived_within": 0.65, "arrived_thrust_weight": 1.0, "rest_position": 0.01, "rest_attitude": 0.02,
+         "thrust_weight": 0.15, "spin_weight": 0.1, "verge_weight": 30.0},
         replace(_SOON, layers=_WIDE, reward_scale=0.05), 62_500_000,
-        (Ramp("thrust_weight", 0.04, 12_000_000, shape="geometric"),
-         _STAYED), large=_WIDEST, large_timesteps=9_000_000_000),
+        (Ramp("thrust_weight", 0.04, 12_000_000, shape="geometric"), _STAYED),
+        large=_SOON_LARGE, large_timesteps=3_600_000_000),
     "go-to-pose-3d-robust": Recipe(
         "go-to-pose", _FLYER,
         {**_ARRIVED, "arrived_weight": 3.0, "arrived_fine_weight": 1.0, "arrived_thrust_weight": 1.4,
