@@ -9,7 +9,7 @@ from pathlib import Path
 from rans.errors import ConfigError, brief, meant
 from rans.evaluation.fly.agent import Agent, LoadedRun, load_agent
 from rans.evaluation.fly.controllers import CONTROLLERS, controller, is_user_policy, user_policy
-from rans.evaluation.fly.lookahead import PREFIX, Lookahead
+from rans.evaluation.fly.lookahead import PREFIX, looking_ahead
 from rans.evaluation.fly.protocols import ProtocolName, under_protocol
 from rans.flight import Setup
 from rans.model.spacecraft_file import USUAL, load_spacecraft
@@ -54,7 +54,7 @@ def contestant(spec: str, protocol: ProtocolName = "own", lent: Setup | None = N
     kind, name, part = _parse(spec)
     if kind == PREFIX:
         run = contestant(f"{name}#{part}" if part else name, protocol)
-        return run._replace(controller=Lookahead(run))
+        return run._replace(controller=looking_ahead(run))
     if kind not in ("", "pretrained"):
         setup = under_protocol(protocol, _picked(_named_setup(kind, name, spec), part, spec))
         return LoadedRun(controller(kind, setup), *setup)

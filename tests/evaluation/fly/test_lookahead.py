@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -11,13 +12,14 @@ from rans.errors import ConfigError
 from rans.evaluation.compare.roster import contest_of, enlist
 from rans.evaluation.fly.agent import Agent, LoadedRun
 from rans.evaluation.fly.contestants import contestant, controller_name, output_folder
-from rans.evaluation.fly.lookahead import Lookahead
+from rans.evaluation.fly.lookahead import Arrival, Lookahead
 from rans.fast.learn.network import Network
-from rans.flight import Setup, fly
+from rans.flight import Flight, Setup, fly
 from rans.model.actuators import Throttle
 from rans.model.timing import Timing
 from rans.scenario import scenarios
 from rans.tasks import GoToPose
+from rans.tasks.goal_set import arrived
 from tests.fast.engines import PLATFORM
 from tests.fast.training import scatter, tiny_learner
 
@@ -49,32 +51,60 @@ class Told:
         return command.numpy()
 
 
-def earned(setup: Setup, network: Network, first: np.ndarray, starts: Any) -> np.ndarray:
-    """(N,) rewards of the PERIODS that begin with the last command told."""
-    begin = len(first) - 1
-    flight = fly(setup.craft, setup.task, Told(network, first), starts,
-                 replace(setup.timing, episode_steps=begin + PERIODS))
+def flown(setup: Setup, network: Network, first: np.ndarray, starts: Any, begin: int) -> Flight:
+    """The flight that begins with commands told, until PERIODS after `begin`."""
+    timing = replace(setup.timing, episode_steps=begin + PERIODS)
+    return fly(setup.craft, setup.task, Told(network, first), starts, timing)
+
+
+def earned(flight: Flight, begin: int) -> np.ndarray:
+    """(N,) rewards from the period `begin` on."""
     return np.asarray(sum(flight.rewards().values()))[begin:].sum(axis=0)
 
 
+def spared(flight: Flight, begin: int) -> np.ndarray:
+    """(N,) the same of what arrival costs, episode by episode; -inf where the flight does not end there."""
+    distance, angle = flight.errors()["position"] / 0.4, flight.errors()["attitude"] / 1.0
+    rest = (flight.states.v.norm() <= 0.05) & (abs(flight.states.w) <= math.radians(5.0))
+    inside, worth = (distance <= 1.0) & (angle <= 1.0), np.zeros(flight.commands.shape[1])
+    for n in range(len(worth)):
+        there = False
+        for k in range(begin + 1, len(distance)):
+            there = inside[k, n] and any((inside & rest)[j, n] for j in range(k + 1))
+            close = 0.5 * distance[k, n] ** 2 + 0.07 * angle[k, n] ** 2
+            worth[n] -= flight.commands[k - 1, n].sum() / 8.0 + (close if there else 2.5)
+        worth[n] = worth[n] if there else -math.inf
+    return worth
+
+
+NEAR = GoToPose(spawn_distance=(0.2, 0.35), position_tolerance=0.4, attitude_tolerance=1.0)
+"""Begins at rest within wide tolerances, with any attitude: some are there, others may be."""
+
+
+@pytest.mark.parametrize(("task", "worth"), [(CHATTERING, earned), (NEAR, spared)])
 @pytest.mark.parametrize("memory", [{}, {"memory": "history", "history": 3, "averages": (0.5,)},
                                     {"memory": "recurrent", "recurrent_units": 8}])
-def test_it_gives_what_brute_force_finds_best(memory: dict[str, Any]) -> None:
+def test_it_gives_what_brute_force_finds_best(memory: dict[str, Any], task: GoToPose, worth: Any) -> None:
     """Every choice flown by itself, in the first period and in the second, which knows what the first did."""
-    network = scatter(tiny_learner(PLATFORM, task=CHATTERING, **memory).network)
-    setup = Setup(PLATFORM, CHATTERING, Timing(episode_steps=2))
-    starts = scenarios(CHATTERING, PLATFORM, 5, 6)
-    ahead = Lookahead(LoadedRun(Agent(network, "tiny"), *setup), horizon=PERIODS * 0.2)
-    given = fly(PLATFORM, CHATTERING, ahead, starts, setup.timing).commands
-    changed = 0
-    for period in range(2):
-        own = fly(PLATFORM, CHATTERING, Told(network, given[:period]), starts, setup.timing).commands[period]
-        choices = np.abs(own - np.vstack([np.zeros(8), np.eye(8)])[:, None])
-        worth = [earned(setup, network, np.array([*given[:period], one]), starts) for one in choices]
-        best = np.argmax(worth, axis=0)
-        np.testing.assert_array_equal(given[period], choices[best, np.arange(6)])
-        changed += (best > 0).sum()
-    assert changed > 3  # of twelve: else nothing was shown
+    network = scatter(tiny_learner(PLATFORM, task=task, **memory).network)
+    setup, count = Setup(PLATFORM, task, Timing(episode_steps=2)), 24
+    starts = scenarios(task, PLATFORM, 5, count)
+    ahead = Lookahead(LoadedRun(Agent(network, "tiny"), *setup), horizon=PERIODS * 0.2, change_within=0.4,
+                      arrival=Arrival() if worth is spared else None)
+    given = fly(PLATFORM, task, ahead, starts, setup.timing).commands
+    changed = waited = 0
+    for now in range(2):
+        own = flown(setup, network, given[:now], starts, now).commands
+        choices = [own[: now + 1]]
+        for later in (now, now + 1):
+            choices += [np.array([*own[:later], np.abs(own[later] - flip)]) for flip in np.eye(8)]
+        values = [worth(flown(setup, network, one, starts, now), now) for one in choices]
+        values[0] = np.maximum(values[0], -1e9)  # its own command stands where nothing ends there
+        best = np.argmax(values, axis=0)
+        np.testing.assert_array_equal(given[now], [choices[b][now, n] for n, b in enumerate(best)])
+        changed += ((best > 0) & (best <= 8)).sum()
+        waited += (best > 8).sum()
+    assert min(changed, waited) > 0  # else nothing was shown
 
 
 def test_nothing_is_earned_after_a_failure() -> None:
@@ -82,13 +112,28 @@ def test_nothing_is_earned_after_a_failure() -> None:
     task = replace(CHATTERING, fail_distance=1.3, spawn_distance=(1.2, 1.29), switching_weight=0.0)
     network = scatter(tiny_learner(PLATFORM, task=task).network)
     agent = Agent(network, "tiny")
-    ahead = Lookahead(LoadedRun(agent, PLATFORM, task, Timing()), horizon=6.0)
+    ahead = Lookahead(LoadedRun(agent, PLATFORM, task, Timing()), horizon=6.0, change_within=0.2)
     starts = scenarios(task, PLATFORM, 5, 32)
     flights = [fly(PLATFORM, task, one, starts, Timing(episode_steps=40))
                for one in (agent, ahead)]
     lost = [flight.failed().mean() for flight in flights]
     assert lost[0] > 0.5
     assert lost[1] < 0.5 * lost[0]
+
+
+def test_who_is_paid_for_arriving_looks_ahead_for_it() -> None:
+    """Sooner at rest and with less thrust."""
+    run = contestant(FAST)
+    task, timing = run.task.for_evaluation(), Timing(episode_steps=36)
+    starts = scenarios(task, run.craft, 2024, 4)
+    flights = [fly(run.craft, task, one, starts, timing)
+               for one in (run.controller, Lookahead(run, change_within=0.2, arrival=Arrival()))]
+    there = [arrived(task, flight.states, flight.goals) for flight in flights]
+    assert there[1].any(axis=0).all()
+    assert there[1].argmax(axis=0).sum() <= there[0].argmax(axis=0).sum()
+    assert flights[1].commands.sum() < flights[0].commands.sum()
+    named = [contestant(f"lookahead:{one}").controller for one in (FAST, "pretrained:go-to-pose-2d")]
+    assert [one.arrival for one in named if isinstance(one, Lookahead)] == [Arrival(), None]
 
 
 def test_it_is_named_before_an_agent() -> None:
@@ -119,6 +164,8 @@ def test_who_cannot_is_told(spec: str, message: str) -> None:
 def test_wrong_horizons_are_refused(horizon: Any) -> None:
     with pytest.raises(ConfigError, match="the horizon must be finite and > 0 s, got"):
         Lookahead(contestant(FAST), horizon)
+    with pytest.raises(ConfigError, match="the time that changes come within must be finite and > 0 s, got"):
+        Lookahead(contestant(FAST), change_within=horizon)
 
 
 def test_thrusters_that_are_throttled_are_refused() -> None:
