@@ -24,7 +24,7 @@ def test_an_agent_is_small_and_complete(name: str) -> None:
     weights = sum(x.numel() for x in network.tensors.values())
     assert sum(files.values()) < 2 * 4 * weights + 80_000
     assert (card["name"], card["spacecraft"]) == (name, found.craft.name)
-    kinds = "(-fast|-quiet|-thrifty|-shared|-robust|-faults|-knob)?"
+    kinds = "(-fast|-thrifty|-shared|-robust|-faults|-knob)?"
     assert re.fullmatch(rf"{card['task'].removesuffix('-priced')}-{found.craft.dimension}d{kinds}", name)
 
 

@@ -16,7 +16,7 @@ from rans.scenario import scenarios
 from validation.filtered import Behind, Filtered, corrected, gains
 from validation.robustness import rows
 
-AGENT = "pretrained:go-to-pose-3d-quiet"
+AGENT = "pretrained:go-to-pose-3d"
 
 
 def test_gains_become_those_of_the_algebraic_riccati_equation() -> None:
