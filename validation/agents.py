@@ -137,7 +137,7 @@ class Agents:
             return {quantity.name: quantity.values for quantity in following.quantities()}
         craft, task, timing, _ = setup
         starts = scenarios(task, craft, EVALUATION_SEED, self.episodes)
-        return {s.name: np.asarray(s.values) for s in samples(fly(craft, task, controller, starts, timing))}
+        return {s.name: s.numbers for s in samples(fly(craft, task, controller, starts, timing))}
 
     def _optimal(self, row: Row, run: Path) -> Values:
         _, (craft, task, timing, _) = conditions_of(row, run)

@@ -67,6 +67,16 @@ def test_the_row_says_where_episodes_start(tmp_path: Path) -> None:
     assert task.spawn_distance == (1.0, 5.0)  # type: ignore[attr-defined]
 
 
+def test_shares_of_episodes_are_percent(tmp_path: Path) -> None:
+    """From 2 mm no thruster leaves 5 cm in 0.2 s: all of the episodes hold, 100 %."""
+    config = replace(CONFIG, task="go-to-position", settings=GoToPosition(), timing=Timing(episode_steps=1),
+                     episode_steps=8)
+    tiny_trainer(tmp_path / "agent-seed0", config).save()
+    row = Row("row", "agent", (Goal(("held 5 cm",), "%", (99.5,), at_least=True),), distance=(0.001, 0.002))
+    (line,) = Agents(tmp_path, episodes=4, starts=1)._lines(row)
+    assert (line.worst, line.passed) == ((100.0,), True)
+
+
 def test_a_run_of_another_task_is_one_sentence(tmp_path: Path) -> None:
     trainer = tiny_trainer(tmp_path / "track-velocity-3d-seed0", CONFIG)
     trainer.save()
