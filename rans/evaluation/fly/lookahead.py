@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -30,7 +30,11 @@ CHANGE_WITHIN = 1.0
 
 @dataclass(frozen=True)
 class Arrival:
-    """What late arrival, thrust, and being off the goal cost: 1 is a second with all thrusters open."""
+    """What late arrival, thrust, and being off the goal cost: 1 is a second with all thrusters open.
+
+    Raises:
+        ConfigError: a price is no finite number >= 0.
+    """
 
     late: float = 2.5
     """Of a second before the goal set is reached (`rans.tasks.goal_set.arrived`), or beyond a tolerance after
@@ -38,7 +42,13 @@ class Arrival:
     position: float = 0.5
     """Of a second there at the edge of this tolerance; it grows with the square of the error."""
     attitude: float = 0.07
-    """The same of this one."""
+    """The same of this one; errors of other names cost nothing while they are within theirs."""
+
+    def __post_init__(self) -> None:
+        """Refuse what no flight can be weighed by."""
+        for name, price in asdict(self).items():
+            if not (is_finite(price) and price >= 0):
+                raise ConfigError(f"the price {name} must be finite and >= 0, got {price!r}.")
 
     def cost(self, shares: np.ndarray, there: np.ndarray, errors: dict[str, np.ndarray]) -> np.ndarray:
         """(M,) of seconds with these shares of all thrust; errors are shares of their tolerances."""
@@ -110,7 +120,8 @@ class Lookahead:
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
         """See `rans.flight.Controller`; looks at the observation and at the state."""
         count, choices = len(observation), self._changes.shape[1]
-        self._been |= arrived(self._world.task, state, goal)
+        if self.arrival is not None:
+            self._been |= arrived(self._world.task, state, goal)
         # Every episode so often as there are choices, its own first.
         memory = None if self._memory is None else self._memory.repeat_interleave(choices, dim=0)
         command, after = self._changed(np.repeat(observation, choices, axis=0), memory, 0)
@@ -145,8 +156,9 @@ class Lookahead:
             now = outcome.episode.state, outcome.episode.goal
             been = been | arrived(task, *now)
             there = been & outcome.reached
-            errors = {name: error / bounds[name] for name, error in task.errors(*now).items()}
-            spared -= self.arrival.cost(np.stack(outcome.command, axis=1) @ self._shares, there, errors)
+            errors = task.errors(*now)
+            spared -= self.arrival.cost(np.stack(outcome.command, axis=1) @ self._shares, there,
+                                        {name: errors[name] / bound for name, bound in bounds.items()})
         own = np.arange(len(command)) % self._changes.shape[1] == 0
         return np.where(there | own, spared, -math.inf)
 

@@ -136,6 +136,14 @@ def test_who_is_paid_for_arriving_looks_ahead_for_it() -> None:
     assert [one.arrival for one in named if isinstance(one, Lookahead)] == [Arrival(), None]
 
 
+def test_an_agent_of_many_tasks_looks_ahead_on_each() -> None:
+    """Which have no goal set in common; with a horizon of a period, what it looks at is paid at once."""
+    run = contestant("pretrained:multi-task-2d")
+    starts = scenarios(run.task, run.craft, 5, 8)
+    flight = fly(run.craft, run.task, Lookahead(run, horizon=0.2), starts, Timing(episode_steps=3))
+    assert np.isfinite(sum(flight.rewards().values())).all()
+
+
 def test_it_is_named_before_an_agent() -> None:
     spec = f"lookahead:{FAST}"
     run, plain = contestant(spec), contestant(FAST)
@@ -166,6 +174,12 @@ def test_wrong_horizons_are_refused(horizon: Any) -> None:
         Lookahead(contestant(FAST), horizon)
     with pytest.raises(ConfigError, match="the time that changes come within must be finite and > 0 s, got"):
         Lookahead(contestant(FAST), change_within=horizon)
+
+
+@pytest.mark.parametrize("price", [-0.1, float("nan"), float("inf"), "2"])
+def test_wrong_prices_are_refused(price: Any) -> None:
+    with pytest.raises(ConfigError, match="the price late must be finite and >= 0, got"):
+        Arrival(late=price)
 
 
 def test_thrusters_that_are_throttled_are_refused() -> None:
