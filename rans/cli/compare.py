@@ -44,7 +44,8 @@ class Compare:
     engine: Literal["fast", "drake"] = "fast"
     """What computes the motion: the shared equations, or Drake as an independent judge."""
     certified: int = 4
-    """Starts whose bounds are certified, about 25 processor seconds each; kept for the next time."""
+    """Starts whose bounds are certified if optimal joins, about 25 processor seconds each, in space minutes;
+    kept for the next time."""
     front: bool = False
     """Draw time against impulse as well: the line of an agent with a knob, all others, and the certified
     front."""
