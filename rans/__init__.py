@@ -49,7 +49,7 @@ from rans.tasks import (
 
 if TYPE_CHECKING:
     from rans.evaluation.fly.controllers import CONTROLLERS
-    from rans.evaluation.fly.lookahead import Lookahead
+    from rans.evaluation.fly.lookahead import ArrivalCost, Lookahead
     from rans.evaluation.fly.pilot import Pilot
     from rans.fast.engine import Engine
     from rans.fast.envs.sb3 import SB3VecEnv
@@ -71,7 +71,7 @@ _LAZY = {
     "SB3VecEnv": "rans.fast.envs.sb3", "SpacecraftEnv": "rans.fast.envs.single",
     "SpacecraftVectorEnv": "rans.fast.envs.vector",
     "CONTROLLERS": "rans.evaluation.fly.controllers", "Lookahead": "rans.evaluation.fly.lookahead",
-    "Pilot": "rans.evaluation.fly.pilot",
+    "ArrivalCost": "rans.evaluation.fly.lookahead", "Pilot": "rans.evaluation.fly.pilot",
     "Controller": "rans.flight", "Flight": "rans.flight", "fly": "rans.flight",
     "LQR": "rans.optimal.control.lqr", "Switching": "rans.optimal.control.switching",
     "MPC": "rans.optimal.control.mpc", "ObserverMPC": "rans.optimal.control.observer",
@@ -86,8 +86,8 @@ __all__ = [
     "TrackVelocityHeading", "MultiTask",
     "load_task", "Conditions", "BodyConditions", "ThrusterConditions", "FaultConditions",
     "DisturbanceConditions", "SensorConditions", "SensorsConditions", "load_conditions", "conditions_names",
-    "CONTROLLERS", "Controller", "LQR", "Switching", "MPC", "ObserverMPC", "MPPI", "Lookahead", "Pilot",
-    "pretrained_names", "Scenario", "Timing", "Flight", "fly",
+    "CONTROLLERS", "Controller", "LQR", "Switching", "MPC", "ObserverMPC", "MPPI", "Lookahead", "ArrivalCost",
+    "Pilot", "pretrained_names", "Scenario", "Timing", "Flight", "fly",
     "Engine", "PPO", "PPOSettings", "SB3VecEnv", "SpacecraftEnv", "SpacecraftVectorEnv",
     "ConfigError", "NonFiniteState", "RansError", "SolverFailed", "WorkerLost",
     "__version__",

@@ -29,8 +29,11 @@ CHANGE_WITHIN = 1.0
 
 
 @dataclass(frozen=True)
-class Arrival:
+class ArrivalCost:
     """What late arrival, thrust, and being off the goal cost: 1 is a second with all thrusters open.
+
+    >>> rans.Lookahead(rans.load_agent("go-to-pose-2d-fast"), arrival=rans.ArrivalCost(late=1.5))
+    <Lookahead: go-to-pose-2d-fast, 8 s ahead>
 
     Raises:
         ConfigError: a price is no finite number >= 0.
@@ -65,8 +68,8 @@ class Lookahead:
     It opens a shut thruster, or shuts an open one, where the flight that follows is best if it goes on as it
     is used to; where the best change is a later one, it waits. That is one step of policy improvement, the
     rollout algorithm (Bertsekas, Tsitsiklis and Wu, "Rollout algorithms for combinatorial optimization",
-    J. Heuristics 3, 1997), in a perfect world from the state that sensors tell. Best is what costs least of
-    an `Arrival` and ends in the goal set; without one, what earns most of the task's rewards, undiscounted.
+    J. Heuristics 3, 1997), in a perfect world from the state that sensors tell. Best is what has the least
+    `ArrivalCost` and ends in the goal set; without one, what earns most of the task's rewards, undiscounted.
     Where nothing is better, nothing is changed.
 
     Args:
@@ -84,7 +87,7 @@ class Lookahead:
     """Many episodes are flown by many processes."""
 
     def __init__(self, run: LoadedRun, horizon: float = HORIZON, change_within: float = CHANGE_WITHIN,
-                 arrival: Arrival | None = None) -> None:
+                 arrival: ArrivalCost | None = None) -> None:
         agent, craft, task, timing, _ = checked("who looks ahead", run, LoadedRun)
         if not isinstance(agent, Agent):
             raise ConfigError(f"{agent.name} cannot look ahead: only trained agents do.")
@@ -179,4 +182,4 @@ class Lookahead:
 def looking_ahead(run: LoadedRun) -> Lookahead:
     """The agent as contestants name it: about arriving if it was paid for that, else about its rewards."""
     paid_for_it = getattr(run.task, "arrived_weight", 0.0) > 0
-    return Lookahead(run, arrival=Arrival() if paid_for_it else None)
+    return Lookahead(run, arrival=ArrivalCost() if paid_for_it else None)

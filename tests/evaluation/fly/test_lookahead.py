@@ -12,7 +12,7 @@ from rans.errors import ConfigError
 from rans.evaluation.compare.roster import contest_of, enlist
 from rans.evaluation.fly.agent import Agent, LoadedRun
 from rans.evaluation.fly.contestants import contestant, controller_name, output_folder
-from rans.evaluation.fly.lookahead import Arrival, Lookahead
+from rans.evaluation.fly.lookahead import ArrivalCost, Lookahead
 from rans.fast.learn.network import Network
 from rans.flight import Flight, Setup, fly
 from rans.model.actuators import Throttle
@@ -90,7 +90,7 @@ def test_it_gives_what_brute_force_finds_best(memory: dict[str, Any], task: GoTo
     setup, count = Setup(PLATFORM, task, Timing(episode_steps=2)), 24
     starts = scenarios(task, PLATFORM, 5, count)
     ahead = Lookahead(LoadedRun(Agent(network, "tiny"), *setup), horizon=PERIODS * 0.2, change_within=0.4,
-                      arrival=Arrival() if worth is spared else None)
+                      arrival=ArrivalCost() if worth is spared else None)
     given = fly(PLATFORM, task, ahead, starts, setup.timing).commands
     changed = waited = 0
     for now in range(2):
@@ -127,13 +127,13 @@ def test_who_is_paid_for_arriving_looks_ahead_for_it() -> None:
     task, timing = run.task.for_evaluation(), Timing(episode_steps=36)
     starts = scenarios(task, run.craft, 2024, 4)
     flights = [fly(run.craft, task, one, starts, timing)
-               for one in (run.controller, Lookahead(run, change_within=0.2, arrival=Arrival()))]
+               for one in (run.controller, Lookahead(run, change_within=0.2, arrival=ArrivalCost()))]
     there = [arrived(task, flight.states, flight.goals) for flight in flights]
     assert there[1].any(axis=0).all()
     assert there[1].argmax(axis=0).sum() <= there[0].argmax(axis=0).sum()
     assert flights[1].commands.sum() < flights[0].commands.sum()
     named = [contestant(f"lookahead:{one}").controller for one in (FAST, "pretrained:go-to-pose-2d")]
-    assert [one.arrival for one in named if isinstance(one, Lookahead)] == [Arrival(), None]
+    assert [one.arrival for one in named if isinstance(one, Lookahead)] == [ArrivalCost(), None]
 
 
 def test_an_agent_of_many_tasks_looks_ahead_on_each() -> None:
@@ -179,7 +179,7 @@ def test_wrong_horizons_are_refused(horizon: Any) -> None:
 @pytest.mark.parametrize("price", [-0.1, float("nan"), float("inf"), "2"])
 def test_wrong_prices_are_refused(price: Any) -> None:
     with pytest.raises(ConfigError, match="the price late must be finite and >= 0, got"):
-        Arrival(late=price)
+        ArrivalCost(late=price)
 
 
 def test_thrusters_that_are_throttled_are_refused() -> None:
