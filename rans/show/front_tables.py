@@ -18,11 +18,12 @@ def table(front: Front) -> tuple[list[str], list[list[str]]]:
     rows = []
     for entry in _ordered(front):
         place, multiple = point(entry), front.multiple(entry)
-        over = multiple[:2] if multiple else (math.nan, math.nan)
+        over = ((multiple.epsilon, multiple.until, multiple.episode) if multiple
+                else (math.nan, math.nan, math.nan))
         numbers = 100.0 * place.there, place.time, place.impulse, factor * place.error, *over
         rows.append([entry.name, *map(figure, numbers)])
     return ["contestant", "get there, %", "time, s", "impulse, N s", f"{quantity} error, {unit}",
-            "impulse over its bound", "until there over its bound"], rows
+            "behind the front", "until there over its bound", "impulse over its bound"], rows
 
 
 def sentences(front: Front) -> Iterator[str]:
@@ -34,11 +35,14 @@ def sentences(front: Front) -> Iterator[str]:
             sure = (f" (in {100.0 * front.chance(line, other):.3g} % of resamplings)" if verdict.dominates
                     else "")
             yield f"{agent} {does} {other.name}{sure}: {_reason(verdict, point(other), *_error(front))}."
-        over = [f"{own.episode:.2f} at {one.contestant.knob:g}" for one in line
-                if (own := front.multiple(one))]
-        if over:
-            yield (f"{agent} spends, in multiples of the certified least impulse for its own times, "
-                   f"{', '.join(over)}.")
+        over = {one.contestant.knob: own for one in line if (own := front.multiple(one))}
+        for says, name in (("is behind the certified front, in time and impulse at once, by factors of",
+                            "epsilon"),
+                           ("spends, in multiples of the certified least impulse for its own times,",
+                            "episode")):
+            if over:
+                told = ", ".join(f"{getattr(own, name):.2f} at {knob:g}" for knob, own in over.items())
+                yield f"{agent} {says} {told}."
 
 
 def _reason(verdict: Verdict, other: Point, quantity: str, factor: float, unit: str) -> str:

@@ -26,8 +26,8 @@ from rans.tasks.goal_set import aims
 _HORIZONS = (0.24, 0.32, 0.4, 0.6, 0.8, 1.0)
 """Shares of an episode at which the least thrust-time is certified: 6, 8, 10, 15, 20 and 25 s of 25 s."""
 
-_FRONT = (0.24, 0.28, *_HORIZONS[1:])
-"""Those at which the front is drawn: it is steep where time is short."""
+_FRONT = (*(0.2 * 1.08**k for k in range(21)), 1.0)
+"""Those at which the front is drawn: so close that what lies between hardly counts (`Front.epsilon`)."""
 
 _RELAXED = (0.4, 0.8)
 """Those of them for which the relaxed optimum is found too."""

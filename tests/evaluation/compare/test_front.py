@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
+from copy import deepcopy
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from rans.evaluation.compare import certified
 from rans.evaluation.compare.bounds import Bound, Event
@@ -81,8 +84,9 @@ def test_multiples_are_of_bounds_of_the_same_starts_and_times() -> None:
     assert found.events(0) == [Event(), Event(horizon=2.0), Event(horizon=5.0), Event(horizon=1.0)]
     assert found.events(2) == [Event(), Event(horizon=2.0), Event(horizon=5.0)]  # never there
     assert found.starts() == [0, 1, 2]
-    # 2 and 1 N s in all, 1 and 1 until there, of 0.4 and 0.6
-    assert found.multiple(found.entries[0]) == pytest.approx((3.0, 2.0, 0.5, 1.5, 2))
+    # 2 and 1 N s in all, 1 and 1 until there, of 0.4 and 0.6. The first is there in twice the least time, and
+    # spends 2.5 times what 1 s takes; the second in four times, and spends 1 / 0.6 times what 2 s take.
+    assert found.multiple(found.entries[0]) == pytest.approx((3.0, 2.0, 0.5, 1.5, (2.0 + 1.0 / 0.6) / 2.0, 2))
     assert found.front() == pytest.approx(
         {Event(): 0.5, Event(horizon=2.0): 1.0 / 3, Event(horizon=5.0): 0.2})
     assert not list(found.impossible())
@@ -90,6 +94,34 @@ def test_multiples_are_of_bounds_of_the_same_starts_and_times() -> None:
     assert unknown.starts() == [1, 2]
     assert front(named("agent")).multiple(found.entries[0]) is None
     assert front(named("agent")).front() == {}
+
+
+@given(st.integers(1, 25), st.integers(0, 24), st.lists(st.floats(0.0, 1.0), min_size=25, max_size=25))
+def test_behind_the_front_by_trying_factors(own: int, least_time: int, falls: list[float]) -> None:
+    """All bounds known, in periods of 0.5 s: a little more is excluded, a little less is not."""
+    one = named("agent")
+    vars(one)["arrival"] = np.array([0.5 * own, math.inf, math.inf])
+    spent = float(one.arrival_thrust[0])
+    bounds = np.cumsum(falls)[::-1]  # by the end of period 1, 2, ..., never more than before
+    bounds = bounds * min(1.0, spent / (bounds[own - 1] or 1.0))  # the flight itself beats none
+    found = front(one, certified=[Bound(0, None, 0.5 * min(least_time, own)), *(
+        Bound(0, 0.5 * k, bound) for k, bound in enumerate(bounds, 1))])
+
+    def excluded(factor: float) -> bool:
+        periods = math.floor(own / factor)
+        return periods < min(least_time, own) or spent / factor < bounds[max(periods, 1) - 1]
+
+    factor = found.epsilon(one, 0)
+    assert math.isinf(factor) or excluded(factor * (1.0 + 1e-9))
+    assert not excluded(min(factor, 1e9) * (1.0 - 1e-9))
+
+
+def test_from_a_start_that_moves_nobody_can_wait() -> None:
+    found = front(named("agent"), certified=answers())
+    vars(found.contest)["starts"] = moved = deepcopy(found.contest.starts)
+    moved.start.v.x[0] = 0.01
+    assert math.isinf(found.epsilon(found.entries[0], 0))
+    assert found.epsilon(found.entries[0], 1) == pytest.approx(1.0 / 0.6)
 
 
 @pytest.mark.parametrize("wrong", [(1.1, 0.6), (0.4, 1.1)])
@@ -126,11 +158,13 @@ def test_words_and_figures_of_a_front() -> None:
     assert [one.name for one in found.others()] == ["dear", "held#0.5"]
     columns, rows = table(found)
     assert columns[4] == "position error, cm"
-    assert rows[0] == ["agent#0", "66.7", "2.67", "1", "301", "3", "2"]
+    assert rows[0] == ["agent#0", "66.7", "2.67", "1", "301", "1.83", "2", "3"]
     assert [row[3] for row in rows] == ["1", "0.5", "4", "1"]
     assert [*sentences(found)] == [
         "agent does not dominate dear: in 2.667 s 0.5 N s instead of 4, but with 4 N s it is no quicker.",
         "agent does not dominate held#0.5: in 2.667 s 0.5 N s instead of 1, but with 1 N s it is no quicker.",
+        "agent is behind the certified front, in time and impulse at once, by factors of 1.83 at 0, "
+        "1.04 at 1.",
         "agent spends, in multiples of the certified least impulse for its own times, 3.00 at 0, 1.50 at 1."]
     axes, _ = front_figure(found).axes
     drawn = points(axes)
