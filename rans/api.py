@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from rans.evaluation.compare.run import Comparison
     from rans.evaluation.fly.agent import LoadedRun
     from rans.evaluation.fly.judge import EngineName
+    from rans.evaluation.fly.lookahead import Lookahead
     from rans.evaluation.fly.protocols import ProtocolName
     from rans.evaluation.measure.aggregate import Metrics
     from rans.fast.learn.config import PPOSettings, TrainConfig
@@ -58,7 +59,7 @@ def load_agent(name: str | Path) -> LoadedRun:
     return contestant(text_of(name))
 
 
-def evaluate(agent: str | Path | LoadedRun, *, episodes: int = 1024, seed: int = EVALUATION_SEED,
+def evaluate(agent: str | Path | LoadedRun | Lookahead, *, episodes: int = 1024, seed: int = EVALUATION_SEED,
              engine: EngineName = "fast", conditions: ConditionsLike | None = None,
              protocol: ProtocolName = "own") -> Metrics:
     """Fly from fixed starts: metrics with 95 % intervals, as `rans evaluate` prints.
@@ -68,7 +69,7 @@ def evaluate(agent: str | Path | LoadedRun, *, episodes: int = 1024, seed: int =
     (100.0, '%')
 
     Args:
-        agent: who flies, see `load_agent`.
+        agent: who flies, see `load_agent`; or a `Lookahead`.
         episodes: number of flights.
         seed: of starts and goals.
         engine: "fast", or "drake" as an independent judge.

@@ -204,7 +204,7 @@ def read_json_lines(file: Path) -> list[dict[str, Any]]:
     return values
 
 
-def first_line(error: Exception) -> str:
+def first_line(error: BaseException) -> str:
     """What an error of another library says, without its advice."""
     return str(error).partition("\n")[0].rstrip(".") or type(error).__name__
 

@@ -32,8 +32,9 @@ class Compare:
     """
 
     contestants: Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="RUN...")]
-    """Run folders, pretrained:NAME, CONTROLLER:TASK-2d (see `rans list`), sb3:FILE.zip, onnx:FILE or
-    python:MODULE:FUNCTION. The first gives task, spacecraft and rate; others are compared with it."""
+    """Run folders, pretrained:NAME, either after lookahead:, CONTROLLER:TASK-2d (see `rans list`),
+    sb3:FILE.zip, onnx:FILE or python:MODULE:FUNCTION. The first gives task, spacecraft and rate; others are
+    compared with it."""
     beside: Annotated[tuple[str, ...], tyro.conf.arg(name="with", metavar="[NAME|optimal ...]")] = BESIDE
     """Who joins them: simple controllers, and the best that is possible."""
     conditions: str | None = None
@@ -108,6 +109,9 @@ def _write(comparison: Comparison, folder: Path) -> None:
     from rans.show.comparison_tables import gap_names, gap_rows, gaps, scoreboard, to_json
 
     console, board = Terminal(), scoreboard(comparison)
+    if not (comparison.entries or comparison.failures):
+        console.say(f"Nobody has flown yet: {folder / 'compare.html'} and compare.json stay as they were.")
+        return
     write_json(folder / "compare.json", to_json(comparison, TEXT))
     page(comparison, command_line()).write(folder / "compare.html")
     if board:
@@ -122,7 +126,8 @@ def _write(comparison: Comparison, folder: Path) -> None:
         console.show(f"Median multiple of the bound of the same event, {starts}",
                      ("event", *gap_names(found)), gap_rows(found))
     if board and (front := comparison.front):
-        console.show("Front of time and impulse", *front_tables.table(front))
+        console.show(f"Front of time and impulse, bounds of {counted(len(front.starts()), 'start')}",
+                     *front_tables.table(front))
         for sentence in front_tables.sentences(front):
             console.say(sentence)
     for sentence in (*comparison.notes, *comparison.failures):

@@ -60,8 +60,8 @@ class Tune:
             found = tune(self.controller, setup, self.candidates, self.starts, self.price,
                          command_line(), step)
         known = None if self.output else tuned(self.controller, setup)
-        beaten = known is not None and known.is_no_worse(found)
-        if not beaten:
+        staying = known if known and known.outlasts(found) else None
+        if staying is None:
             found.write(file)
         before = defaults(CONTROLLERS[self.controller], within)
         Terminal().print(table(
@@ -69,9 +69,9 @@ class Tune:
             ("setting", "default", "tuned"), [
                 *((key, f"{before[key]:.3g}", f"{value:.3g}") for key, value in found.settings.items()),
                 ("cost, s", *(f"{value:.3f}" for value in found.costs.values()))]))
-        Terminal().say(f"Written to {file}." if not beaten else
-                       "Not written: the settings in use cost no more on the same starts; --output FILE "
-                       "writes these all the same.")
+        Terminal().say(f"Written to {file}." if staying is None else
+                       f"Not written: the settings in use, {staying.budget()}, were found on more starts, or "
+                       "cost no more on the same; --output FILE writes these all the same.")
         if found.candidates < self.candidates:
             raise KeyboardInterrupt
         return 0

@@ -100,11 +100,12 @@ def _rare(assurance: Assurance) -> Iterator[Section]:
     found, counted = assurance.rare, assurance.campaign.bound()
     if found is None:
         return
-    low, high = found.interval
+    figures = (None, None, None) if found.interval is None else (
+        f"{x:.3g}" for x in (found.probability, *found.interval))
     rows = [["by counting", f"{counted.rate:.3g}", f"{counted.low:.3g}", f"{counted.high:.3g}",
              f"{counted.events:,}", f"{counted.flights:,}", None],
-            ["by importance sampling", f"{found.probability:.3g}", f"{low:.3g}", f"{high:.3g}",
-             f"{found.events:,}", f"{found.sample + found.learning:,}", f"{found.gain:.3g}"]]
+            ["by importance sampling", *figures, f"{found.events:,}", f"{found.sample + found.learning:,}",
+             f"{found.gain:.3g}" if found.events else None]]
     yield Section("Rarer failures", (
         "Flights that draw what leads to failures more often than chance does, weighted by how likely that "
         "is (cross-entropy method). From and to are at 99 %, by the central limit theorem where they are not "

@@ -48,7 +48,7 @@ def sentences(front: Front) -> Iterator[str]:
 def _reason(verdict: Verdict, other: Point, quantity: str, factor: float, unit: str) -> str:
     thrifty, quick, _ = verdict
     if thrifty is None:
-        return f"it is never there in {other.time:.4g} s"
+        return f"at no position is it there within {other.time:.4g} s in the mean"
     if thrifty.impulse >= other.impulse:
         return f"in {other.time:.4g} s it spends {thrifty.impulse:.4g} N s, not less than {other.impulse:.4g}"
     text = f"in {other.time:.4g} s {thrifty.impulse:.4g} N s instead of {other.impulse:.4g}"

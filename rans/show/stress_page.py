@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from itertools import groupby
@@ -10,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from rans.errors import counted
+from rans.evaluation.fly.contestants import view_command
 from rans.evaluation.measure.metrics import DISPLAY
 from rans.evaluation.stress.effects import Effect, Level
 from rans.evaluation.stress.outcome import WANTED, holds_to
@@ -83,8 +83,7 @@ class StressReport:
         """What shows one episode of a contestant again, beside the first who knows the task."""
         who = dict.fromkeys((next(iter(self.stress.contestants)), spec))
         world = str(self.folder / "stress" / f"{level.name}.toml") if self._file(level) else level.effect
-        return shlex.join(["rans", "view", *who, "--conditions", world, "--episode", str(episode),
-                           "--seed", str(self.stress.contest.seed)])
+        return view_command(who, self.stress.contest.task, world, episode, self.stress.contest.seed)
 
     def worst_rows(self) -> Iterator[list[str]]:
         """The worst episodes in each world without a size, and at the smallest size that was too much."""

@@ -85,7 +85,10 @@ def test_ctrl_c_keeps_what_was_flown_and_the_same_command_goes_on(monkeypatch: p
     assert main(["assure", AGENT.removeprefix("pretrained:"), *command[2:]]) == 0  # as of a moved folder
     assert calls == [0, 32, 32]
     assert json.loads(Path("here/assurance.json").read_text("utf-8"))["campaign"]["flights"] == 64
-    assert main([*command, "--episodes", "48"]) == 0  # what was complete is made anew
+    assert main([*command, "--episodes", "48"]) == 2
+    assert "holds 64 of 64 flights of a campaign that was larger" in capsys.readouterr().err
+    assert main([*command, "--episodes", "48", "--restart"]) == 0
+    assert main([*command, "--episodes", "48", "--seed", "7"]) == 0  # no smaller: made anew
 
 
 def test_a_plan_says_what_a_bound_takes(capsys: pytest.CaptureFixture[str]) -> None:

@@ -67,6 +67,19 @@ def test_interrupted_it_still_writes(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert "interrupted; what was written is kept" in capsys.readouterr().err
 
 
+def test_interrupted_before_anybody_has_flown_it_leaves_what_is_there(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    for name in ("compare.html", "compare.json"):
+        (tmp_path / name).write_text("an earlier one")
+    monkeypatch.setattr("rans.evaluation.compare.run.fill", interrupted)
+    assert main(["compare", "lqr:go-to-pose-2d", "--output", str(tmp_path)]) == 130
+    assert {file.read_text() for file in tmp_path.iterdir()} == {"an earlier one"}
+    assert "Nobody has flown yet" in " ".join(capsys.readouterr().out.split())
+
+
 @pytest.mark.parametrize(("arguments", "sentence"), [
     (["runs/nobody"], "runs/nobody"),
     ([IDLE], "knows no task"),
@@ -75,6 +88,7 @@ def test_interrupted_it_still_writes(tmp_path: Path, monkeypatch: pytest.MonkeyP
     (["lqr:go-to-pose-2d", "--with", "lqr", "pid"], "no controller named 'pid'"),
     (["lqr:go-to-pose-2d", "--episodes", "0"], "--episodes must be >= 1 and < 2^31, got 0"),
     (["lqr:go-to-pose-2d", "--seed", "18446744073709551616"], "rans: the seed must be a whole number"),
+    (["go-to-pose-2d-knob#"], "go-to-pose-2d-knob has a knob: hold it, as in go-to-pose-2d-knob#0.5"),
     (["lqr:go-to-pose-2d", "--front", "--positions", "1"], "--positions must be >= 2, the ends of the knob"),
     (["lqr:go-to-pose-2d", "--front", "--budget", "nan"], "--budget must be >= 0 s, got nan"),
 ])

@@ -31,7 +31,7 @@ def test_what_is_tuned_flies_from_then_on(tmp_path: Path, monkeypatch: pytest.Mo
 
 def test_a_worse_result_replaces_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
                                          capsys: pytest.CaptureFixture[str]) -> None:
-    """As of a search that was stopped early; other starts, or a file of its own, are another matter."""
+    """As of a search that was stopped early, or on fewer starts; a file of its own is another matter."""
     monkeypatch.chdir(tmp_path)
     tune = ["tune", "lqr", "--task", "track-velocity", "--spacecraft", "atmos", "--starts", "2"]
     assert main([*tune, "--candidates", "4"]) == 0
@@ -41,9 +41,12 @@ def test_a_worse_result_replaces_nothing(tmp_path: Path, monkeypatch: pytest.Mon
     kept = file.read_text()
     capsys.readouterr()
     assert main([*tune, "--candidates", "1"]) == 0
-    assert "Not written: the settings in use cost no more" in capsys.readouterr().out
+    assert "Not written: the settings in use, tuned: 4 settings on 2 starts, were" in " ".join(
+        capsys.readouterr().out.split())
     assert file.read_text() == kept
     assert main([*tune, "--candidates", "1", "--output", "mine.json"]) == 0
+    assert main([*tune[:-1], "1", "--candidates", "1"]) == 0
+    assert file.read_text() == kept
     assert main([*tune[:-1], "3", "--candidates", "1"]) == 0
     assert '"starts": 3' in file.read_text()
 

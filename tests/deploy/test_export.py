@@ -97,6 +97,13 @@ def test_what_comes_with_the_package_is_exported_already(capsys: pytest.CaptureF
         assert "go-to-pose-2d comes with RANS as an export writes it" in told
 
 
+@pytest.mark.parametrize("name", ["go-to-pose-2d-knob#0.4", "multi-task-2d#go-to-pose", "go-to-pose-2d#7"])
+def test_an_agent_leaves_whole(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["export", name, "--format", "numpy", "--output", str(tmp_path / "part")]) == 2
+    assert f"name it without {name[name.index('#'):]}" in " ".join(capsys.readouterr().err.split())
+    assert not (tmp_path / "part").exists()
+
+
 def test_what_cannot_be_exported_is_one_sentence(run: Path, shipped: Path, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="is the run itself"):
         export(run, run)

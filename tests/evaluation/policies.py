@@ -30,4 +30,9 @@ def broken(observation: np.ndarray) -> np.ndarray:
     raise KeyError("no such layer")
 
 
+def leaving(observation: np.ndarray) -> np.ndarray:
+    """Ends the program."""
+    raise SystemExit(3)
+
+
 PI = 3.14159

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -20,7 +19,7 @@ from rans.evaluation.assure.rare import Rare, rare
 from rans.evaluation.assure.replay import Replays, replays
 from rans.evaluation.assure.search import Searched, on_device, searched, unit
 from rans.evaluation.fly.agent import Agent, LoadedRun
-from rans.evaluation.fly.contestants import contestant, judged_separately
+from rans.evaluation.fly.contestants import contestant, judged_separately, view_command
 from rans.fast.distributed import ALONE, Processes
 from rans.fast.learn.network import Network
 from rans.fast.verdicts import Failure
@@ -110,9 +109,7 @@ class Assurance:
 
     def view(self, number: int) -> str:
         """The command that shows a flight again."""
-        given = ["--conditions", self.conditions] if self.conditions else []
-        return shlex.join(["rans", "view", self.spec, *given, "--episode", str(number),
-                           "--seed", str(self.campaign.seed)])
+        return view_command([self.spec], self.run.task, self.conditions, number, self.campaign.seed)
 
     def go_on(self, file: Path) -> bool:
         """Take over what an earlier, equal campaign wrote; whether there was one."""
@@ -125,18 +122,20 @@ class Assurance:
         return True
 
     def check_replaces_nothing(self, file: Path) -> None:
-        """Refuse (`ConfigError`) to write over another campaign that was interrupted: flights take long."""
+        """Refuse (`ConfigError`) to write over another campaign that was interrupted, or flew more."""
         before = read_json(file) if file.exists() else {}
         try:
             flights, most = before["campaign"]["flights"], before["about"]["looks"][-1][0]
             interrupted = before["decision"] == "open" and 0 < flights < most
         except (KeyError, TypeError, IndexError):
             return  # no campaign
-        if interrupted and (differing := self._differs_in(before["about"])):
-            raise ConfigError(f"{file} holds {flights:,} of {most:,} flights of a campaign that was "
-                              f"interrupted, and this is another one (by its {', '.join(differing)}): go on "
-                              "with the command that the file tells, choose another folder with --output, or "
-                              "replace it with --restart.")
+        larger = flights > self.campaign.plan.flights
+        if (interrupted or larger) and (differing := self._differs_in(before["about"])):
+            was = "interrupted" if interrupted else "larger"
+            go_on = "go on with the command that the file tells, " if interrupted else ""
+            raise ConfigError(f"{file} holds {flights:,} of {most:,} flights of a campaign that was {was}, "
+                              f"and this is another one (by its {', '.join(differing)}): {go_on}choose "
+                              "another folder with --output, or replace it with --restart.")
 
     def _differs_in(self, about: Any) -> list[str]:
         """What of `about` is another; that the agent's folder was moved does not matter, its hashes tell."""

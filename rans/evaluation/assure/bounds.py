@@ -17,6 +17,8 @@ _LOOKS = 5
 """At which failures may be found to be rare enough: twice as many flights at each as at the one before."""
 _MOST = 2**31 - 1
 """Flights that a seed has numbers for."""
+_COUNTABLE = 2**62
+"""Flights up to which SciPy's binomial distribution takes a number."""
 _EARLY = 0.1
 """Share of the chance of error that looks before these have."""
 _FIRST = 1024
@@ -51,9 +53,9 @@ class Bound(NamedTuple):
 
 
 def flights_needed(below: float, level: float, events: int = 0) -> int:
-    """The fewest flights after which so few events put `upper` at most at ``below``."""
+    """The fewest flights after which so few events put `upper` at most at ``below``, or `_COUNTABLE`."""
     few, many = 0, 1
-    while binom.cdf(events, many, below) > level:
+    while many < _COUNTABLE and binom.cdf(events, many, below) > level:
         few, many = many, 2 * many
     while many - few > 1:
         middle = (few + many) // 2

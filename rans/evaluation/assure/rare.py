@@ -63,14 +63,19 @@ class Rare:
     """Flights before it, that chose where to look."""
 
     @property
-    def interval(self) -> tuple[float, float]:
-        """At 99 %, by the central limit theorem: an estimate, no proof."""
+    def interval(self) -> tuple[float, float] | None:
+        """At 99 %, by the central limit theorem: an estimate, no proof; none without an event."""
+        if not self.events:
+            return None
         half = NORMAL_99 * self.error
         return max(0.0, self.probability - half), self.probability + half
 
     @property
     def said(self) -> str:
         """In words."""
+        if self.interval is None:
+            return (f"no failure was met in {self.sample:,} flights, after {self.learning:,} that chose "
+                    "where to look, so there is no estimate")
         low, high = self.interval
         return (f"the probability of failure is {self.probability:.3g} ({low:.3g} to {high:.3g}), with a "
                 f"gain of {self.gain:.3g} over counting")

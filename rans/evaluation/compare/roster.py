@@ -75,7 +75,8 @@ def _single(spec: str, run: LoadedRun) -> LoadedRun:
     """The same, if it has one task; without a knob, if that is held."""
     parts = run.task.parts()
     if isinstance(parts, KnobPositions):
-        raise ConfigError(f"{spec} has a knob: hold it, as in {spec}#0.5, or let it turn with --front.")
+        name = spec.rstrip("#")
+        raise ConfigError(f"{name} has a knob: hold it, as in {name}#0.5, or let it turn with --front.")
     if first := next(iter(parts)):
         raise ConfigError(f"{spec} knows several tasks: pick one, as in {spec}#{first}.")
     plain = without_knob(run)

@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import re
+import shlex
+from collections.abc import Iterable
 from importlib.util import find_spec
 from pathlib import Path
 
 from rans.errors import ConfigError, brief, meant
 from rans.evaluation.fly.agent import Agent, LoadedRun, load_agent
 from rans.evaluation.fly.controllers import CONTROLLERS, controller, is_user_policy, user_policy
-from rans.evaluation.fly.lookahead import PREFIX, looking_ahead
+from rans.evaluation.fly.lookahead import PREFIX, Lookahead, looking_ahead
 from rans.evaluation.fly.protocols import ProtocolName, under_protocol
 from rans.flight import Setup
 from rans.model.spacecraft_file import USUAL, load_spacecraft
 from rans.model.timing import Timing
 from rans.pretrained import pretrained_folder, pretrained_names
 from rans.registry import from_here
-from rans.tasks import TASKS
+from rans.tasks import TASKS, Task, registered_name
 
 FORMS = (f"a run folder, pretrained:NAME, either after {PREFIX}:, "
          f"{', '.join(f'{name}:TASK-2d' for name in CONTROLLERS)} or "
@@ -71,12 +73,14 @@ def text_of(agent: object) -> str:
                       f"rans.load_agent('lqr:go-to-pose-2d'), got {brief(agent)}.")
 
 
-def in_protocol(agent: str | Path | LoadedRun, protocol: ProtocolName) -> LoadedRun:
+def in_protocol(agent: str | Path | LoadedRun | Lookahead, protocol: ProtocolName) -> LoadedRun:
     """Who flies, by its text or as such, in the setup of a protocol.
 
     Raises:
         ConfigError: see `contestant`; or a controller was made for another setup, which takes its name.
     """
+    if isinstance(agent, Lookahead):
+        agent = agent.run
     if not isinstance(agent, LoadedRun):
         return contestant(text_of(agent), protocol)
     own = Setup(*agent[1:])
@@ -123,6 +127,13 @@ def picked_task(spec: str) -> str:
     return _parse(spec)[2]
 
 
+def view_command(who: Iterable[str], task: Task, conditions: str | None, episode: int, seed: int) -> str:
+    """What shows an episode of contestants again; where a task is from outside, that runs a module's code."""
+    given = ["--conditions", conditions] if conditions else []
+    given += ["--episode", str(episode), "--seed", str(seed)]
+    return shlex.join(["rans", "view", *who, *given, *([] if registered_name(task) else ["--trust"])])
+
+
 def _is_controller(spec: str) -> bool:
     """Whether a text is the bare name of a controller, or MODULE:NAME of a module that exists."""
     if spec in CONTROLLERS:
@@ -140,6 +151,8 @@ def _parse(spec: str) -> tuple[str, str, str]:
     kinds = "pretrained", PREFIX, *CONTROLLERS
     if kind in kinds and name:
         return kind, name, part
+    if spec == f"{kind}:":
+        raise ConfigError(f"{spec} names nobody after its colon; known are {FORMS}.")
     if ":" in spec and not Path(spec).exists():
         module, (own, _, name) = kind, name.partition(":")
         if own and name:

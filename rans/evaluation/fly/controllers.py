@@ -123,7 +123,7 @@ def answered(who: str, ask: Callable[[], Any], craft: Spacecraft, count: int) ->
     """
     try:
         commands = np.asarray(ask(), dtype=np.float64)
-    except Exception as error:  # somebody else's code raises anything
+    except (Exception, SystemExit) as error:  # somebody else's code raises anything
         raise ConfigError(f"{who} failed: {type(error).__name__}: {first_line(error)}.") from error
     wanted = count, len(craft.thrusters)
     if commands.shape != wanted:
@@ -201,7 +201,7 @@ def _check_spaces(name: str, seen: Any, action: Any, craft: Spacecraft, task: Ta
                           f"{craft.actuators.allowed}: {', '.join(dict.fromkeys(map(str, known)))}.")
 
 
-def _onnx(name: str, *_: object) -> Policy:
+def _onnx(name: str, craft: Spacecraft, task: Task, _: bool) -> Policy:
     """A network whose first input is the observation and whose first output the command.
 
     It may have a second of each, (N, m): what it remembers.
@@ -219,6 +219,10 @@ def _onnx(name: str, *_: object) -> Policy:
     if not 1 <= len(inputs) <= min(2, len(session.get_outputs())):
         raise ConfigError(f"{name} must have one input, the observation, or besides a memory that is also "
                           f"its second output, got {', '.join(inputs)}.")
+    width, given = observation_width(task, craft.dimension), session.get_inputs()[0].shape
+    if len(given) == 2 and isinstance(given[1], int) and given[1] != width:
+        raise ConfigError(f"{name} observes {given[1]} numbers, but {craft.name} shows {width} for "
+                          f"{type(task).__name__}.")
     return OnnxPolicy(session)
 
 

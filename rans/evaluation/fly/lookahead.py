@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from rans.episode import Outcome, World, step
-from rans.errors import ConfigError, checked, is_finite
+from rans.errors import ConfigError, brief, checked, is_finite
 from rans.evaluation.fly.agent import Agent, LoadedRun
 from rans.model.actuators import ON_OFF
 from rans.model.fields import map_leaves
@@ -88,7 +88,12 @@ class Lookahead:
 
     def __init__(self, run: LoadedRun, horizon: float = HORIZON, change_within: float = CHANGE_WITHIN,
                  arrival: ArrivalCost | None = None) -> None:
-        agent, craft, task, timing, _ = checked("who looks ahead", run, LoadedRun)
+        if not isinstance(run, LoadedRun):
+            raise ConfigError("who looks ahead is what rans.load_agent gave, as in rans.Lookahead("
+                              f"rans.load_agent('go-to-pose-2d-fast')), got {brief(run)}.")
+        if arrival is not None:
+            checked("arrival", arrival, ArrivalCost)
+        agent, craft, task, timing, _ = run
         if not isinstance(agent, Agent):
             raise ConfigError(f"{agent.name} cannot look ahead: only trained agents do.")
         if isinstance(task, GoToPosePriced):
@@ -100,6 +105,7 @@ class Lookahead:
             if not (is_finite(given) and given > 0):
                 raise ConfigError(f"{what} must be finite and > 0 s, got {given!r}.")
         self.name, self._horizon, self.arrival = f"{PREFIX}:{agent.name}", horizon, arrival
+        self._run = run
         self._network, self._world = agent.network, World(craft, task, timing)
         self._periods, last = (math.ceil(s / timing.control_period - 1e-9)
                                for s in (horizon, min(change_within, horizon)))
@@ -113,6 +119,11 @@ class Lookahead:
 
     def __repr__(self) -> str:
         return f"<Lookahead: {self.name.removeprefix(f'{PREFIX}:')}, {self._horizon:g} s ahead>"
+
+    @property
+    def run(self) -> LoadedRun:
+        """This one, and what it flies."""
+        return self._run._replace(controller=self)
 
     def reset(self, count: int) -> None:
         """See `rans.flight.Controller`; an agent with a memory forgets."""

@@ -11,6 +11,7 @@ from rans.environment import Environment
 from rans.errors import ConfigError, brief
 from rans.evaluation.fly.agent import LoadedRun
 from rans.evaluation.fly.controllers import controller
+from rans.evaluation.fly.lookahead import Lookahead
 from rans.flight import Controller, Setup
 from rans.model.fields import map_leaves
 
@@ -25,14 +26,14 @@ class Pilot:
 
     Args:
         who: a name of `rans.evaluation.fly.controllers.CONTROLLERS`, or MODULE:NAME, see `controller`; or
-            what `rans.load_agent` gave.
+            what `rans.load_agent` gave, or a `Lookahead`.
         env: of `rans.environment`, in whatever wrappers.
 
     Raises:
         ConfigError: it is another environment, there is no such controller, or not for this craft.
     """
 
-    def __init__(self, who: str | LoadedRun, env: gymnasium.Env[Any, Any]) -> None:
+    def __init__(self, who: str | LoadedRun | Lookahead, env: gymnasium.Env[Any, Any]) -> None:
         found = env.unwrapped if isinstance(env, gymnasium.Env) else env
         if not isinstance(found, Environment):
             raise ConfigError(f"a pilot flies one of RANS's environments for one spacecraft, got {found!r}.")
@@ -55,7 +56,8 @@ class Pilot:
         return self._controller.act(state, goal, observation[None])[0].astype(self._space.dtype)
 
 
-def _agent(run: LoadedRun, setup: Setup) -> Controller:
+def _agent(who: LoadedRun | Lookahead, setup: Setup) -> Controller:
+    run = who.run if isinstance(who, Lookahead) else who
     if not isinstance(run, LoadedRun):
         raise ConfigError("a pilot is the name of a controller, or what rans.load_agent gave, got "
                           f"{brief(run)}.")

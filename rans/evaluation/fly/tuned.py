@@ -57,6 +57,8 @@ class Tuned:
             return cls(**read_json(file))
         except TypeError as error:
             raise ConfigError(f"{file} is damaged: {error}; write it anew with rans tune.") from error
+        except ConfigError as error:
+            raise ConfigError(f"{error} Delete it: what comes with RANS serves then.") from error
 
     def write(self, file: Path) -> None:
         """See `rans.files.write_json`."""
@@ -69,10 +71,13 @@ class Tuned:
                 and self.task == task_name(task) and self.control_period == timing.control_period
                 and self.spacecraft == to_toml(craft))
 
-    def is_no_worse(self, other: Tuned) -> bool:
-        """Whether these cost no more than others that were found for the same, on the same starts."""
-        same = all(getattr(self, name) == getattr(other, name) for name in ("starts", "seed", "price"))
-        return same and self.costs["tuned"] <= other.costs["tuned"]
+    def outlasts(self, other: Tuned) -> bool:
+        """Whether these stay: others for the same were found on fewer starts, or cost no less on as many."""
+        if (self.seed, self.price) != (other.seed, other.price):
+            return False
+        if self.starts != other.starts:
+            return self.starts > other.starts
+        return self.costs["tuned"] <= other.costs["tuned"]
 
     def budget(self) -> str:
         """What they cost, for tables."""

@@ -126,6 +126,12 @@ def test_rare_events_have_the_probability_that_the_normal_distribution_gives(lim
     assert found.gain > (1.0 if limit < 3.0 else 1000.0)
 
 
+def test_where_nothing_fails_nothing_is_estimated() -> None:
+    found = rare(lambda z, _: np.zeros(z.shape[1]), 3, 2000, 0)
+    assert (found.events, found.interval, found.to_json()["99 %"]) == (0, None, None)
+    assert found.said.startswith("no failure was met in 2,000 flights, after ")
+
+
 def test_what_has_no_cause_in_what_is_drawn_gains_nothing_but_is_estimated_right() -> None:
     def score(_: np.ndarray, number: np.ndarray) -> np.ndarray:
         return 1.2 * np.random.default_rng(number[:4].tolist()).random(len(number))

@@ -12,7 +12,13 @@ import pytest
 
 import rans.pretrained
 from rans.errors import ConfigError
-from rans.evaluation.fly.contestants import contestant, controller_name, judged_separately, output_folder
+from rans.evaluation.fly.contestants import (
+    contestant,
+    controller_name,
+    judged_separately,
+    output_folder,
+    view_command,
+)
 from rans.evaluation.fly.judge import flown
 from rans.evaluation.fly.protocols import fitting_protocols, under_protocol
 from rans.flight import Setup, fly
@@ -98,7 +104,7 @@ def test_results_stay_inside_their_folder() -> None:
     ("lqr:go-to-pose-2d@nowhere", "no spacecraft named 'nowhere'"),
     ("lqr:go-to-pose-2d#go-to-pose", "picks the task 'go-to-pose', but there is only one task"),
     ("pretraned:x", r"no contestant .pretraned:x. \(did you mean pretrained\?\); known are a run folder,"),
-    ("lqr:", "there is no contestant 'lqr:'"),
+    ("lqr:", "lqr: names nobody after its colon; known are a run folder"),
     ("rans.optimal.control.lqr:LQR", r"LQR knows no task; add one, as in rans.*LQR:go-to-pose-2d\.$"),
     ("nowhere_at_all:Idle", "there is no contestant 'nowhere_at_all:Idle'"),
     ("rans.optimal.control.lqr:LQR:go-to-pose", "as in rans.optimal.control.lqr:LQR:go-to-pose-2d or -3d"),
@@ -109,6 +115,15 @@ def test_results_stay_inside_their_folder() -> None:
 def test_who_is_not_there_is_one_sentence(spec: str, said: str) -> None:
     with pytest.raises(ConfigError, match=said):
         contestant(spec)
+
+
+def test_the_command_that_shows_a_flight_says_whose_code_it_runs() -> None:
+    class Mine(GoToPose):
+        """From outside of RANS."""
+
+    assert view_command(["runs/a b"], GoToPose(), None, 3, 7) == "rans view 'runs/a b' --episode 3 --seed 7"
+    assert view_command(["x", "y"], Mine(), "lab", 0, 1).split() == [
+        "rans", "view", "x", "y", "--conditions", "lab", "--episode", "0", "--seed", "1", "--trust"]
 
 
 def test_protocols(run: Path) -> None:

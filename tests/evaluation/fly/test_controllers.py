@@ -205,6 +205,7 @@ def test_python_function() -> None:
     ("unsure", "answers what floating-platform cannot do: .* 0 .shut. or 1 .open.*got .*0.5"),
     ("narrow", r"7 observations with commands of shape \(7, 8\), got \(7, 7\)"),
     ("broken", "broken failed: KeyError: 'no such layer'"),
+    ("leaving", "leaving failed: SystemExit: 3"),
 ])
 def test_answers_of_policies_are_checked(name: str, sentence: str) -> None:
     policy = user_policy(f"python:tests.evaluation.policies:{name}", CRAFT, GoToPose())
@@ -240,9 +241,10 @@ class Session:
         if "damaged" in name:
             raise ValueError("bad magic\nbytes")
         self.inputs = ["a", "b"] if "two" in name else ["seen"]
+        self.width: int | str = 22 if "wide" in name else "width"
 
     def get_inputs(self) -> list[SimpleNamespace]:
-        return [SimpleNamespace(name=name, shape=["N", 1]) for name in self.inputs]
+        return [SimpleNamespace(name=name, shape=["N", self.width]) for name in self.inputs]
 
     def get_outputs(self) -> list[None]:
         return [None]
@@ -255,7 +257,7 @@ def test_onnx_file(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     runtime = ModuleType("onnxruntime")
     runtime.InferenceSession = Session  # type: ignore[attr-defined]
     monkeypatch.setitem(sys.modules, "onnxruntime", runtime)
-    for name in ("policy", "damaged", "two"):
+    for name in ("policy", "damaged", "two", "wide"):
         (tmp_path / name).write_bytes(b"")
     policy = user_policy(f"onnx:{tmp_path / 'policy'}", CRAFT, GoToPose())
     np.testing.assert_array_equal(policy.act(None, None, OBSERVATIONS), OBSERVATIONS[:, :8] > 0)
@@ -263,6 +265,8 @@ def test_onnx_file(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
         user_policy(f"onnx:{tmp_path / 'damaged'}", CRAFT, GoToPose())
     with pytest.raises(ConfigError, match=r"must have one input, the observation, or besides .* got a, b"):
         user_policy(f"onnx:{tmp_path / 'two'}", CRAFT, GoToPose())
+    with pytest.raises(ConfigError, match="wide observes 22 numbers, but floating-platform shows 10"):
+        user_policy(f"onnx:{tmp_path / 'wide'}", CRAFT, GoToPose())
 
 
 def test_others_are_no_user_policies() -> None:

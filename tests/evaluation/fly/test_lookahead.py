@@ -4,10 +4,12 @@ import math
 from dataclasses import replace
 from typing import Any
 
+import gymnasium
 import numpy as np
 import pytest
 import torch
 
+import rans
 from rans.errors import ConfigError
 from rans.evaluation.compare.roster import contest_of, enlist
 from rans.evaluation.fly.agent import Agent, LoadedRun
@@ -161,11 +163,24 @@ def test_it_is_named_before_an_agent() -> None:
     ("lookahead:lqr:go-to-pose-2d", "LQR cannot look ahead: only trained agents do"),
     ("lookahead:pretrained:go-to-pose-2d-knob#0.5", "it has a knob"),
     ("lookahead:pretrained:nobody", "nobody"),
-    ("lookahead:", "there is no contestant"),
+    ("lookahead:", "names nobody after its colon"),
 ])
 def test_who_cannot_is_told(spec: str, message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         contestant(spec)
+
+
+def test_python_takes_one_made_there() -> None:
+    ahead = Lookahead(contestant(FAST), horizon=0.6)
+    found, alone = (rans.evaluate(who, episodes=2, seed=5)["impulse"].value for who in (ahead, FAST))
+    assert found != alone
+    env = gymnasium.make("rans/GoToPose2D-v0")
+    seen, _ = env.reset(seed=0)
+    assert rans.Pilot(ahead, env).act(seen).shape == (8,)
+    with pytest.raises(ConfigError, match=r"as in rans\.Lookahead\(rans\.load_agent.*got 'go-to-pose-2d-"):
+        Lookahead("go-to-pose-2d-fast")  # type: ignore[arg-type]
+    with pytest.raises(ConfigError, match=r"arrival must be a rans\.ArrivalCost, got 3"):
+        Lookahead(contestant(FAST), arrival=3)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("horizon", [0.0, -1.0, float("nan"), float("inf"), "8"])

@@ -54,6 +54,14 @@ def test_fits_other_starts_and_lengths() -> None:
     assert tuned("switching", longer)
 
 
+def test_a_damaged_file_is_named_with_what_helps(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    OWN.mkdir(parents=True)
+    (OWN / "lqr.json").write_text("{")
+    with pytest.raises(ConfigError, match=r"lqr.json is damaged, .* Delete it: what comes with RANS serves"):
+        tuned("lqr", SETUP)
+
+
 def test_own_goes_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     shipped = tuned("lqr", SETUP)
