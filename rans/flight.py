@@ -27,6 +27,7 @@ from rans.tasks.rewards import Transition
 class Controller(Protocol):
     """Anything that decides which thrusters to open: an agent, an LQR, an MPC.
 
+    >>> import numpy as np
     >>> class Coasting:
     ...     name = "coasting"
     ...     def reset(self, count): pass

@@ -36,6 +36,7 @@ ASSURANCE_SEED = 2026
 class Scenario:
     """Where an episode starts and where it should end.
 
+    >>> from rans.scenario import scenario
     >>> one = scenario(rans.GoToPose(), 2, seed=3, episode=7)
     >>> one.goal.p
     Vec2(x=0.0, y=0.0)

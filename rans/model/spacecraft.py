@@ -96,7 +96,7 @@ class Spacecraft(Shown):
                radius: float = 0.31, shape: Shape = "sphere", actuators: Actuators = ON_OFF) -> Spacecraft:
         """One that moves in a plane, from vectors of two numbers and one moment of inertia.
 
-        >>> Spacecraft.planar("slider", 5.0, 0.1, [
+        >>> rans.Spacecraft.planar("slider", 5.0, 0.1, [
         ...     ((-0.2, 0.1), (1, 0), 1.0), ((-0.2, -0.1), (1, 0), 1.0),
         ...     ((0.2, 0.1), (-1, 0), 1.0), ((0.2, -0.1), (-1, 0), 1.0),
         ...     ((0.0, -0.2), (0, 1), 1.0), ((0.0, 0.2), (0, -1), 1.0)])

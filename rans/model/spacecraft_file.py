@@ -69,7 +69,7 @@ def load_spacecraft(name_or_file: str | Path | Spacecraft) -> Spacecraft:
 
     One that is given as such is itself.
 
-    >>> load_spacecraft("free-flyer")
+    >>> rans.load_spacecraft("free-flyer")
     <Spacecraft free-flyer: 5.32 kg in space, thrusters 16 x 1 N>
 
     Raises:

@@ -55,7 +55,7 @@ def _draw_bounds(axes: Axes, front: Front) -> None:
                  label=f"certified least time to be at rest\nin the goal set, {starts}")
     bars = np.array([(event.horizon, bound) for event, bound in found.items() if event.horizon is not None])
     axes.plot(*bars[np.isfinite(bars).all(axis=1)].T, linestyle=":", linewidth=0.8, color=INK, marker="_",
-              markersize=14, markeredgewidth=2.5,
+              markersize=8, markeredgewidth=2.5,
               label=f"certified least impulse to be at rest in it\nat this time from each start, {starts}")
     axes.set_xlim(0.8 * least, 1.15 * front.horizons[-1])
 

@@ -81,7 +81,7 @@ _PUBLISHED = {
 def load_task(name: str | Task) -> Task:
     """The task of this name (`TASKS`), or MODULE:NAME, with its default settings; one given as such.
 
-    >>> load_task("go-to-pose")
+    >>> rans.load_task("go-to-pose")
     GoToPose()
 
     Raises:
@@ -98,7 +98,8 @@ def load_task(name: str | Task) -> Task:
 def registered_name(task: Task) -> str | None:
     """The name of a task's class in `TASKS`; None where it has none.
 
-    >>> registered_name(GoToPose())
+    >>> from rans.tasks import registered_name
+    >>> registered_name(rans.GoToPose())
     'go-to-pose'
     """
     return next((name for name in TASKS if TASKS[name] is type(task)), None)

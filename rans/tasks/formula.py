@@ -22,6 +22,7 @@ _SUM, _PRODUCT, _WHOLE = 1, 2, 3
 def reward_formulas(task: Task, dimension: Dimension = 2) -> dict[str, str]:
     """Every term of a step's reward, in the task's errors and `OPEN`; none where symbols cannot follow.
 
+    >>> from rans.tasks.formula import reward_formulas
     >>> reward_formulas(rans.GoToPose())["approach"]
     '0.5 exp(-position / 1.5)'
     """

@@ -21,7 +21,8 @@ class Pilot:
 
     >>> env = gymnasium.make("rans/GoToPose2D-v0")
     >>> seen, _ = env.reset(seed=0)
-    >>> Pilot("lqr", env).act(seen).shape, Pilot(rans.load_agent("go-to-pose-2d"), env).act(seen).shape
+    >>> agent = rans.load_agent("go-to-pose-2d")
+    >>> rans.Pilot("lqr", env).act(seen).shape, rans.Pilot(agent, env).act(seen).shape
     ((8,), (8,))
 
     Args:

@@ -53,6 +53,7 @@ _TINY = 1e-24
 class MPC(ModelBased):
     """Plans the relaxed commands of the next seconds at every step and rounds the first to on/off.
 
+    >>> from rans.optimal.control.mpc import Settings
     >>> rans.MPC("floating-platform", "go-to-position", settings=Settings(horizon=5))
     <MPC: GoToPosition for floating-platform>
 

@@ -95,6 +95,7 @@ _WEIGHTS, _DEADBAND, _SETTINGS, _TRUST = Weights(), Deadband(), Settings(), Trus
 class ObserverMPC(MPC):
     """An `MPC` that counters what an `Observer` estimates, and knows of it when it rests.
 
+    >>> from rans.optimal.control.observer import Trust
     >>> rans.ObserverMPC("floating-platform", "go-to-pose", trust=Trust(share=0.05))
     <MPC + observer: GoToPose for floating-platform>
 

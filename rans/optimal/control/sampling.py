@@ -57,6 +57,7 @@ _CURVE, _DEADBAND, _DRAWS = Curve(thrust_weight=0.03), Deadband(), Sampling()
 class MPPI(ModelBased):
     """Plans patterns of open thrusters for the next seconds by sampling, and flies the first of the best.
 
+    >>> from rans.optimal.control.sampling import Sampling
     >>> rans.MPPI("floating-platform", "go-to-pose", draws=Sampling(samples=64))
     <MPPI: GoToPose for floating-platform>
 

@@ -52,6 +52,7 @@ _SLOW = 0.1
 class Switching(ModelBased):
     """Opens the thrusters after whose pulse the goal is nearest in time, and none within a dead band.
 
+    >>> from rans.optimal.control.switching import Curve
     >>> rans.Switching("floating-platform", "go-to-pose", curve=Curve(thrust_weight=0.1))
     <switching: GoToPose for floating-platform>
 

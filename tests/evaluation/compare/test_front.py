@@ -105,7 +105,7 @@ def test_behind_the_front_by_trying_factors(own: int, least_time: int, falls: li
     bounds = np.cumsum(falls)[::-1]  # by the end of period 1, 2, ..., never more than before
     bounds = bounds * min(1.0, spent / (bounds[own - 1] or 1.0))  # the flight itself beats none
     found = front(one, certified=[Bound(0, None, 0.5 * min(least_time, own)), *(
-        Bound(0, 0.5 * k, bound) for k, bound in enumerate(bounds, 1))])
+        Bound(0, 0.5 * k, float(bound)) for k, bound in enumerate(bounds, 1))])
 
     def excluded(factor: float) -> bool:
         periods = math.floor(own / factor)
