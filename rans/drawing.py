@@ -190,14 +190,19 @@ def columns(vector: Vec2 | Vec3) -> np.ndarray:
     return np.stack(np.broadcast_arrays(*vector.columns(), 0.0)[:3], axis=-1)
 
 
+def check_picture(file: Path) -> None:
+    """Refuse (`ConfigError`) what `save_picture` cannot save as."""
+    if file.suffix not in (".png", ".svg", ".pdf"):
+        raise ConfigError(f"a picture's name must end in .png, .svg or .pdf, got {str(file)!r}.")
+
+
 def save_picture(figure: Figure, file: Path) -> None:
     """Save a figure as .png, .svg or .pdf.
 
     Raises:
         ConfigError: another ending, or the file cannot be written.
     """
-    if file.suffix not in (".png", ".svg", ".pdf"):
-        raise ConfigError(f"a picture's name must end in .png, .svg or .pdf, got {str(file)!r}.")
+    check_picture(file)
     replace_file(file, lambda draft: figure.savefig(draft, dpi=150))
 
 

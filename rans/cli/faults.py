@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import Positional, arg
 
+from rans.errors import ConfigError
+
 if TYPE_CHECKING:
     from rans.model.faults import FaultSet
 
@@ -34,6 +36,12 @@ class Faults:
 
         kinds: tuple[FaultKind, ...] = ("dead", "stuck-open")
         craft = load_spacecraft(self.craft)
+        if self.picture is not None:
+            from rans.drawing import check_picture
+
+            check_picture(self.picture)
+        if len(craft.thrusters) < 2:
+            raise ConfigError(f"{craft.name} has one thruster, which it cannot do without.")
         found: dict[tuple[FaultKind, int], list[FaultSet]] = {
             (kind, count): list(fault_sets(craft, count, kind)) for kind in kinds for count in (1, 2)
             if count < len(craft.thrusters)}

@@ -146,6 +146,7 @@ class Train:
 
         check(self.log)
         trainer = self._trainer()
+        begun = trainer.steps
         if not trainer.processes.is_first:
             with StopGently() as stop:
                 trainer.train(lambda _: None, lambda: stop.asked)
@@ -161,7 +162,7 @@ class Train:
             other.close()
         if rows := trainer.run.metrics():
             write_text(trainer.run.path / "learning_curve.svg", curve(rows))
-        Terminal().say(_summary(trainer, stop.asked, time.monotonic() - STARTED))
+        Terminal().say(_summary(trainer, begun, stop.asked, time.monotonic() - STARTED))
         return 130 if stop.asked else 0
 
 
@@ -174,9 +175,12 @@ def compile_in_this_process() -> None:
     os.environ.setdefault("TORCHINDUCTOR_COMPILE_THREADS", "1")
 
 
-def _summary(trainer: Trainer, stopped: bool, seconds: float) -> str:
-    """One paragraph: how it ended, what it took, where it is."""
+def _summary(trainer: Trainer, begun: int, stopped: bool, seconds: float) -> str:
+    """One paragraph: how it ended, from so many steps on, what it took, where it is."""
     path = trainer.run.path
+    if trainer.steps == begun and not stopped:
+        return (f"Nothing was left to train: {path} has {begun:,} steps. To train longer, raise "
+                f"total_timesteps in {path}/config.json (and make solved_share null, if it is solved).")
     ending = ("Stopped" if stopped else "Solved" if trainer.solved else
               "Done" if trainer.config.solved_share is None else "Out of steps, not solved")
     warm_up = f" after {trainer.warm_up:.1f} s of warm-up" if trainer.warm_up else ""

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from rans.cli import main
+from rans.model.spacecraft_file import load_spacecraft, to_toml
 
 
 def test_tells_what_can_be_recovered_and_what_not(capsys: pytest.CaptureFixture[str], tmp_path: Path,
@@ -23,4 +24,15 @@ def test_tells_what_can_be_recovered_and_what_not(capsys: pytest.CaptureFixture[
 
 def test_refuses_what_is_no_picture(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["faults", "atmos", "--picture", str(tmp_path / "faults.gif")]) == 2
-    assert "must end in .png, .svg or .pdf" in capsys.readouterr().err
+    told = capsys.readouterr()
+    assert "must end in .png, .svg or .pdf" in told.err
+    assert told.out == ""  # before anything is computed
+
+
+@pytest.mark.filterwarnings("ignore:spacecraft 'floating-platform'. its 1 thrusters cannot push")
+def test_one_thruster_is_none_to_do_without(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "one.toml"
+    whole = to_toml(load_spacecraft("floating-platform"))
+    file.write_text("[[thruster]]".join(whole.split("[[thruster]]")[:2]))
+    assert main(["faults", str(file)]) == 2
+    assert "has one thruster, which it cannot do without" in " ".join(capsys.readouterr().err.split())

@@ -54,7 +54,7 @@ def test_the_end_of_a_training(stopped: bool, solved: bool, share: float | None,
         run=SimpleNamespace(path=Path("runs/a b")), solved=solved, warm_up=2.5, seconds=4.0, rate=123_456.0,
         learner=SimpleNamespace(by_hand=None),
         config=SimpleNamespace(solved_share=share), steps=500_000)
-    text = training._summary(trainer, stopped, 9.0)
+    text = training._summary(trainer, 1000, stopped, 9.0)
     assert text.startswith(f"{ending} after 500,000 steps: 4.0 s of training (123,456 steps/s) after 2.5 s "
                            "of warm-up, 9.0 s in all. The agent is runs/a b/policy.zip.")
     assert text.endswith("Continue with: rans train --resume 'runs/a b'") is stopped

@@ -135,6 +135,8 @@ def test_resume_goes_on(capsys: pytest.CaptureFixture[str]) -> None:
     config.write_text(config.read_text().replace('"total_timesteps": 512', '"total_timesteps": 1024'))
     assert main(["train", "--resume", "run"]) == 0
     assert "Done after 1,024 steps" in capsys.readouterr().out
+    assert main(["train", "--resume", "run"]) == 0
+    assert "Nothing was left to train: run has 1,024 steps" in capsys.readouterr().out
     assert main([*tiny(), "--total-timesteps", "1024", "--run", "whole"]) == 0
     assert torch.equal(trained("run"), trained("whole"))
 

@@ -186,6 +186,9 @@ def follow(craft: Spacecraft, task: Task, tracker: Controller, planner: LookAhea
         engine: what computes the motion.
     """
     speeds: Any = getattr(task, "target_speed", None)
+    if "track-velocity" in task.parts():
+        raise ConfigError(f"{tracker.name} knows several tasks: pick one, as in "
+                          f"{tracker.name}#track-velocity.")
     if speeds is None or task.tolerances().keys() != {"velocity"}:
         raise ConfigError("only an agent trained for track-velocity can follow a path, but "
                           f"{tracker.name} was trained for another task.")

@@ -20,6 +20,7 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.tasks import GoToPosition, TrackVelocity
+from rans.tasks.multi_task import MultiTask
 
 PLATFORM, FLYER = load_spacecraft("floating-platform"), load_spacecraft("free-flyer")
 LINE = Path.through("line", np.array([(0.0, 0.0), (2.0, 0.0)]), closed=False)
@@ -154,6 +155,7 @@ def test_the_tracker_sees_the_command_as_its_goal() -> None:
 
 
 @pytest.mark.parametrize(("planner", "task", "said"), [
+    (LookAhead(LINE), MultiTask(tasks=("go-to-position", "track-velocity")), "as in .*#track-velocity"),
     (LookAhead(LINE), GoToPosition(), "only an agent trained for track-velocity can follow a path"),
     (LookAhead(LINE, speed=0.8), TrackVelocity(), r"must be at most the 0\.75 m/s .* got 0\.8"),
     (LookAhead(helix()), TrackVelocity(), "helix is spatial, but floating-platform moves in a plane"),
