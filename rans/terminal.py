@@ -120,7 +120,7 @@ def kept(write: Callable[[], object]) -> Iterator[None]:
     try:
         yield
     except KeyboardInterrupt:
-        Terminal(stderr=True).say("Interrupted; writing what was found.")
+        Terminal(stderr=True).say("Interrupted; writing what was found, if anything was.")
         raise
     finally:
         write()

@@ -19,7 +19,7 @@ from rans.model.dynamics import State
 from rans.model.fields import Field
 from rans.model.random import Random
 from rans.model.spacecraft import Spacecraft
-from rans.model.timing import Timing
+from rans.model.timing import MOST_STEPS, Timing
 from rans.tasks import Task
 
 START_SPREAD = 0.2
@@ -201,6 +201,9 @@ def follow(craft: Spacecraft, task: Task, tracker: Controller, planner: LookAhea
     if planner.path.dimension < craft.dimension:
         planner = replace(planner, path=planner.path.in_space())
     seconds = _PATIENCE * planner.end * SPACING / planner.speed + _GRACE
-    long_enough = replace(timing, episode_steps=math.ceil(seconds / timing.control_period))
+    if (steps := math.ceil(seconds / timing.control_period)) > MOST_STEPS:
+        raise ConfigError(f"at {planner.speed:g} m/s the path {planner.path.name} takes {steps:,} control "
+                          f"periods, of which a flight has at most {MOST_STEPS:,}: fly faster.")
+    long_enough = replace(timing, episode_steps=steps)
     setup = Setup(craft, Guided(task, planner), long_enough)
     return Following(planner, flown(tracker, setup, seed, count, engine).flight)

@@ -157,6 +157,7 @@ def test_the_tracker_sees_the_command_as_its_goal() -> None:
 @pytest.mark.parametrize(("planner", "task", "said"), [
     (LookAhead(LINE), MultiTask(tasks=("go-to-position", "track-velocity")), "as in .*#track-velocity"),
     (LookAhead(LINE), GoToPosition(), "only an agent trained for track-velocity can follow a path"),
+    (LookAhead(LINE, speed=1e-9), TrackVelocity(), "at 1e-09 m/s .* takes .* periods, .*: fly faster"),
     (LookAhead(LINE, speed=0.8), TrackVelocity(), r"must be at most the 0\.75 m/s .* got 0\.8"),
     (LookAhead(helix()), TrackVelocity(), "helix is spatial, but floating-platform moves in a plane"),
 ])
