@@ -169,11 +169,29 @@ def test_planted_errors_are_found(error: str, tmp_path: Path) -> None:
     assert right < count == 500
 
 
-def checked(folder: Path) -> tuple[int, int]:
-    """What the exported file finds of its golden pairs."""
+def exported(folder: Path) -> dict[str, Any]:
+    """The names of an exported file."""
     names: dict[str, Any] = {"__file__": str(folder / "agent.py"), "__name__": "agent"}
     exec(compile((folder / "agent.py").read_text("utf-8"), "agent.py", "exec"), names)
-    return names["check"]()
+    return names
+
+
+def checked(folder: Path) -> tuple[int, int]:
+    """What the exported file finds of its golden pairs."""
+    return exported(folder)["check"]()
+
+
+def test_the_exported_file_refuses_observations_of_another_shape(tmp_path: Path) -> None:
+    network, _, seen = remembering()
+    written(tmp_path, network, "numpy")
+    agent, rows = exported(tmp_path)["Agent"](), np.asarray(seen[0])[:3]
+    assert agent.act(rows[0]).shape == (8,)
+    with pytest.raises(ValueError, match=r"is 10 numbers, or \(N, 10\), got \(9,\)"):
+        agent.act(rows[0, :9])
+    with pytest.raises(ValueError, match=r"reset\(1\) began .* got observations \(3, 10\)"):
+        agent.act(rows)
+    agent.reset(3)
+    assert agent.act(rows).shape == (3, 8)
 
 
 def test_golden_pairs_come_out_of_the_exported_file(tmp_path: Path) -> None:
