@@ -15,7 +15,7 @@ from rans.evaluation.fly.contestants import agent_folder, contestant, controller
 from rans.evaluation.fly.controllers import CONTROLLERS, Guarded, Maker, controller, is_user_policy
 from rans.evaluation.fly.judge import EngineName
 from rans.evaluation.fly.knob import without_knob
-from rans.evaluation.fly.lookahead import PREFIX, Lookahead
+from rans.evaluation.fly.lookahead import PREFIX
 from rans.evaluation.fly.tuned import tuned
 from rans.fast.learn.run_folder import RunFolder
 from rans.files import read_json
@@ -143,7 +143,7 @@ def enlist(spec: str, contest: Contest, trust: bool = False) -> Contestant:
                           f"{periods[1]:g} s; compare them separately.")
     if name := controller_name(spec):
         return Contestant(run.controller.name, run.controller, _MODEL, _budget(name, contest))
-    sees = _MODEL if isinstance(run.controller, Lookahead) else _OBSERVATION
+    sees = _MODEL if spec.startswith(f"{PREFIX}:") else _OBSERVATION
     return Contestant(run.controller.name, run.controller, sees, _tuning(spec),
                       getattr(run.controller, "knob", None))
 

@@ -16,6 +16,7 @@ class HeldKnob:
 
     def __init__(self, agent: Controller, knob: float) -> None:
         self.name, self.knob, self._agent = f"{agent.name}#{knob:g}", knob, agent
+        self.slow = getattr(agent, "slow", False)  # one that looks ahead
 
     def reset(self, count: int) -> None:
         """See `rans.flight.Controller`."""

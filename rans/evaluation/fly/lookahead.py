@@ -79,8 +79,8 @@ class Lookahead:
         arrival: what it is about; None: the task's rewards.
 
     Raises:
-        ConfigError: it is no trained agent or has a knob, thrusters are not on or off, or the horizon or what
-            changes come within is no finite number > 0.
+        ConfigError: it is no trained agent or has a knob that nobody holds, thrusters are not on or off, or
+            the horizon or what changes come within is no finite number > 0.
     """
 
     slow = True
@@ -96,8 +96,13 @@ class Lookahead:
         agent, craft, task, timing, _ = run
         if not isinstance(agent, Agent):
             raise ConfigError(f"{agent.name} cannot look ahead: only trained agents do.")
+        self._knob = np.zeros((1, 0), np.float32)
+        """What an agent with a knob is shown of it, after all that others are shown."""
         if isinstance(task, GoToPosePriced):
-            raise ConfigError(f"{agent.name} cannot look ahead: it has a knob; name an agent of one price.")
+            if not task.is_held:
+                raise ConfigError(f"{agent.name} cannot look ahead: it has a knob; hold it, as in "
+                                  f"{PREFIX}:{agent.name}#0.5.")
+            self._knob, task = np.full((1, 1), task.knob[0], np.float32), task.plain()
         if craft.actuators != ON_OFF:
             raise ConfigError(f"{agent.name} cannot look ahead: it would open and shut single thrusters, and "
                               f"those of {craft.name} are {craft.actuators.kind}.")
@@ -134,6 +139,8 @@ class Lookahead:
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
         """See `rans.flight.Controller`; looks at the observation and at the state."""
         count, choices = len(observation), self._changes.shape[1]
+        if self._knob.size:  # held, it is nobody's goal
+            goal = replace(goal, notes=())
         if self.arrival is not None:
             self._been |= arrived(self._world.task, state, goal)
         # Every episode so often as there are choices, its own first.
@@ -187,6 +194,7 @@ class Lookahead:
             now = outcome.episode
             if period < self._periods:
                 seen = np.stack(self._world.observe(now), axis=1).astype(np.float32)
+                seen = np.hstack((seen, self._knob.repeat(len(seen), axis=0)))
                 command, memory = self._changed(seen, memory, period)
 
 

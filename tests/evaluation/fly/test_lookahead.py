@@ -14,13 +14,14 @@ from rans.errors import ConfigError
 from rans.evaluation.compare.roster import contest_of, enlist
 from rans.evaluation.fly.agent import Agent, LoadedRun
 from rans.evaluation.fly.contestants import contestant, controller_name, output_folder
+from rans.evaluation.fly.knob import HeldKnob
 from rans.evaluation.fly.lookahead import ArrivalCost, Lookahead
 from rans.fast.learn.network import Network
 from rans.flight import Flight, Setup, fly
 from rans.model.actuators import Throttle
 from rans.model.timing import Timing
 from rans.scenario import scenarios
-from rans.tasks import GoToPose
+from rans.tasks import GoToPose, GoToPosePriced
 from rans.tasks.goal_set import arrived
 from tests.fast.engines import PLATFORM
 from tests.fast.training import scatter, tiny_learner
@@ -36,7 +37,7 @@ class Told:
 
     name = "told"
 
-    def __init__(self, network: Network, first: np.ndarray) -> None:
+    def __init__(self, network: Any, first: np.ndarray) -> None:
         self._network, self._first = network, first
 
     def reset(self, count: int) -> None:
@@ -53,7 +54,7 @@ class Told:
         return command.numpy()
 
 
-def flown(setup: Setup, network: Network, first: np.ndarray, starts: Any, begin: int) -> Flight:
+def flown(setup: Setup, network: Any, first: np.ndarray, starts: Any, begin: int) -> Flight:
     """The flight that begins with commands told, until PERIODS after `begin`."""
     timing = replace(setup.timing, episode_steps=begin + PERIODS)
     return fly(setup.craft, setup.task, Told(network, first), starts, timing)
@@ -109,6 +110,35 @@ def test_it_gives_what_brute_force_finds_best(memory: dict[str, Any], task: GoTo
     assert min(changed, waited) > 0  # else nothing was shown
 
 
+class Shown:
+    """A network that sees a knob, to who shows it none."""
+
+    def __init__(self, network: Network, knob: float) -> None:
+        self.blank, self.remember, self._network, self._knob = network.blank, network.remember, network, knob
+
+    def shown(self, seen: torch.Tensor, memory: torch.Tensor | None) -> Any:
+        return self._network.shown(torch.cat((seen, torch.full((len(seen), 1), self._knob)), dim=1), memory)
+
+
+def test_a_knob_that_is_held_is_seen_all_the_way() -> None:
+    """Against every choice flown by itself; the same commands where the task has the knob, and where not."""
+    priced = GoToPosePriced(knob=(0.3, 0.3), spawn_distance=(1.0, 2.0))
+    plain, timing, count = priced.plain(), Timing(episode_steps=1), 24
+    network = scatter(tiny_learner(PLATFORM, task=priced).network)
+    ahead = Lookahead(LoadedRun(Agent(network, "tiny"), PLATFORM, priced, timing), horizon=PERIODS * 0.2,
+                      change_within=0.2)
+    starts = scenarios(plain, PLATFORM, 5, count)
+    given = fly(PLATFORM, plain, HeldKnob(ahead, 0.3), starts, timing).commands
+    setup, told = Setup(PLATFORM, plain, timing), Shown(network, 0.3)
+    own = flown(setup, told, np.zeros((0, count, 8)), starts, 0).commands[:1]
+    choices = [own, *(np.abs(own - flip) for flip in np.eye(8))]
+    best = np.argmax([earned(flown(setup, told, one, starts, 0), 0) for one in choices], axis=0)
+    assert (best > 0).any()
+    np.testing.assert_array_equal(given[0], [choices[b][0, n] for n, b in enumerate(best)])
+    same = fly(PLATFORM, priced, ahead, scenarios(priced, PLATFORM, 5, count), timing).commands
+    np.testing.assert_array_equal(same, given)
+
+
 def test_nothing_is_earned_after_a_failure() -> None:
     """Flying out at once would pay most if the reward of the far side counted after the episode is over."""
     task = replace(CHATTERING, fail_distance=1.3, spawn_distance=(1.2, 1.29), switching_weight=0.0)
@@ -161,7 +191,7 @@ def test_it_is_named_before_an_agent() -> None:
 
 @pytest.mark.parametrize(("spec", "message"), [
     ("lookahead:lqr:go-to-pose-2d", "LQR cannot look ahead: only trained agents do"),
-    ("lookahead:pretrained:go-to-pose-2d-knob#0.5", "it has a knob"),
+    ("lookahead:pretrained:go-to-pose-2d-knob", "a knob; hold it, as in lookahead:go-to-pose-2d-knob#0.5"),
     ("lookahead:pretrained:nobody", "nobody"),
     ("lookahead:", "names nobody after its colon"),
 ])
