@@ -55,11 +55,11 @@ class Tune:
         setup = Setup(craft, task.for_evaluation(), Timing())
         file = self.output or OWN / file_name(self.controller, craft, task)
         ready_folder(file.parent)
+        known = None if self.output else tuned(self.controller, setup)  # what is damaged is told before
         with progress() as bars:
             step = partial(bars.advance, bars.add_task(f"tuning {self.controller}", total=self.candidates))
             found = tune(self.controller, setup, self.candidates, self.starts, self.price,
                          command_line(), step)
-        known = None if self.output else tuned(self.controller, setup)
         staying = known if known and known.outlasts(found) else None
         if staying is None:
             found.write(file)

@@ -51,6 +51,16 @@ def test_a_worse_result_replaces_nothing(tmp_path: Path, monkeypatch: pytest.Mon
     assert '"starts": 3' in file.read_text()
 
 
+def test_what_is_damaged_is_told_before_anything_is_flown(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("rans.evaluation.compare.tuning.tune", None)
+    OWN.mkdir(parents=True)
+    (OWN / "lqr.json").write_text("{")
+    assert main(["tune", "lqr"]) == 2
+    assert "Delete it" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(("arguments", "sentence"), [
     (["pid"], "no controller named 'pid'"),
     (["lqr", "--candidates", "0"], "--candidates must be >= 1"),

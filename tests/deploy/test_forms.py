@@ -181,19 +181,6 @@ def checked(folder: Path) -> tuple[int, int]:
     return exported(folder)["check"]()
 
 
-def test_the_exported_file_refuses_observations_of_another_shape(tmp_path: Path) -> None:
-    network, _, seen = remembering()
-    written(tmp_path, network, "numpy")
-    agent, rows = exported(tmp_path)["Agent"](), np.asarray(seen[0])[:3]
-    assert agent.act(rows[0]).shape == (8,)
-    with pytest.raises(ValueError, match=r"is 10 numbers, or \(N, 10\), got \(9,\)"):
-        agent.act(rows[0, :9])
-    with pytest.raises(ValueError, match=r"reset\(1\) began .* got observations \(3, 10\)"):
-        agent.act(rows)
-    agent.reset(3)
-    assert agent.act(rows).shape == (3, 8)
-
-
 def test_golden_pairs_come_out_of_the_exported_file(tmp_path: Path) -> None:
     network, _, seen = remembering()
     pairs = golden(network, seen)
