@@ -145,7 +145,7 @@ RECIPES: dict[str, Recipe] = {
         replace(_STILL, gamma=0.995, reward_scale=0.03), 75_000_000,
         tuple(Ramp(price, start, 52_500_000, shape="geometric") for price, start in
               (("thrust_weight", 0.1), ("spin_weight", 0.1), ("misaligned_weight", 0.3))),
-        large=_SOON_LARGE, large_timesteps=2_500_000_000),
+        large=_SOON_LARGE, large_timesteps=3_500_000_000),
     "go-to-pose-2d-knob": Recipe(
         "go-to-pose-priced", _PLATFORM,
         {"spawn_distance": (1.5, 4.5), "arrived_weight": 40.0, "arrived_fine_weight": 8.0,
