@@ -49,16 +49,18 @@ def main() -> int:
 
 
 def _interruptible() -> int:
-    if signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
-        return _run()  # interrupts are ignored, as in a shell script's `rans ... &`
-    signal.signal(signal.SIGINT, _interrupt)
-    signal.signal(signal.SIGALRM, _interrupt)
+    """Ctrl-C and a cluster's time limit interrupt, unless ignored, as in a script's `rans ... &`."""
+    heard = [number for number in (signal.SIGINT, signal.SIGTERM)
+             if signal.getsignal(number) in (signal.default_int_handler, signal.SIG_DFL)]
+    for number in (*heard, signal.SIGALRM):
+        signal.signal(number, _interrupt)
     sys.unraisablehook, before = _again, sys.unraisablehook
     try:
         return _run()
     finally:  # Python's way out: nothing is left to lose
         sys.unraisablehook = before
-        signal.signal(signal.SIGINT, signal.SIG_DFL)
+        for number in heard:
+            signal.signal(number, signal.SIG_DFL)
 
 
 def _run() -> int:

@@ -93,6 +93,8 @@ def study(craft: Spacecraft, seed: int = 0, quick: bool = False, layer: str | No
             ask for, or there is no such layer.
     """
     started = time.perf_counter()
+    if conditions is not None:
+        conditions.check_valves(craft)
     scope = Scope(craft, seed, *((64, 16) if quick else (512, 128)), conditions)
     layers = _chosen(layer, LAYERS if quick and layer is None else FULL_LAYERS, conditions)
     found: list[Check | Skipped | Curve] = []

@@ -82,10 +82,22 @@ def _run(arguments: list[str]) -> int:
     for word in arguments:
         if any(unicodedata.category(c) == "Cc" and c not in "\n\t" for c in word):  # which tyro would repeat
             raise ConfigError(f"an option has characters that command terminals: {brief(word)}.")
+    _tell_of_options_twice(arguments)
     command = _parse(arguments or ["--help"])
     if getattr(command, "trust", False):
         trust_files()
     return command.run()
+
+
+def _tell_of_options_twice(arguments: list[str]) -> None:
+    """Of an option that is given again only the last counts; of `--set` each does."""
+    given: set[str] = set()
+    for word in arguments:
+        name = word.partition("=")[0].replace("_", "-")
+        if name in given:
+            _show_warning(f"{brief(name)} is given twice; what stands last counts.")
+        if name.startswith("--") and name not in ("--", "--set", "--help"):
+            given.add(name)
 
 
 def _parse(arguments: list[str]) -> Any:

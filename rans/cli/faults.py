@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -11,7 +12,11 @@ from tyro.conf import Positional, arg
 from rans.errors import ConfigError
 
 if TYPE_CHECKING:
+    from rans.model.conditions import FaultKind
     from rans.model.faults import FaultSet
+    from rans.model.spacecraft import Spacecraft
+
+_NUMBERS = {1: "one", 2: "two"}
 
 
 @dataclass(frozen=True)
@@ -29,12 +34,9 @@ class Faults:
 
     def run(self) -> int:
         """Print the table; exit code 0 whatever it says."""
-        from rans.model.conditions import FaultKind
-        from rans.model.faults import fault_sets
         from rans.model.spacecraft_file import load_spacecraft
         from rans.terminal import Terminal, table
 
-        kinds: tuple[FaultKind, ...] = ("dead", "stuck-open")
         craft = load_spacecraft(self.craft)
         if self.picture is not None:
             from rans.drawing import check_picture
@@ -42,10 +44,8 @@ class Faults:
             check_picture(self.picture)
         if len(craft.thrusters) < 2:
             raise ConfigError(f"{craft.name} has one thruster, which it cannot do without.")
-        found: dict[tuple[FaultKind, int], list[FaultSet]] = {
-            (kind, count): list(fault_sets(craft, count, kind)) for kind in kinds for count in (1, 2)
-            if count < len(craft.thrusters)}
-        rows = [(f"{('one', 'two')[count - 1]} {kind}", *_row(sets)) for (kind, count), sets in found.items()]
+        found = _looked_at(craft)
+        rows = [(f"{_NUMBERS[count]} {kind}", *_row(sets)) for (kind, count), sets in found.items()]
         columns = "fault", "recoverable", "least margin", "not recoverable"
         Terminal().print(table(
             f"{craft.name}: recoverable faults", columns, rows,
@@ -57,6 +57,20 @@ class Faults:
             save_picture(faults_figure(craft, found), self.picture)
             Terminal().say(f"Picture: {self.picture}")
         return 0
+
+
+def _looked_at(craft: Spacecraft) -> dict[tuple[FaultKind, int], list[FaultSet]]:
+    """Hundreds of thrusters have tens of thousands of pairs, at some milliseconds each."""
+    from rans.model.faults import fault_sets
+    from rans.terminal import progress
+
+    kinds: tuple[FaultKind, ...] = ("dead", "stuck-open")
+    wanted: list[tuple[FaultKind, int]] = [
+        (kind, count) for kind in kinds for count in (1, 2) if count < len(craft.thrusters)]
+    with progress() as bars:
+        return {(kind, count): list(bars.track(
+            fault_sets(craft, count, kind), math.comb(len(craft.thrusters), count),
+            description=f"{_NUMBERS[count]} {kind}")) for kind, count in wanted}
 
 
 def _row(sets: list[FaultSet]) -> tuple[str, str, str]:

@@ -24,6 +24,8 @@ from rans.model.spacecraft import Spacecraft
 
 _LEAST = 1e-6
 """Share of full thrust below which a margin is rounding."""
+_MOST = 1e8
+"""Inverse of what a margin of one half may lack of it."""
 
 
 @dataclass(frozen=True)
@@ -88,7 +90,9 @@ def failed(kind: FaultKind, share: Field, none: Field = 0.0, full: Field = 1.0) 
 def margin(craft: Spacecraft, lost: Sequence[int], gain: float = 0.0, leak: float = 0.0) -> float:
     """See `FaultSet`: the largest m with w_stuck + W u = 0 and m <= u_i <= 1 - m, a linear programme.
 
-    The lost thrusters give gain * u_i + leak of their force; without gain they have no u_i.
+    The lost thrusters give gain * u_i + leak of their force; without gain they have no u_i. With
+    u_i = 1/2 + z_i / s, |z_i| <= 1, the margin is 1/2 - 1/s; the largest s has one condition for each of the
+    craft's degrees of freedom, however many its thrusters are.
     """
     from scipy.optimize import linprog
 
@@ -100,9 +104,7 @@ def margin(craft: Spacecraft, lost: Sequence[int], gain: float = 0.0, leak: floa
     stuck = leak * wrenches[list(lost)].sum(axis=0) / scale
     if np.linalg.matrix_rank(sound, tol=1e-9) < craft.degrees_of_freedom:
         return 0.0
-    count = sound.shape[1]
-    column, eye = np.ones((count, 1)), np.eye(count)
-    found = linprog(np.append(np.zeros(count), -1.0), A_eq=np.column_stack((sound, np.zeros(len(sound)))),
-                    b_eq=-stuck, A_ub=np.block([[-eye, column], [eye, column]]),
-                    b_ub=np.append(np.zeros(count), np.ones(count)), bounds=[(0, 1)] * count + [(None, 0.5)])
-    return float(-found.fun) if found.success else 0.0
+    count, middle = sound.shape[1], stuck + 0.5 * sound.sum(axis=1)
+    found = linprog(np.append(np.zeros(count), -1.0), A_eq=np.column_stack((sound, middle)),
+                    b_eq=np.zeros(len(sound)), bounds=[(-1, 1)] * count + [(0, _MOST)])
+    return max(0.0, 0.5 + 1.0 / found.fun) if found.success and found.fun else 0.0

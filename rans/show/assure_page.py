@@ -6,7 +6,7 @@ import importlib.util
 from collections.abc import Iterator
 
 from rans.evaluation.assure.assurance import Assurance
-from rans.evaluation.assure.replay import Judge, Replayed, has_drake
+from rans.evaluation.assure.replay import CANDIDATES, Judge, Replayed, has_drake
 from rans.evaluation.measure.metrics import DISPLAY
 from rans.fast.verdicts import Failure
 from rans.flight import Flight
@@ -51,11 +51,13 @@ def findings(assurance: Assurance) -> Iterator[Finding]:
     for judge in replays.judges():
         refuted = replays.refuted(judge)
         kept = len(replays.found) - len(refuted)
-        yield Finding(f"{kept} of {len(replays.found)} failed flights fail again in {_JUDGES[judge]}" + (
+        yield Finding(f"{kept} of {len(replays.found)} failed flights, the worst and the first of each kind, "
+                      f"fail again in {_JUDGES[judge]}" + (
             f", not {', '.join(map(str, refuted))}" if refuted else ""), False if refuted else None)
     if replays.failed < replays.tried:
-        yield Finding(f"{replays.failed:,} of {replays.tried:,} failed flights fail again in float64; they "
-                      "were counted in float32, in which some go another way")
+        yield Finding(f"{replays.failed:,} of the {replays.tried:,} that were flown to find these, at most "
+                      f"{CANDIDATES} of each kind, fail again in float64; they were counted in float32, in "
+                      "which some go another way")
     if not has_drake():
         yield Finding("Drake is not installed here: nothing was flown again by it")
 

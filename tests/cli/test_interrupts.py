@@ -21,7 +21,7 @@ import os, signal, sys
 import rans_command
 
 def interrupt(*_):
-    os.kill(os.getpid(), signal.SIGINT)
+    os.kill(os.getpid(), signal.{signal})
 
 signal.signal(signal.SIGINT, signal.default_int_handler)  # as in a terminal
 sys.argv = ["rans", "--version"]
@@ -36,12 +36,15 @@ interrupt() if {moment!r} == "leaving" else sys.exit(code)
 """
 
 
+@pytest.mark.parametrize("by", ["SIGINT", "SIGTERM"])
 @pytest.mark.parametrize(("moment", "code", "said"), [
     ("loading", -signal.SIGINT, ""), ("running", 130, "\nrans: interrupted; what was written is kept.\n"),
-    ("leaving", -signal.SIGINT, ""), ("never", 0, "")])
-def test_an_interrupt_shows_no_traceback(moment: str, code: int, said: str) -> None:
-    done = subprocess.run([sys.executable, "-c", INTERRUPTED.format(moment=moment)], capture_output=True,
-                          text=True, check=False)
+    ("leaving", None, ""), ("never", 0, "")])
+def test_an_interrupt_shows_no_traceback(moment: str, code: int | None, said: str, by: str) -> None:
+    """SIGTERM is how the time limit of a cluster's queue interrupts."""
+    done = subprocess.run([sys.executable, "-c", INTERRUPTED.format(moment=moment, signal=by)],
+                          capture_output=True, text=True, check=False)
+    code = -signal.Signals[by] if code is None else code
     assert (done.returncode, done.stderr) == (code, said)
 
 

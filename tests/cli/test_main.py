@@ -100,6 +100,14 @@ def test_help_of_an_option_is_one_paragraph() -> None:
     assert "with a knob, all others, and the certified front. (default:" in lines
 
 
+@pytest.mark.parametrize("second", [["--positions", "4"], ["--positions=4"]])
+def test_an_option_twice_is_told(second: list[str], tmp_path: Path,
+                                 capsys: pytest.CaptureFixture[str]) -> None:
+    """The last counts, as everywhere: whoever has an alias may go on."""
+    assert main(["compare", "pretrained:nobody", "--positions", "3", *second, "--output", str(tmp_path)]) == 2
+    assert "warning: '--positions' is given twice; what stands last counts" in capsys.readouterr().err
+
+
 def test_a_misspelt_command_is_a_sentence(capsys: pytest.CaptureFixture[str]) -> None:
     assert code_of(["evalute", "runs/first"]) == 2
     told = capsys.readouterr().err

@@ -117,6 +117,15 @@ def test_conditions_that_are_not_there(arguments: list[str], sentence: str, caps
     assert sentence in capsys.readouterr().err
 
 
+def test_valves_that_cannot_do_what_is_asked_are_told_before_anything_is_checked(
+        tmp_path, capsys, monkeypatch) -> None:
+    file = tmp_path / "slow.toml"
+    file.write_text("[thrusters]\nleast_on = 0.1\n", "utf-8")
+    monkeypatch.setattr(validation.study, "_chosen", None)
+    assert main(["validate", "--quick", "--spacecraft", "atmos", "--conditions", str(file)]) == 2
+    assert "which is for on/off valves; the thrusters of 'atmos' are pulsed" in capsys.readouterr().err
+
+
 def test_a_failed_check_ends_with_code_1(monkeypatch, capsys) -> None:
     broken = Check("way flown", 1.0, 1e-9, "m", "Planted.")
     report = Study("broken", (broken,), {"seconds": 0.0})

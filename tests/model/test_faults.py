@@ -8,6 +8,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 from hypothesis import given, settings
+from scipy.optimize import linprog
 
 import rans
 from rans.model.conditions import FaultKind
@@ -71,6 +72,25 @@ def test_the_margin_of_one_axis_worked_by_hand() -> None:
     assert margin(craft, ()) == pytest.approx(0.5)
     assert margin(craft, (2,)) == 0.0  # nothing else pushes along y
     assert margin(craft, (2,), leak=1.0) == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("lost", [(), (0,), (0, 1), (2, 3)])
+@pytest.mark.parametrize("kind", ["dead", "stuck-open"])
+def test_the_others_can_stay_as_far_from_shut_and_open_as_the_margin_says_and_no_farther(
+        lost: tuple[int, ...], kind: FaultKind) -> None:
+    craft = replace(PLATFORM, thrusters=tuple(replace(one, force=1.0 + 0.1 * k)
+                                              for k, one in enumerate(PLATFORM.thrusters)))
+    wrenches = np.array(craft.wrench_map)
+    gain, leak = failed(kind, 1.0)
+    sound, stuck = np.delete(wrenches, lost, axis=0), leak * wrenches[list(lost)].sum(axis=0)
+
+    def stays(far: float) -> bool:
+        return linprog(np.zeros(len(sound)), A_eq=sound.T, b_eq=-stuck, bounds=(far, 1.0 - far)).success
+
+    found = margin(craft, lost, gain, leak)
+    assert found > 0.0
+    assert stays(found - 1e-5)
+    assert found > 0.499 or not stays(found + 1e-5)
 
 
 def test_a_weak_thruster_is_one_of_less_force_and_a_stuck_one_pushes_by_its_share() -> None:
