@@ -21,7 +21,7 @@ from torch import Tensor
 
 from rans.errors import ConfigError
 from rans.fast.learn.adam import EPSILON
-from rans.fast.learn.architecture import EXTRACTOR, LOG_STD, Architecture, paper_layout
+from rans.fast.learn.architecture import EXTRACTOR, Architecture, paper_layout
 from rans.fast.learn.config import PPOSettings
 from rans.fast.learn.distributions import Duty
 from rans.fast.learn.network import Network, Output
@@ -81,7 +81,7 @@ def policy_kwargs(architecture: Architecture) -> dict[str, Any]:
     given = {field.name: getattr(architecture, field.name) for field in fields(Architecture)
              if field.name != "bounds"}  # which the file has as its spaces
     return {"features_extractor_class": NormalisedMlp, "features_extractor_kwargs": given, "net_arch": [],
-            "log_std_init": LOG_STD, "optimizer_kwargs": {"fused": True, "eps": EPSILON}}
+            "optimizer_kwargs": {"fused": True, "eps": EPSILON}}
 
 
 @torch.no_grad()

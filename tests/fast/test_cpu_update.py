@@ -17,6 +17,7 @@ from rans.fast.learn.config import PPOSettings
 from rans.fast.learn.network import Network
 from rans.fast.learn.ppo import losses
 from rans.fast.learn.rollout import minibatches
+from rans.fast.products import WIDTH
 from rans.fast.symmetry import symmetries
 from tests.fast.engines import FLYER, NEAR, PLATFORM
 from tests.fast.kernels.test_update import collected
@@ -51,7 +52,7 @@ def test_gradients_are_autograds(craft: Any, settings: Any) -> None:
 
 
 @pytest.mark.parametrize("settings", [{"memory": "recurrent"}, {"privileged_critic": True},
-                                      {"continuous": True}, {"n_envs": 4, "batch_size": 16}])
+                                      {"continuous": True}, {"n_envs": 4, "batch_size": WIDTH // 2}])
 def test_what_is_left_to_autograd(settings: Any) -> None:
     assert tiny_learner(**settings).by_hand is None
 
