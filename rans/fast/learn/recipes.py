@@ -115,6 +115,10 @@ _ARRIVED = {"arrived_weight": 6.0, "arrived_fine_weight": 2.0, "arrived_thrust_w
             "arrived_squarings": 3}
 """For who is there, at rest, however the world is."""
 _TWIST = {**_VELOCITY, "fine_spin_weight": 1.0, "fine_spin_scale": 0.01}
+_SHUT_FIRST = tuple(Ramp(weight, start, 10_000_000, 1_500_000, "geometric") for weight, start in
+                    (("fine_weight", 0.05), ("fine_spin_weight", 0.05), ("thrust_weight", 0.1)))
+"""For shared thrust: who learns to be exact first keeps cancelling nozzles open, of which one more or less is
+a small push, and to shut one of them alone is worth nothing."""
 _EVERY = {
     "go_to_position": GoToPosition(fine_weight=0.5, rest_position=0.007, rest_spin=0.03, thrust_weight=0.05),
     "go_to_pose": GoToPose(fine_weight=1.0, rest_position=0.006, rest_attitude=0.035, thrust_weight=0.1),
@@ -226,8 +230,10 @@ RECIPES: dict[str, Recipe] = {
     "track-velocity-3d": Recipe(
         "track-velocity", _FLYER, _VELOCITY, replace(_PLANE, symmetric=False, layers=_WIDE)),
     "track-twist-3d-shared": Recipe(
-        "track-twist", _FLYER_SHARED, {**_TWIST, "fine_weight": 0.8, "thrust_weight": 0.015},
-        replace(_STILL, layers=_WIDE), 6_000_000),
+        "track-twist", _FLYER_SHARED,
+        {**_TWIST, "fine_weight": 0.8, "fine_spin_weight": 1.5, "fine_spin_scale": 0.025,
+         "thrust_weight": 0.01},
+        replace(_STILL, layers=_WIDE), 20_000_000, _SHUT_FIRST),
     "track-velocity-heading-3d": Recipe(
         "track-velocity-heading", _FLYER, {"fine_scale": 0.02}, replace(_PLANE, layers=_WIDE), 8_000_000),
     "multi-task-3d": Recipe(
