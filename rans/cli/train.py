@@ -191,6 +191,9 @@ def _summary(trainer: Trainer, begun: int, stopped: bool, seconds: float) -> str
             f"The agent is {path}/policy.zip.")
     if stopped:
         text += f" Continue with: {shlex.join(['rans', 'train', '--resume', str(path)])}"
+    elif trainer.config.solved_share is not None and not trainer.solved:
+        text += (" Another --seed may solve it; what this one lives on shows "
+                 f"{shlex.join(['rans', 'report', str(path)])}.")
     return text
 
 
