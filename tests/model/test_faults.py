@@ -87,10 +87,10 @@ def test_the_others_can_stay_as_far_from_shut_and_open_as_the_margin_says_and_no
     def stays(far: float) -> bool:
         return linprog(np.zeros(len(sound)), A_eq=sound.T, b_eq=-stuck, bounds=(far, 1.0 - far)).success
 
-    found = margin(craft, lost, gain, leak)
+    found = margin(craft, lost, gain, leak)  # 1e-5: a hundred times what the programmes' conditions may lack
     assert found > 0.0
     assert stays(found - 1e-5)
-    assert found > 0.499 or not stays(found + 1e-5)
+    assert found > 0.499 or not stays(found + 1e-5)  # beyond one half the bounds cross
 
 
 def test_a_weak_thruster_is_one_of_less_force_and_a_stuck_one_pushes_by_its_share() -> None:
