@@ -19,14 +19,14 @@ import numpy as np
 from rans.fast.filter import Filter
 from rans.fast.turning import tilt_between
 from rans.model.fields import Field, at_least, where
-from rans.tasks.sight import Columns, Layout, Spin, Turn
+from rans.tasks.sight import Columns, Entry, Layout, Spin, Turn
 
 PATIENCE = 5.0
 """Control periods after a command in which a repeated reading of a perfect sensor may be a missed one."""
-_QUIET = 1.5
-"""Control periods without a command, a half beyond the last of those that late valves may fill."""
-_MOST = 4.0
-"""Bound of the evidence that sensors are noisy: how soon the screen changes its mind."""
+_IDLE = 1.5
+"""Control periods without a command, a half beyond the last of those in which late valves may still act."""
+_EVIDENCE = 2.0
+"""Repeated readings, while nothing is commanded, that show sensors to be perfect."""
 
 
 class Memory(NamedTuple):
@@ -41,7 +41,7 @@ class Memory(NamedTuple):
     idle: Field
     """Control periods since a thruster was commanded, at most `PATIENCE`."""
     noisy: Field
-    """Evidence that sensors are noisy, 0 to `_MOST`; 0: they are perfect."""
+    """Evidence that sensors are noisy, 0 to `_EVIDENCE`; 0: they are taken for perfect."""
 
     @classmethod
     def of(cls, layout: Layout, numbers: Columns) -> Memory:
@@ -92,43 +92,69 @@ def screened(layout: Layout, read: Columns, memory: Memory, one: Filter, gate: f
         first: whether this is an episode's first reading, which is all there is.
     """
     push, twist = (_authority(gains) for gains in (one.push, one.twist))
-    noisy = _evidence(layout, read, memory, first)
-    full = noisy * 0.0 + 1.0
-    # Where sensors are perfect and the last command is long ago, a repeated reading is a true one.
-    repeats_truly = where(noisy > 0.0, full * 0.0, where(memory.idle > PATIENCE - 0.5, full, full * 0.0))
+    zero = memory.noisy * 0.0
+    full = zero + 1.0
+    noisy = where(first, zero, _evidence(layout, read, memory))
+
+    # Perfect sensors: a repeated reading is a true one long after the last command, or if the pose says so.
+    perfect = where(noisy > 0.0, zero, full)
+    is_true = perfect * where(memory.idle > PATIENCE - 0.5, full, zero)
+    spin_is_true = perfect * _turned_as_read(layout, read, memory, one.period)
 
     columns: list[Field] = []
     gates: list[Field] = []
     blocks = zip(layout.split(read), layout.split(memory.last), layout.split(memory.expected), one.share,
                  memory.gates, strict=True)
-    for (block, now), (_, before), (_, then), share, wider in blocks:
+    for (block, now), (_, before), (_, then), share, gate_before in blocks:
         if issubclass(block.kind, Turn):
             error, scale = tilt_between(now, then), twist
         elif any(share):
             error, scale = [a - b for a, b in zip(now, then, strict=True)], twist if share[2] else push
         else:  # no motion changes it
             columns += now
-            gates.append(wider)
+            gates.append(gate_before)
             continue
-        size = sum((x * x for x in error[1:]), start=error[0] * error[0]) * (1.0 / (gate * scale)**2)
-        wild = size > wider * wider
-        counts = where(repeats_truly > 0.0, full, _changed(now, before))
-        counts = where(first, full, where(wild, full * 0.0, counts))
+        new = _changed(now, before) + is_true
+        if issubclass(block.kind, Spin):
+            new = new + spin_is_true
+        wild = _squared(error) * (1.0 / (gate * scale)**2) > gate_before * gate_before
+        counts = where(first, full, where(wild, zero, new))
         columns += [where(counts > 0.0, a, b) for a, b in zip(now, then, strict=True)]
-        gates.append(where(first, full, where(wild, wider + wider, full)))
+        gates.append(where(first, full, where(wild, gate_before + gate_before, full)))
     return Screened(columns, gates, noisy)
 
 
-def _evidence(layout: Layout, read: Columns, memory: Memory, first: Field) -> Field:
-    """How much speaks for noisy sensors: more when angular velocity changes while nothing was commanded.
+def _evidence(layout: Layout, read: Columns, memory: Memory) -> Field:
+    """How much speaks for noisy sensors: all, when angular velocity changes while nothing is commanded.
 
-    They are taken for noisy at first.
+    Each time that it does not change then takes one away. An episode begins with none.
     """
-    changes = [_changed(now, before) for (block, now), (_, before) in zip(
-        layout.split(read), layout.split(memory.last), strict=True) if issubclass(block.kind, Spin)]
-    bounded = -at_least(-at_least(memory.noisy + 2.0 * changes[0] - 1.0, 0.0), -_MOST)
-    learnt = where(memory.idle > _QUIET, bounded, memory.noisy)
-    return where(first, learnt * 0.0 + 0.5 * _MOST, learnt)
+    now, before = (_columns_of(Spin, layout, x) for x in (read, memory.last))
+    fewer = at_least(memory.noisy - 1.0, 0.0)
+    found = fewer + _changed(now, before) * (_EVIDENCE - fewer)
+    return where(memory.idle > _IDLE, found, memory.noisy)
+
+
+def _turned_as_read(layout: Layout, read: Columns, memory: Memory, period: float) -> Field:
+    """1 where a new attitude fits the angular velocity that was read better than the one expected, else 0."""
+    spin, spin_expected = (_columns_of(Spin, layout, x) for x in (read, memory.expected))
+    now, before, then = (_columns_of(Turn, layout, x) for x in (read, memory.last, memory.expected))
+    if not now:
+        return memory.noisy * 0.0
+    off = tilt_between(now, then)
+    # Thrust that did not come would have turned the craft by half its angular velocity times the period.
+    off_as_read = [tilt + 0.5 * period * (b - a) for tilt, a, b in zip(off, spin, spin_expected, strict=True)]
+    fits = _squared(off) > _squared(off_as_read)
+    return where(fits, _changed(now, before), memory.noisy * 0.0)
+
+
+def _columns_of(kind: type[Entry], layout: Layout, columns: Columns) -> Columns:
+    """Those of the first block of this kind; none where there is none."""
+    return next((mine for block, mine in layout.split(columns) if issubclass(block.kind, kind)), ())
+
+
+def _squared(x: Columns) -> Field:
+    return sum((a * a for a in x[1:]), start=x[0] * x[0])
 
 
 def _changed(now: Columns, before: Columns) -> Field:
