@@ -22,7 +22,8 @@ def test_an_agent_is_small_and_complete(name: str) -> None:
     # Its weights are there twice, for RANS and for SB3, and nothing else of their size.
     network = read_policy(pretrained_folder(name) / "policy.zip", found.craft, found.task).network
     weights = sum(x.numel() for x in network.tensors.values())
-    assert sum(files.values()) < 2 * 4 * weights + 80_000
+    # Besides, a config.json that lists every world of the training, and SB3's description of the policy.
+    assert sum(files.values()) < 2 * 4 * weights + 100_000
     assert (card["name"], card["spacecraft"]) == (name, found.craft.name)
     kinds = "(-fast|-thrifty|-shared|-robust|-faults|-knob)?"
     assert re.fullmatch(rf"{card['task'].removesuffix('-priced')}-{found.craft.dimension}d{kinds}", name)
