@@ -21,7 +21,7 @@ from rans.fast.learn.troubles import TROUBLES
 from rans.fast.verdicts import last_fifth
 from rans.files import read_json
 from rans.flight import Setup, fly
-from rans.model.conditions import BodyConditions, Conditions
+from rans.model.conditions import BodyConditions, Conditions, SensorConditions, SensorsConditions
 from rans.model.conditions_file import load_conditions
 from rans.scenario import EVALUATION_SEED, draws, scenarios
 from validation.batch import Found, Rows, flown, loaded, study
@@ -35,7 +35,9 @@ _TOLD = {"none": "none", "lab": "`lab`, all at once", "latency": "latency 0 to 2
          "inertia": "inertia x 0.5 to 2", "centre of mass": "centre of mass 0 to 3 cm off",
          "force": "force 0 to 0.3 N", "torque": "torque 0 to 0.1 N m",
          "noise": "noise 0 to 3 cm, 3 degrees, 3 cm/s, 3 degrees/s", "noise, worst": "noise, all of it",
-         "inertia halved": "inertia x 0.5"}
+         "inertia halved": "inertia x 0.5",
+         "spin missed": "30 % of the angular velocities missed", "all missed": "30 % of every reading missed",
+         "outages": "no readings for 1 s every 5 s", "lab-dropouts": "`lab-dropouts`"}
 """What the document calls its rows."""
 
 
@@ -44,8 +46,13 @@ def rows() -> dict[str, Conditions]:
     worst = {f"{name}, worst": _at_worst(found) for name, found in TROUBLES.items()
              if name not in ("least on-time", "inertia")}
     halved = Conditions(body=BodyConditions(inertia=0.5))
+    missed = SensorConditions(dropout=0.3)
+    sensors = {"spin missed": SensorsConditions(spin=missed),
+               "all missed": SensorsConditions(missed, missed, missed, missed),
+               "outages": SensorsConditions(outage=1.0, outage_every=5.0)}
     return {"none": Conditions(), "lab": load_conditions("lab"), **TROUBLES, **worst,
-            "inertia halved": halved}
+            "inertia halved": halved, **{name: Conditions(sensors=x) for name, x in sensors.items()},
+            "lab-dropouts": load_conditions("lab-dropouts")}
 
 
 def _at_worst(given: Any) -> Any:
