@@ -31,6 +31,8 @@ def test_the_kernel_flies_as_a_cpu_does(name: str, products: Products, alike: fl
     assert kernel.ways == {f"flight kernel, {products}"}
     # Of bfloat16 one command in a thousand is another, and with it the rest of its flight; else one in 1e5.
     same, share = set(kernel.numbers) & set(exact.numbers), 0.03 if products == "bf16" else 5e-3
+    if name.endswith("robust"):  # whether a reading is repeated exactly depends on its last bit
+        share = 4.0 * share
     assert len(same) >= alike * max(kernel.failed, exact.failed) - 2
     # Those that go another way are others of the same kind, whose number at a moment spreads like its root,
     # and whose mean like its standard error.
