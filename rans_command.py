@@ -26,6 +26,8 @@ def run() -> NoReturn:
     Python would free millions of objects of torch one by one, and the driver a GPU's memory piece by piece.
     What was registered for the end is done, and what was printed is on its way, also by libraries in C.
     """
+    fill_closed_streams()
+    os.environ.setdefault("PYTHONSAFEPATH", "1")  # no process of ours looks for modules in this folder first
     code = main()
     if any(not thread.daemon for thread in threading.enumerate() if thread is not threading.main_thread()):
         sys.exit(code)  # which waits for it
@@ -33,6 +35,22 @@ def run() -> NoReturn:
     sys.stderr.flush()
     ctypes.CDLL(None).fflush(None)
     os._exit(code)
+
+
+def fill_closed_streams() -> None:
+    """Let standard streams that were closed, as in ``rans list >&-``, lead nowhere.
+
+    Else the first file that is opened would take their place, and what is printed would be written into it.
+    """
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        try:
+            os.fstat(number)
+        except OSError:
+            nowhere = os.open(os.devnull, os.O_RDWR)  # gets the lowest number that is free
+            assert nowhere == number
+        if getattr(sys, name) is None:
+            mode = "r" if number == 0 else "w"
+            setattr(sys, name, os.fdopen(number, mode, encoding="utf-8", closefd=False))
 
 
 def main() -> int:

@@ -20,7 +20,7 @@ from rans.model.conditions_file import CONDITIONS, load_conditions
 from rans.model.spacecraft_file import SPACECRAFT, load_spacecraft, spacecraft_names
 from rans.model.timing import Timing
 from rans.pretrained import pretrained_card, pretrained_folder, pretrained_names
-from rans.registry import Registry, from_here, resolve
+from rans.registry import Registry, resolve_typed
 from rans.show.layout_text import AWAY, TOWARDS, layout_text
 from rans.show.listing import (
     Listing,
@@ -111,7 +111,7 @@ def _kind_of_file(file: Path) -> str:
 def _kind_of_object(reference: str) -> str:
     """What an object of somebody's module is; what is nothing else is told by the spacecraft's reader."""
     try:
-        found = resolve(from_here(reference))
+        found = resolve_typed(reference)
     except ConfigError as error:
         raise ConfigError(f"{reference} cannot be shown: {error}") from error
     if isinstance(found, Conditions):

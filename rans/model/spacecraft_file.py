@@ -33,15 +33,28 @@ class Described(NamedTuple):
 def _described(found: Any) -> Described:
     """A TOML text, a `Spacecraft` or a function that makes one, in one form."""
     if not isinstance(found, str):
-        try:
-            found = found() if callable(found) else found
-        except Exception as error:  # somebody else's code raises anything
-            raise ConfigError(f"{type(error).__name__}: {first_line(error)}.") from error
-        if not isinstance(found, Spacecraft):
-            raise ConfigError("it must be a rans.Spacecraft, a function that makes one, or a TOML file of "
-                              f"the package, got {type(found).__name__}.")
+        found = _made(found)
         found = to_toml(found)
     return Described(found, _build(read_toml(found)))
+
+
+def _made(found: Any) -> Spacecraft:
+    """A spacecraft itself, or what a function or a class of spacecraft makes; nothing else is called."""
+    is_function = callable(found) and not isinstance(found, type)
+    if is_function or _is_spacecraft_class(found):
+        try:
+            found = found()
+        except Exception as error:  # somebody else's code raises anything
+            raise ConfigError(f"{type(error).__name__}: {first_line(error)}.") from error
+    if not isinstance(found, Spacecraft):
+        got = f"the class {found.__name__}" if isinstance(found, type) else type(found).__name__
+        raise ConfigError("it must be a rans.Spacecraft, a function that makes one, or a TOML file of "
+                          f"the package, got {got}.")
+    return found
+
+
+def _is_spacecraft_class(found: Any) -> bool:
+    return isinstance(found, type) and issubclass(found, Spacecraft)
 
 
 SPACECRAFT = Registry("spacecraft", "rans.spacecraft", {

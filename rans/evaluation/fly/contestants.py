@@ -17,7 +17,7 @@ from rans.flight import Setup
 from rans.model.spacecraft_file import USUAL, load_spacecraft
 from rans.model.timing import Timing
 from rans.pretrained import pretrained_folder, pretrained_names
-from rans.registry import from_here
+from rans.registry import look_here_too
 from rans.tasks import TASKS, Task, registered_name
 
 FORMS = (f"a run folder, pretrained:NAME, either after {PREFIX}:, "
@@ -141,7 +141,10 @@ def _is_controller(spec: str) -> bool:
     module, _, name = spec.partition(":")
     others = module in ("pretrained", PREFIX, *CONTROLLERS) or is_user_policy(spec) or Path(spec).exists()
     dotted = all(part.isidentifier() for part in f"{module}.{name}".split("."))
-    return dotted and not others and find_spec(from_here(module).partition(".")[0]) is not None
+    if others or not dotted:
+        return False
+    look_here_too()
+    return find_spec(module.partition(".")[0]) is not None
 
 
 def _parse(spec: str) -> tuple[str, str, str]:
