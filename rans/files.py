@@ -131,8 +131,8 @@ def ready_folder(folder: Path) -> Path:
 
 
 def write_text(file: Path, text: str) -> None:
-    """`replace_file` for text."""
-    replace_file(file, lambda draft: draft.write_text(text, "utf-8"))
+    """`replace_file` for text in UTF-8; of a file's name that is none, the bytes are spelt out."""
+    replace_file(file, lambda draft: draft.write_text(text, "utf-8", "backslashreplace"))
 
 
 def write_json(file: Path, value: Any) -> None:

@@ -88,7 +88,8 @@ def _say(error: BaseException, kind: Any) -> str:
         return str(error).rstrip(".")
     if isinstance(error, cattrs.ForbiddenExtraKeysError):
         known = [one.name for one in fields(error.cl)] if is_dataclass(error.cl) else []
-        return f"unknown key {', '.join(repr(key) + meant(key, known) for key in sorted(error.extra_fields))}"
+        keys = (brief(key) + meant(key, known) for key in sorted(error.extra_fields))
+        return f"unknown key {', '.join(keys)}"
     if isinstance(error, KeyError):
         return f"the key {error} is missing"
     if isinstance(error, AttributeError):  # cattrs asks whatever it is given for its keys

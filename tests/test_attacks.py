@@ -15,12 +15,14 @@ from typing import Any
 
 import pytest
 
+import rans
 from rans.cli import main
 from rans.errors import ConfigError, brief
 from rans.fast.engine import Engine
 from rans.fast.learn.run_folder import RunFolder
 from rans.files import Lock, read_json, read_text, regular, replace_file, write_text
 from rans.model.spacecraft_file import spacecraft_text
+from rans.tasks import TASKS
 from tests.fast.engines import NEAR, PLATFORM, SHORT
 from tests.fast.training import after, ignore, resumed, tiny_trainer
 
@@ -60,6 +62,22 @@ def test_a_long_value_leaves_room_for_the_rest_of_the_sentence(
     sentence = said(capsys, "list", "long.toml")
     assert end in sentence
     assert len(sentence) < 600
+
+
+HUGE = "x" * 10_000_000
+
+
+@pytest.mark.parametrize("ask", [
+    rans.load_spacecraft, rans.load_conditions, rans.load_task, rans.load_agent,
+    lambda name: rans.load_spacecraft(f"{name}.toml"), lambda name: rans.load_agent(f"pretrained:{name}"),
+    lambda name: rans.load_agent(f"lqr:go-to-pose-2d@{name}"),
+    lambda name: rans.train("go-to-pose", device=name),
+    lambda name: TASKS.check_file(f"{name}:{name}", "config.json"),
+], ids=str)
+def test_sentences_stay_short_however_long_a_name_is(ask: Callable[[str], object]) -> None:
+    with pytest.raises(ConfigError) as refused:
+        ask(HUGE)
+    assert len(str(refused.value)) < 5000
 
 
 def test_what_is_short_is_shown_whole() -> None:

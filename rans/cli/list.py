@@ -12,7 +12,7 @@ from typing import Annotated, Any
 
 from tyro import conf
 
-from rans.errors import ConfigError, legible, meant
+from rans.errors import ConfigError, brief, legible, meant
 from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.files import number, plain, read_text
 from rans.model.conditions import Conditions
@@ -95,8 +95,9 @@ class List:
             return _kind_of_object(name)
         near = meant(name, [one for names in known.values() for one in names])
         raise ConfigError(
-            f"there is no spacecraft, task, agent, controller or set of conditions named {name!r}{near}; "
-            "`rans list` tells all; your own file of a spacecraft or of conditions must end in .toml.")
+            "there is no spacecraft, task, agent, controller or set of conditions named "
+            f"{brief(name)}{near}; `rans list` tells all; your own file of a spacecraft or of conditions "
+            "must end in .toml.")
 
 
 def _kind_of_file(file: Path) -> str:

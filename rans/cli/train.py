@@ -109,7 +109,7 @@ class Train:
         from rans.model.conditions_file import load_conditions
 
         if self.task is not None and self.config is not None:
-            raise ConfigError(f"--config {self.config} says what to train; leave out {self.task!r}.")
+            raise ConfigError(f"--config {self.config} says what to train; leave out {brief(self.task)}.")
         if self.task is None and self.config is None:
             raise ConfigError("say what to train: a task, such as go-to-pose, or --config FILE.")
         begun = (read_config(self.config) if self.config else

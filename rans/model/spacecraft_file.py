@@ -104,7 +104,7 @@ def _file_text(given: str) -> str:
     try:
         text = regular(Path(given), "the spacecraft file ").read_text("utf-8")
     except (OSError, ValueError) as error:
-        raise ConfigError(f"cannot read the spacecraft file {given!r}: {error}.") from error
+        raise ConfigError(f"cannot read the spacecraft file {brief(given)}: {error}.") from error
     return with_meshes(text, Path(given).parent)
 
 
@@ -196,7 +196,7 @@ def _check_keys(table: dict[str, Any], needed: Collection[str], optional: Collec
             raise ConfigError(f"unknown key {brief(key)} in {where}; known are {', '.join(known)}.")
     for key in needed:
         if key not in table:
-            raise ConfigError(f"{prefix}the key {key!r} is missing.")
+            raise ConfigError(f"{prefix}the key {brief(key)} is missing.")
 
 
 def _text(value: Any, key: str) -> str:

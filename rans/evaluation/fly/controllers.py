@@ -68,7 +68,7 @@ class Guarded:
 
     def __init__(self, name: str, setup: Setup, maker: Maker) -> None:
         self._craft, package = setup.craft, CONTROLLERS.package(name)
-        self._who = f"the controller {name!r}" + (f" of the package {package}" if package else "")
+        self._who = f"the controller {brief(name)}" + (f" of the package {package}" if package else "")
         try:
             self._made = maker(*setup[:3])
             self.name, self.slow = self._made.name, getattr(self._made, "slow", False)
