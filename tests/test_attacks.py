@@ -33,6 +33,7 @@ PLATFORM_TEXT = spacecraft_text("floating-platform")
 @pytest.fixture(autouse=True)
 def _elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("RANS_TRUST", "")  # as --trust sets it for the rest of the process
 
 
 def said(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
@@ -73,7 +74,8 @@ HUGE = "x" * 10_000_000
     lambda name: rans.load_agent(f"lqr:go-to-pose-2d@{name}"),
     lambda name: rans.train("go-to-pose", device=name),
     lambda name: TASKS.check_file(f"{name}:{name}", "config.json"),
-], ids=str)
+], ids=["spacecraft", "conditions", "task", "agent", "file", "pretrained", "craft of an agent", "device",
+        "name in a file"])
 def test_sentences_stay_short_however_long_a_name_is(ask: Callable[[str], object]) -> None:
     with pytest.raises(ConfigError) as refused:
         ask(HUGE)
@@ -170,7 +172,6 @@ def test_a_task_of_pythons_own_library_is_not_imported(capsys: pytest.CaptureFix
     tiny_trainer(Path("run")).train(ignore, after(1))
     table = json.loads(Path("run/config.json").read_text())
     Path("run/config.json").write_text(json.dumps(table | {"task": "antigravity:Task"}))
-    monkeypatch.setenv("RANS_TRUST", "")  # as --trust sets it for the rest of the process
     assert "would run that module's code" in said(capsys, "evaluate", "run")
     assert "of Python's own library" in said(capsys, "evaluate", "run", "--trust")
     assert "antigravity" not in sys.modules
