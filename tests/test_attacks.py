@@ -166,8 +166,7 @@ def test_metrics_that_say_nothing(capsys: pytest.CaptureFixture[str], row: str) 
         assert "metrics.jsonl is damaged: line 1" in said(capsys, *command)
 
 
-def test_a_task_of_pythons_own_library_is_not_imported(capsys: pytest.CaptureFixture[str],
-                                                       monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_task_of_pythons_own_library_is_not_imported(capsys: pytest.CaptureFixture[str]) -> None:
     """A run folder may name any module as its task; one of these opens a browser when it is imported."""
     tiny_trainer(Path("run")).train(ignore, after(1))
     table = json.loads(Path("run/config.json").read_text())
