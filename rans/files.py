@@ -152,15 +152,12 @@ class Lock:
         """Hold it from now on; ConfigError with this sentence where another process does."""
         if self._held >= 0:
             return
+        _make_folder(self._file.parent)
         try:
-            self._file.parent.mkdir(parents=True, exist_ok=True)
             self._held = _opened(self._file, os.O_RDWR | os.O_CREAT)
-        except (FileExistsError, NotADirectoryError) as error:
-            raise ConfigError(f"cannot write {self._file}: {error.filename} is a file, not a folder."
-                              ) from error
         except OSError as error:
             raise ConfigError(f"cannot write {self._file}: {error.strerror or error}; is the disk full or "
-                              "read-only, or the file a link?") from error
+                              "read-only, or the file a symbolic link?") from error
         try:
             fcntl.flock(self._held, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
@@ -186,12 +183,19 @@ class Lock:
 
 @contextlib.contextmanager
 def one_at_a_time(folder: Path) -> Iterator[None]:
-    """Wait until no other process is within this for the same folder, which exists.
+    """Wait until no other process is within this for the same folder; a missing one is made.
 
     For who reads a file there, extends it and replaces it, which takes a moment: else the last of two would
     write without what the first has added. File systems without locks keep nobody waiting.
+
+    Raises:
+        ConfigError: the folder cannot be made or opened.
     """
-    held = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    _make_folder(folder)
+    try:
+        held = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    except OSError as error:
+        raise ConfigError(f"cannot write into {folder}: {error.strerror or error}.") from error
     try:
         with contextlib.suppress(OSError):
             fcntl.flock(held, fcntl.LOCK_EX)
@@ -214,6 +218,16 @@ def distinct(name: str, content: str = "") -> str:
         return plain
     digest = hashlib.sha256(told.encode("utf-8", "surrogatepass")).hexdigest()
     return f"{plain}-{digest[:8]}"
+
+
+def _make_folder(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        reason = error.strerror or error
+        if isinstance(error, FileExistsError | NotADirectoryError):
+            reason = f"{error.filename} is a file, not a folder"
+        raise ConfigError(f"cannot write into {folder}: {reason}; choose another folder.") from error
 
 
 def ready_folder(folder: Path) -> Path:

@@ -10,7 +10,15 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from tyro.conf import Positional, arg
 
 from rans.cli import check_count
-from rans.files import command_line, environment, read_json, ready_folder, write_json
+from rans.files import (
+    command_line,
+    environment,
+    inside,
+    one_at_a_time,
+    read_json,
+    ready_folder,
+    write_json,
+)
 from rans.scenario import EVALUATION_SEED
 from rans.terminal import Terminal, progress
 
@@ -71,6 +79,7 @@ class Evaluate:
 
         run = contestant(self.contestant, self.protocol).under(self.conditions)
         ready_folder(output_folder(self.contestant))
+        self._file(run)  # a link in its place is told before anybody flies
         if self._many(run):
             self._judge_many(run)
             return True
@@ -119,7 +128,7 @@ class Evaluate:
         console.print(metrics.table(console.width))
         listed = [{"episode": int(number), "failure": Failure(kind).name}
                   for number, kind in zip(verdicts.numbers, verdicts.kinds, strict=True)]
-        folder, suffix = self._place()
+        folder, suffix = self._place(run)
         file = folder / f"evaluation-many{suffix}.json"
         write_json(file, {"many": metrics.to_json(), "failures": listed, "conditions": self._conditions(run),
                           "about": _about()})
@@ -149,23 +158,33 @@ class Evaluate:
         from rans.evaluation.measure.aggregate import save_episodes
         from rans.show.figures import save_flight_figures
 
-        (folder, suffix), conditions = self._place(), self._conditions(run)
-        file = folder / f"evaluation{suffix}.json"
-        before = read_json(file) if file.exists() else {}
-        if not isinstance(before, dict) or before.get("conditions") != conditions:
-            before = {}
-        write_json(file, before | results | {"conditions": conditions, "about": _about()})
+        folder, suffix = self._place(run)
+        file, conditions = self._file(run), self._conditions(run)
+        with one_at_a_time(folder):
+            before = read_json(file) if file.exists() else {}
+            if not isinstance(before, dict) or before.get("conditions") != conditions:
+                before = {}
+            write_json(file, before | results | {"conditions": conditions, "about": _about()})
         save_episodes(flight, folder / f"episodes{suffix}.npz", self.trajectories)
         save_flight_figures(flight, folder, suffix)
         return file
 
-    def _place(self) -> tuple[Path, str]:
+    def _place(self, run: LoadedRun) -> tuple[Path, str]:
         """Folder of the results, and what their files' names end in."""
         from rans.evaluation.fly.contestants import output_folder, picked_task
+        from rans.model.conditions import Conditions
+        from rans.model.conditions_file import conditions_label
 
-        names = (picked_task(self.contestant), self.protocol, Path(self.conditions or "own").stem)
-        suffix = "".join(f"-{name}" for name in names if name not in ("", "own"))
-        return output_folder(self.contestant), suffix
+        protocol, conditions = "" if self.protocol == "own" else self.protocol, ""
+        if self.conditions is not None:
+            conditions = conditions_label(self.conditions, run.conditions or Conditions())
+        names = filter(None, (picked_task(self.contestant), protocol, conditions))
+        return output_folder(self.contestant), "".join(f"-{name}" for name in names)
+
+    def _file(self, run: LoadedRun) -> Path:
+        """Of the results of both engines; ConfigError where it is a link."""
+        folder, suffix = self._place(run)
+        return inside(folder, f"evaluation{suffix}.json")
 
     def _conditions(self, run: LoadedRun) -> dict[str, Any]:
         """Under which results are comparable."""

@@ -71,7 +71,7 @@ def test_a_run_folder_is_left(capsys: pytest.CaptureFixture[str]) -> None:
         assert part in captured.err
     assert {file.name for file in run.iterdir()} == {
         "config.json", "spacecraft.toml", "metrics.jsonl", "checkpoint.safetensors", "policy.zip",
-        "tensorboard", "learning_curve.svg"}
+        "tensorboard", "learning_curve.svg", ".lock"}
     assert (run / "learning_curve.svg").read_text().startswith("<?xml")
     assert main([*tiny(), "--total-timesteps", "1000"]) == 0
     assert Path("runs/go-to-pose-floating-platform-seed0-2").is_dir()

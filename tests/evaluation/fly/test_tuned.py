@@ -28,7 +28,7 @@ def test_what_ships_fits_what_it_was_tuned_for(file: Path) -> None:
     craft, task = parse_spacecraft(found.spacecraft, file.name), TASKS[found.task]()
     setup = Setup(load_spacecraft(craft.name), task, Timing(found.control_period))
     assert tuned(found.controller, setup) == found
-    assert file.name == file_name(found.controller, craft, task)
+    assert file.name == file_name(found.controller, setup.craft, task)
     assert found.costs["tuned"] < found.costs["default"]
     assert (found.seed, found.starts) == (TUNING_SEED, 256)
     controller(found.controller, setup)

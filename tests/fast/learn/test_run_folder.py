@@ -11,6 +11,7 @@ import torch
 
 from rans.errors import ConfigError
 from rans.fast.learn.run_folder import RunFolder, read_config
+from rans.files import LOCK
 from tests.fast.training import CONFIG
 
 
@@ -121,4 +122,4 @@ def test_a_checkpoint_is_whole_or_the_one_before(run: RunFolder, monkeypatch: py
     loaded = run.load_checkpoint("cpu")
     assert loaded["steps"] == 1
     assert loaded["weights"].tolist() == [0, 1, 2, 3, 4]
-    assert not list(run.path.glob(".*"))
+    assert [file.name for file in run.path.glob(".*")] == [LOCK]
