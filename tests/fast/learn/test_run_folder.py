@@ -1,6 +1,10 @@
 from __future__ import annotations
 
+import contextlib
 import json
+import os
+import subprocess
+import time
 from dataclasses import replace
 from importlib import resources
 from pathlib import Path
@@ -13,6 +17,7 @@ from rans.errors import ConfigError
 from rans.fast.learn.run_folder import RunFolder, read_config
 from rans.files import LOCK
 from tests.fast.training import CONFIG
+from tests.processes import PATIENCE, ROOT, python
 
 
 @pytest.fixture
@@ -46,6 +51,64 @@ def test_a_run_is_not_begun_twice(run: RunFolder) -> None:
     with pytest.raises(ConfigError, match=r"holds a training already; continue it with --resume .*run, or"):
         run.begin(replace(CONFIG, seed=1), "rans train")
     assert run.config_file.read_bytes() == before
+
+
+BEGINNER = """
+import sys, time
+from dataclasses import replace
+from pathlib import Path
+from rans.errors import ConfigError
+from rans.fast.learn.run_folder import RunFolder
+from tests.fast.training import CONFIG
+seed, craft = int(sys.argv[1]), sys.argv[2]
+runs = [RunFolder(Path(name)) for name in sys.argv[3:]]
+print("ready", flush=True)
+begin = float(sys.stdin.readline())
+for number, run in enumerate(runs):
+    time.sleep(max(0.0, begin + 0.2 * number - time.time()))
+    try:
+        run.begin(replace(CONFIG, seed=seed, spacecraft=craft), "rans train")
+        print(run.path)
+    except ConfigError:
+        pass
+"""
+
+
+def test_of_two_that_begin_at_once_one_writes_everything(tmp_path: Path) -> None:
+    """The other is refused; what each of the folders holds is of one training."""
+    crafts = "floating-platform", "floating-platform-shared"
+    folders = [str(tmp_path / str(number)) for number in range(8)]
+    with contextlib.ExitStack() as stack:
+        beginners = [stack.enter_context(python("-c", BEGINNER, str(seed), craft, *folders,
+                                                stdin=subprocess.PIPE,
+                                                env=os.environ | {"PYTHONPATH": str(ROOT)}))
+                     for seed, craft in enumerate(crafts)]
+        for beginner in beginners:
+            assert beginner.stdout is not None
+            assert beginner.stdout.readline() == "ready\n"
+        at = time.time() + 0.1
+        for beginner in beginners:
+            assert beginner.stdin is not None
+            beginner.stdin.write(f"{at}\n")
+            beginner.stdin.flush()
+        begun = [beginner.communicate(timeout=PATIENCE)[0].splitlines() for beginner in beginners]
+    assert sorted(begun[0] + begun[1]) == folders
+    for folder in folders:
+        seed = 0 if folder in begun[0] else 1
+        run = RunFolder(Path(folder))
+        assert (run.config().seed, run.config().spacecraft) == (seed, crafts[seed])
+        assert run.spacecraft().name == crafts[seed]
+
+
+def test_a_folder_where_somebody_trains_is_not_begun(tmp_path: Path) -> None:
+    """Not even before the other has written anything."""
+    first = RunFolder(tmp_path / "run")
+    first.lock()
+    with pytest.raises(ConfigError, match="is being trained by another process"):
+        RunFolder(tmp_path / "run").begin(CONFIG, "rans train")
+    first.begin(CONFIG, "rans train")
+    with pytest.raises(ConfigError, match="is being trained by another process"):
+        RunFolder(tmp_path / "run").lock()  # who held it before it began goes on holding it
 
 
 def test_what_is_no_run(tmp_path: Path) -> None:
