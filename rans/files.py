@@ -225,8 +225,9 @@ def _make_folder(folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         reason = error.strerror or error
-        if isinstance(error, FileExistsError | NotADirectoryError):
-            reason = f"{error.filename} is a file, not a folder"
+        for place in (folder, *folder.parents):
+            if place.is_file():
+                reason = f"{place} is a file, not a folder"
         raise ConfigError(f"cannot write into {folder}: {reason}; choose another folder.") from error
 
 

@@ -37,7 +37,8 @@ class Evaluate:
     """Fly an agent from fixed starts; write metrics with 95 % intervals, episodes and figures.
 
     They go into its run folder, those of other contestants into runs/evaluations/: evaluation.json,
-    episodes.npz, evaluation.svg and episode.svg; with a protocol, evaluation-paper.json and so on.
+    episodes.npz, evaluation.svg and episode.svg; with a protocol, evaluation-paper.json and so on. Under a
+    TOML file of your own their names have a digest of its conditions.
     """
 
     contestant: Annotated[str, Positional, arg(metavar="RUN")]

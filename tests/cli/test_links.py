@@ -13,7 +13,7 @@ from rans.fast.learn.config import to_table
 from rans.files import write_json
 from tests.fast.training import CONFIG, after, ignore, tiny_trainer
 
-FLOWN = "--episodes 2 --seed 1"
+FLOWN = "--episodes", "2", "--seed", "1"
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +34,7 @@ def run(trained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.mark.parametrize(("command", "place"), [
-    *((f"evaluate run {FLOWN}", name) for name in ("config.json", "spacecraft.toml", "policy.zip",
+    *(("evaluate run --episodes 2", name) for name in ("config.json", "spacecraft.toml", "policy.zip",
                                                    "evaluation.json")),
     *(("train --resume run", name) for name in ("metrics.jsonl", "checkpoint.safetensors", "checkpoint.pt",
                                                 ".lock")),
@@ -67,7 +67,7 @@ def test_a_file_that_is_a_link_is_refused(run: Path, command: str, place: str,
     ("sweep --resume sweep", "../sweep/batches/0"),
     ("sweep --resume sweep", "../sweep/batches/0/tensorboard"),
     ("sweep --resume sweep", "../sweep/best"),
-    (f"stress run {FLOWN} --only latency", "stress"),
+    ("stress run --episodes 2 --only latency", "stress"),
 ])
 def test_a_folder_that_is_a_link_is_refused(run: Path, command: str, place: str,
                                             capsys: pytest.CaptureFixture[str]) -> None:
@@ -99,7 +99,7 @@ def test_a_folder_full_of_links_has_nothing_written_elsewhere(run: Path) -> None
         (run / f".{os.getpid()}.{name}").symlink_to(outside.absolute())
     for name in results[1:]:
         (run / name).symlink_to(outside.absolute())
-    assert main(f"evaluate run {FLOWN}".split()) == 0
+    assert main(["evaluate", "run", *FLOWN]) == 0
     assert outside.read_text() == "mine"
     assert not any((run / name).is_symlink() for name in results)
 
@@ -108,5 +108,5 @@ def test_a_folder_full_of_links_has_nothing_written_elsewhere(run: Path) -> None
 def test_a_run_folder_may_be_a_link_itself(run: Path) -> None:
     """Somebody typed its name."""
     Path("short").symlink_to(run.absolute())
-    assert main(f"evaluate short {FLOWN}".split()) == 0
+    assert main(["evaluate", "short", *FLOWN]) == 0
     assert (run / "evaluation.json").exists()

@@ -177,7 +177,7 @@ def test_wrong_options(capsys: pytest.CaptureFixture[str]) -> None:
         assert "give nothing else" in refused(capsys, *option, "--resume", "nowhere")
     assert "nowhere is not a run folder" in refused(capsys, "--view", "--resume", "nowhere")
     Path("file").write_text("")
-    assert "cannot write file/run/" in refused(capsys, *tiny()[1:], "--run", "file/run")
+    assert "cannot write into file/run: file is a file" in refused(capsys, *tiny()[1:], "--run", "file/run")
 
 
 @pytest.mark.usefixtures("undrawn")

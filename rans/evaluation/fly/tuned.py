@@ -89,7 +89,7 @@ def tuned(name: str, setup: Setup) -> Tuned | None:
 
     Of own files the newest that fits: older versions wrote them by other names.
     """
-    own = sorted(OWN.glob("*.json"), key=lambda file: file.stat().st_mtime, reverse=True)
+    own = sorted(OWN.glob("*.json"), key=lambda file: file.lstat().st_mtime, reverse=True)
     shipped = sorted(SHIPPED.glob("*.json"))
     read = map(Tuned.read, [*own, *shipped])
     return next((found for found in read if found.fits(name, setup)), None)
