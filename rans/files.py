@@ -95,8 +95,8 @@ def _is_alive(process: int) -> bool:
 
 
 def _opened(file: Path, flags: int) -> int:
-    """Descriptor of a file that is no link; OSError where it is one."""
-    return os.open(file, flags | os.O_NOFOLLOW, 0o666)
+    """Descriptor of a file that is no link, nor a pipe that nobody reads; OSError where it is one."""
+    return os.open(file, flags | os.O_NOFOLLOW | os.O_NONBLOCK, 0o666)
 
 
 def append_text(file: Path, text: str) -> None:
@@ -221,6 +221,7 @@ def distinct(name: str, content: str = "") -> str:
 
 
 def _make_folder(folder: Path) -> None:
+    """With those above it; `ConfigError` that names the file in the way, or why the disk refused."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

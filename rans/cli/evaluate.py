@@ -176,7 +176,8 @@ class Evaluate:
         from rans.model.conditions import Conditions
         from rans.model.conditions_file import conditions_label
 
-        protocol, conditions = "" if self.protocol == "own" else self.protocol, ""
+        protocol = "" if self.protocol == "own" else self.protocol
+        conditions = ""
         if self.conditions is not None:
             conditions = conditions_label(self.conditions, run.conditions or Conditions())
         names = filter(None, (picked_task(self.contestant), protocol, conditions))
