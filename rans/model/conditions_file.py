@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from rans.errors import ConfigError, named
-from rans.files import read_text
+from rans.files import distinct, read_text
 from rans.model.conditions import Conditions
 from rans.registry import Registry
 from rans.shown import default
@@ -72,6 +72,13 @@ def load_conditions(name_or_file: str | Path | Conditions) -> Conditions:
         return _described(text).conditions
     except ConfigError as error:
         raise ConfigError(f"{given}: {error}") from error
+
+
+def conditions_label(name_or_file: str, conditions: Conditions) -> str:
+    """What names of files tell conditions by: their name, or their own file's with a digest of them."""
+    if name_or_file.endswith(".toml"):
+        return distinct(Path(name_or_file).stem, conditions_text(conditions))
+    return distinct(name_or_file)
 
 
 def conditions_text(conditions: Conditions) -> str:

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from rans.errors import ConfigError, brief, named
-from rans.files import first_line, regular
+from rans.files import distinct, first_line, regular
 from rans.model.actuators import KINDS, Actuators
 from rans.model.solids import Solid, with_meshes
 from rans.model.spacecraft import Spacecraft, Thruster
@@ -122,6 +122,14 @@ def parse_spacecraft(text: str, source: str) -> Spacecraft:
         return _build(read_toml(text))
     except ConfigError as error:
         raise ConfigError(f"{source}: {error}") from error
+
+
+def spacecraft_label(craft: Spacecraft) -> str:
+    """What names of files tell a spacecraft by: its name, with a digest unless it comes with RANS."""
+    text = to_toml(craft)
+    if craft.name in SPACECRAFT.built_in and to_toml(SPACECRAFT[craft.name].craft) == text:
+        return craft.name
+    return distinct(craft.name, text)
 
 
 def to_toml(craft: Spacecraft) -> str:

@@ -13,6 +13,7 @@ from rans.evaluation.fly.agent import Agent, LoadedRun, load_agent
 from rans.evaluation.fly.controllers import CONTROLLERS, controller, is_user_policy, user_policy
 from rans.evaluation.fly.lookahead import PREFIX, Lookahead, looking_ahead
 from rans.evaluation.fly.protocols import ProtocolName, under_protocol
+from rans.files import distinct
 from rans.flight import Setup
 from rans.model.spacecraft_file import USUAL, load_spacecraft
 from rans.model.timing import Timing
@@ -111,7 +112,10 @@ def judged_separately(spec: str) -> list[str]:
 def output_folder(spec: str) -> Path:
     """Where the results of a contestant go: into its run folder, or a folder of `EVALUATIONS`."""
     kind, name, _ = _parse(spec)
-    return EVALUATIONS / re.sub(r"[^\w.-]+", "-", f"{kind}-{name}") if kind else Path(name)
+    if not kind:
+        return Path(name)
+    parts = re.split("[:@]+", f"{kind}:{name}")
+    return EVALUATIONS / "-".join(map(distinct, parts))
 
 
 def controller_name(spec: str) -> str:

@@ -12,7 +12,7 @@ from pathlib import Path as FilePath
 import numpy as np
 
 from rans.errors import ConfigError, brief, meant
-from rans.files import regular
+from rans.files import distinct, regular
 
 SPACING = 0.005
 """Largest distance along a path between neighbouring points, m: a fiftieth of the paper's look-ahead. A
@@ -33,6 +33,13 @@ class Path:
     points: np.ndarray
     """(P, 2) or (P, 3) in W, m. A closed path does not repeat its first point."""
     closed: bool
+
+    @property
+    def label(self) -> str:
+        """What names of files tell it by: its name, with a digest of its points if it is a user's."""
+        if self.name in PATHS and np.array_equal(PATHS[self.name]().points, self.points):
+            return self.name
+        return distinct(self.name, f"{self.closed} {self.points.tolist()}")
 
     @classmethod
     def through(cls, name: str, points: np.ndarray, closed: bool) -> Path:
