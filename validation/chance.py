@@ -11,39 +11,46 @@ from scipy import stats
 from validation.checks import Check
 
 UNLIKELY = 8.0
-"""Powers of ten: a probability of 1e-8. All statistics of a study together pass it once in 300,000 seeds."""
+"""Powers of ten: a probability of 1e-8. A study with some fifty statistics passes it by chance with one seed
+in two million."""
 _LEAST = 1e-300
 """Probabilities are told no smaller than this: a logarithm has no zero."""
 
 
 def chance_check(name: str, probability: float, reason: str, worst: str = "") -> Check:
-    """A probability as powers of ten, of which the tolerance allows eight.
+    """How many powers of ten below one a probability is, of which the tolerance allows eight.
 
     Args:
         name: what was drawn.
         probability: of what was seen, or of worse, if it is drawn as stated.
-        reason: how it is drawn, as one sentence.
+        reason: how it is drawn, without a full stop.
         worst: where it was seen.
     """
-    surprise = -np.log10(max(float(probability), _LEAST))
-    return Check(name, max(float(surprise), 0.0), UNLIKELY, "-log10 p", reason, worst)
+    surprise = abs(np.log10(max(float(probability), _LEAST)))
+    return Check(name, float(surprise), UNLIKELY, "decades",
+                 f"{reason}: a probability of 1e-8 is no chance.", worst)
 
 
-def uniform_check(name: str, values: Any, low: float, high: float) -> Check:
-    """Kolmogorov and Smirnov's test of a uniform distribution; a value outside of it is impossible.
+def uniform_check(name: str, drawn: Mapping[str, tuple[Any, float, float]]) -> Check:
+    """Kolmogorov and Smirnov's test of uniform distributions; a value outside of its bounds is impossible.
+
+    That of several quantities the worst one counts is allowed for (Bonferroni).
 
     Args:
-        name: what was drawn.
-        values: (N,).
-        low: the least it may be.
-        high: the largest.
+        name: of all that was drawn.
+        drawn: values (N,), the least and the largest that they may be, by quantity.
     """
-    values = np.asarray(values, dtype=float)
-    slack = 1e-9 * (high - low)
-    outside = (values < low - slack) | (values > high + slack)
-    probability = 0.0 if outside.any() else stats.kstest(values, stats.uniform(low, high - low).cdf).pvalue
-    return chance_check(name, probability, f"Declared as uniform from {low:g} to {high:g}.",
-                        f"{len(values):,} draws, {np.count_nonzero(outside)} of them outside")
+    least = 1.0
+    where = ""
+    for quantity, (values, low, high) in drawn.items():
+        values = np.asarray(values, dtype=float)
+        slack = 1e-9 * (high - low)
+        outside = np.count_nonzero((values < low - slack) | (values > high + slack))
+        probability = stats.kstest(values, stats.uniform(low, high - low).cdf).pvalue if not outside else 0.0
+        if not probability > least:
+            least = probability
+            where = f"{quantity}, {outside} of {len(values):,} outside of {low:g} to {high:g}"
+    return chance_check(name, min(1.0, len(drawn) * least), "Declared as uniform within bounds", where)
 
 
 def even_check(name: str, values: Any, kinds: int) -> Check:
@@ -57,9 +64,10 @@ def even_check(name: str, values: Any, kinds: int) -> Check:
     values = np.asarray(values)
     possible = np.isin(values, np.arange(kinds))
     counts = np.bincount(values[possible].astype(int), minlength=kinds)
-    probability = 0.0 if not possible.all() or not counts.sum() else (
-        1.0 if kinds == 1 else stats.chisquare(counts).pvalue)
-    return chance_check(name, probability, f"Each of {kinds} is declared as likely as the next.",
+    probability = 0.0
+    if possible.all() and counts.sum():
+        probability = 1.0 if kinds == 1 else float(np.asarray(stats.chisquare(counts).pvalue))
+    return chance_check(name, probability, f"Each of {kinds} is declared as likely as the next",
                         f"{counts.min()} to {counts.max()} times each")
 
 
@@ -74,7 +82,7 @@ def share_check(name: str, hits: Any, probability: float) -> Check:
     hits = np.asarray(hits)
     seen = int(np.count_nonzero(hits))
     return chance_check(name, stats.binomtest(seen, hits.size, probability).pvalue,
-                        f"Declared to happen with a probability of {probability:g}.",
+                        f"Declared to happen with a probability of {probability:g}",
                         f"{seen:,} of {hits.size:,}")
 
 
@@ -88,24 +96,27 @@ def normal_check(name: str, values: Any, deviation: float) -> Check:
     """
     values = np.ravel(values)
     return chance_check(name, stats.kstest(values, stats.norm(0.0, deviation).cdf).pvalue,
-                        f"Declared as normal with a standard deviation of {deviation:g}.",
+                        f"Declared as normal with a standard deviation of {deviation:g}",
                         f"{values.size:,} draws, deviation {values.std():.3g}")
 
 
 def independence_check(name: str, pairs: Mapping[str, tuple[Any, Any]]) -> Check:
     """The strongest correlation of many pairs, each (N,), against that of independent numbers.
 
-    Its standard error is 1 / sqrt(N); that there are many pairs is allowed for (Bonferroni).
+    Its standard error is 1 / sqrt(N); that there are many pairs is allowed for (Bonferroni). What never
+    varies was not drawn: it counts as impossible.
     """
     strongest = 0.0
     where = ""
     for label, (one, other) in pairs.items():
-        error = abs(np.corrcoef(np.ravel(one), np.ravel(other))[0, 1]) * np.sqrt(np.size(one))
-        if not error <= strongest:
+        varies = np.ptp(one) > 0.0 and np.ptp(other) > 0.0
+        correlation = np.corrcoef(np.ravel(one), np.ravel(other))[0, 1] if varies else np.inf
+        error = abs(correlation) * np.sqrt(np.size(one))
+        if error > strongest:
             strongest = error
             where = label
     probability = min(1.0, len(pairs) * 2.0 * float(stats.norm.sf(strongest)))
-    return chance_check(name, probability, f"Declared as independent, each of {len(pairs):,} pairs.", where)
+    return chance_check(name, probability, f"Declared as independent, {len(pairs):,} pairs", where)
 
 
 def all_pairs(columns: Mapping[str, Any]) -> dict[str, tuple[Any, Any]]:

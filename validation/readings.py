@@ -23,7 +23,9 @@ from validation.checks import Check
 from validation.sampling import Restless
 
 _FLIGHTS = 64
-_PERIODS = 60
+_PERIODS = 40
+"""Length of flights for statistics; others are of `_FEW`."""
+_FEW = 8
 _QUANTITIES = ("position", "attitude", "velocity", "spin")
 _NOISE = (0.02, 0.01, 0.03, 0.04)
 """Of each quantity, in its unit; all differ, so that none stands in for another."""
@@ -73,9 +75,10 @@ def _noise_checks(craft: Spacecraft, seed: int) -> Iterator[Check]:
 
 def _bias_checks(craft: Spacecraft, seed: int) -> Iterator[Check]:
     """Steady while the craft turns: of an attitude about axes of the body."""
-    errors = _errors(_told(craft, _sensors("bias", _BIASES), seed))
-    for name, error, (low, high) in zip(_QUANTITIES, errors, _BIASES, strict=True):
-        yield uniform_check(f"readings: bias of {name}", np.linalg.norm(error[0], axis=-1), low, high)
+    errors = _errors(_told(craft, _sensors("bias", _BIASES), seed, _FEW))
+    sizes = {name: (np.linalg.norm(error[0], axis=-1), *bounds)
+             for name, error, bounds in zip(_QUANTITIES, errors, _BIASES, strict=True)}
+    yield uniform_check("readings: size of biases", sizes)
     drift = [float(np.abs(error - error[:1]).max()) for error in errors]
     yield Check("readings: change of a bias", max(drift), 1e-12, "SI",
                 "An error is steady; rounding of readings of some metres and radians.",
@@ -84,10 +87,9 @@ def _bias_checks(craft: Spacecraft, seed: int) -> Iterator[Check]:
 
 def _dropout_checks(craft: Spacecraft, seed: int) -> Iterator[Check]:
     """Whole readings are lost as often as declared, and the last one stands until a new one comes."""
-    names = dict(zip(_QUANTITIES, zip(_NOISE, _DROPOUTS, strict=True), strict=True))
-    told = _told(craft, SensorsConditions(**{
-        name: SensorConditions(noise=noise, dropout=dropout) for name, (noise, dropout) in names.items()}),
-        seed)
+    each = (SensorConditions(noise=noise, dropout=dropout)
+            for noise, dropout in zip(_NOISE, _DROPOUTS, strict=True))
+    told = _told(craft, SensorsConditions(*each), seed)
     errors = _errors(told)
     lost: dict[str, np.ndarray] = {}
     for k, name in enumerate(_QUANTITIES):
@@ -105,7 +107,7 @@ def _dropout_checks(craft: Spacecraft, seed: int) -> Iterator[Check]:
 
 def _delay_checks(craft: Spacecraft, seed: int) -> Iterator[Check]:
     """Readings are two control periods old; before there were so many, they are of the start."""
-    told = _told(craft, SensorsConditions(delay=2.0), seed)
+    told = _told(craft, SensorsConditions(delay=2.0), seed, _FEW)
     apart = 0.0
     for reading, truth in zip(told.readings, told.truth, strict=True):
         late = np.concatenate([truth[:1], truth[:1], truth[:-2]])
@@ -115,16 +117,16 @@ def _delay_checks(craft: Spacecraft, seed: int) -> Iterator[Check]:
 
 
 def _sensors(what: str, sizes: Sequence[Any]) -> SensorsConditions:
-    each = {name: SensorConditions(**{what: size}) for name, size in zip(_QUANTITIES, sizes, strict=True)}
-    return SensorsConditions(**each)
+    """So much of it in position, attitude, velocity and spin."""
+    return SensorsConditions(*(SensorConditions(**{what: size}) for size in sizes))
 
 
-def _told(craft: Spacecraft, sensors: SensorsConditions, seed: int) -> Told:
+def _told(craft: Spacecraft, sensors: SensorsConditions, seed: int, periods: int = _PERIODS) -> Told:
     """Flights that move and turn, told through these sensors."""
     task = GoToPose(fail_distance=1e6, fail_spin=1e6)
     starts = scenarios(task, craft, seed, _FLIGHTS)
     pilot = _Listening(craft, seed)
-    flight = fly(craft, task, pilot, starts, Timing(episode_steps=_PERIODS),
+    flight = fly(craft, task, pilot, starts, Timing(episode_steps=periods),
                  conditions=Conditions(sensors=sensors), draws=draws(seed, _FLIGHTS))
     readings = [_vectors(state) for state in pilot.told]
     truth = [part[:-1] for part in _vectors(flight.states)]

@@ -1,8 +1,8 @@
 """What tasks pay, show and call an end, in one state that is worked out by hand for each of them.
 
-Drake's flights are rewarded, shown and ended by the same code as ours. Expected here is what docs/tasks.md and
-`rans list TASK` say, written with numbers: 0.25 m, 0.25 rad, 0.5 m/s and 0.5 rad/s from the goal, at 0.05 m/s
-and 0.2 rad/s, with two valves open of which one was open before.
+Drake's flights are rewarded, shown and ended by the same code as ours. Expected here is what docs/tasks.md
+and `rans list TASK` say, written with numbers: 0.25 m, 0.25 rad, 0.5 m/s and 0.5 rad/s from the goal, at
+0.05 m/s and 0.2 rad/s, with two valves open of which one was open before.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ def task_checks(craft: Spacecraft) -> Iterator[Check]:
     """Rewards and observations of every task, prices, and when episodes end."""
     moment = _in_plane() if craft.dimension == 2 else _in_space()
     yield from _reward_checks(craft, moment)
-    yield from _sight_checks(craft, moment)
+    yield _sight_check(craft, moment)
     yield from _end_checks(craft, moment)
 
 
@@ -118,16 +118,23 @@ def _reward_checks(craft: Spacecraft, moment: Moment) -> Iterator[Check]:
                "Rewards are of the true state, whatever sensors say.")
 
 
-def _sight_checks(craft: Spacecraft, moment: Moment) -> Iterator[Check]:
-    columns = 4 if craft.dimension == 2 else 9
+def _sight_check(craft: Spacecraft, moment: Moment) -> Check:
+    """Of every task the documented columns in their order."""
+    width = 4 if craft.dimension == 2 else 9
+    worst = 0.0
+    where = ""
     for name, data in moment.data().items():
         goal = _noted(TASKS[name](), moment.goal)
         shown = World(craft, TASKS[name]()).observe(Episode(moment.state, goal))
-        unused = (0.0,) * (columns - len(data))
+        unused = (0.0,) * (width - len(data))
         expected = (*moment.own, _FLAGS[name], *data, *unused)
-        apart = np.inf if len(shown) != len(expected) else float(np.abs(np.subtract(shown, expected)).max())
-        yield Check(f"tasks: observation of {name}", apart, 1e-12, "SI",
-                    "The documented columns in their order: rounding.")
+        alike = len(shown) == len(expected)
+        apart = float(np.abs(np.subtract(shown, expected)).max()) if alike else np.inf
+        if not apart <= worst:
+            worst = apart
+            where = name
+    return Check("tasks: observations", worst, 1e-12, "SI", "Documented columns in their order: rounding.",
+                 where)
 
 
 def _end_checks(craft: Spacecraft, moment: Moment) -> Iterator[Check]:
@@ -173,7 +180,8 @@ def _noted(task: Task, goal: Any) -> Any:
 
 
 def _valves(craft: Spacecraft, *opened: int) -> tuple[float, ...]:
-    return tuple(float(k in opened) for k in range(len(craft.thrusters)))
+    """Nothing is flown: a spacecraft of one thruster is paid as if it had three."""
+    return tuple(float(k in opened) for k in range(max(3, len(craft.thrusters))))
 
 
 def _spinning(state: Any, rate: float) -> Any:
