@@ -94,10 +94,11 @@ def _dropout_checks(craft: Spacecraft, seed: int) -> Iterator[Check]:
     lost: dict[str, np.ndarray] = {}
     for k, name in enumerate(_QUANTITIES):
         repeated = told.readings[k][1:] == told.readings[k][:-1]
-        lost[name] = repeated.all(axis=-1)
-        yield share_check(f"readings: dropouts of {name}", lost[name], _DROPOUTS[k])
+        gone = repeated.all(axis=-1)
+        lost[name] = gone.astype(float)
+        yield share_check(f"readings: dropouts of {name}", gone, _DROPOUTS[k])
         # What is not repeated is a reading of this period, with the noise of a new one.
-        yield normal_check(f"readings: {name} after a dropout", errors[k][1:][~lost[name]], _NOISE[k])
+        yield normal_check(f"readings: {name} after a dropout", errors[k][1:][~gone], _NOISE[k])
     pairs = {f"{one}, {lag} periods before {other}": (lost[one][:-lag], lost[other][lag:])
              for lag in _LAGS for one in lost for other in lost}
     pairs |= {f"{one} and {other}": (lost[one], lost[other])
