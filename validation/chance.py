@@ -87,7 +87,7 @@ def share_check(name: str, hits: Any, probability: float) -> Check:
 
 
 def normal_check(name: str, values: Any, deviation: float) -> Check:
-    """Kolmogorov and Smirnov's test of a normal distribution of mean zero.
+    """Kolmogorov and Smirnov's test of a normal distribution of mean zero, and the chi-squared of its size.
 
     Args:
         name: what was drawn.
@@ -95,7 +95,11 @@ def normal_check(name: str, values: Any, deviation: float) -> Check:
         deviation: its standard deviation, in the values' unit.
     """
     values = np.ravel(values)
-    return chance_check(name, stats.kstest(values, stats.norm(0.0, deviation).cdf).pvalue,
+    shape = stats.kstest(values, stats.norm(0.0, deviation).cdf).pvalue
+    squares = stats.chi2(values.size)
+    total = np.sum((values / deviation) ** 2)
+    size = 2.0 * min(squares.cdf(total), squares.sf(total))
+    return chance_check(name, min(1.0, 2.0 * min(shape, size)),
                         f"Declared as normal with a standard deviation of {deviation:g}",
                         f"{values.size:,} draws, deviation {values.std():.3g}")
 
