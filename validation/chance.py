@@ -26,7 +26,7 @@ def chance_check(name: str, probability: float, reason: str, worst: str = "") ->
         reason: how it is drawn, without a full stop.
         worst: where it was seen.
     """
-    surprise = abs(np.log10(max(float(probability), _LEAST)))
+    surprise = abs(np.log10(np.clip(probability, _LEAST, 1.0)))  # that of a NaN is NaN, and fails
     return Check(name, float(surprise), UNLIKELY, "decades",
                  f"{reason}: a probability of 1e-8 is no chance.", worst)
 
@@ -45,12 +45,13 @@ def uniform_check(name: str, drawn: Mapping[str, tuple[Any, float, float]]) -> C
     for quantity, (values, low, high) in drawn.items():
         values = np.asarray(values, dtype=float)
         slack = 1e-9 * (high - low)
-        outside = np.count_nonzero((values < low - slack) | (values > high + slack))
+        inside = (values >= low - slack) & (values <= high + slack)
+        outside = np.count_nonzero(~inside)
         probability = stats.kstest(values, stats.uniform(low, high - low).cdf).pvalue if not outside else 0.0
         if not probability > least:
             least = probability
             where = f"{quantity}, {outside} of {len(values):,} outside of {low:g} to {high:g}"
-    return chance_check(name, min(1.0, len(drawn) * least), "Declared as uniform within bounds", where)
+    return chance_check(name, len(drawn) * least, "Declared as uniform within bounds", where)
 
 
 def even_check(name: str, values: Any, kinds: int) -> Check:
@@ -81,7 +82,8 @@ def share_check(name: str, hits: Any, probability: float) -> Check:
     """
     hits = np.asarray(hits)
     seen = int(np.count_nonzero(hits))
-    return chance_check(name, stats.binomtest(seen, hits.size, probability).pvalue,
+    chance = float(np.asarray(stats.binomtest(seen, hits.size, probability).pvalue))
+    return chance_check(name, chance,
                         f"Declared to happen with a probability of {probability:g}",
                         f"{seen:,} of {hits.size:,}")
 
@@ -98,8 +100,8 @@ def normal_check(name: str, values: Any, deviation: float) -> Check:
     shape = stats.kstest(values, stats.norm(0.0, deviation).cdf).pvalue
     squares = stats.chi2(values.size)
     total = np.sum((values / deviation) ** 2)
-    size = 2.0 * min(squares.cdf(total), squares.sf(total))
-    return chance_check(name, min(1.0, 2.0 * min(shape, size)),
+    size = 2.0 * np.minimum(squares.cdf(total), squares.sf(total))
+    return chance_check(name, 2.0 * float(np.minimum(shape, size)),
                         f"Declared as normal with a standard deviation of {deviation:g}",
                         f"{values.size:,} draws, deviation {values.std():.3g}")
 
@@ -119,7 +121,7 @@ def independence_check(name: str, pairs: Mapping[str, tuple[Any, Any]]) -> Check
         if error > strongest:
             strongest = error
             where = label
-    probability = min(1.0, len(pairs) * 2.0 * float(stats.norm.sf(strongest)))
+    probability = len(pairs) * 2.0 * float(stats.norm.sf(strongest))
     return chance_check(name, probability, f"Declared as independent, {len(pairs):,} pairs", where)
 
 

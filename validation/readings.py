@@ -87,9 +87,9 @@ def _bias_checks(craft: Spacecraft, seed: int) -> Iterator[Check]:
 
 def _dropout_checks(craft: Spacecraft, seed: int) -> Iterator[Check]:
     """Whole readings are lost as often as declared, and the last one stands until a new one comes."""
-    each = (SensorConditions(noise=noise, dropout=dropout)
-            for noise, dropout in zip(_NOISE, _DROPOUTS, strict=True))
-    told = _told(craft, SensorsConditions(*each), seed)
+    position, attitude, velocity, spin = (SensorConditions(noise=noise, dropout=dropout)
+                                          for noise, dropout in zip(_NOISE, _DROPOUTS, strict=True))
+    told = _told(craft, SensorsConditions(position, attitude, velocity, spin), seed)
     errors = _errors(told)
     lost: dict[str, np.ndarray] = {}
     for k, name in enumerate(_QUANTITIES):
@@ -119,7 +119,8 @@ def _delay_checks(craft: Spacecraft, seed: int) -> Iterator[Check]:
 
 def _sensors(what: str, sizes: Sequence[Any]) -> SensorsConditions:
     """So much of it in position, attitude, velocity and spin."""
-    return SensorsConditions(*(SensorConditions(**{what: size}) for size in sizes))
+    position, attitude, velocity, spin = (SensorConditions(**{what: size}) for size in sizes)
+    return SensorsConditions(position, attitude, velocity, spin)
 
 
 def _told(craft: Spacecraft, sensors: SensorsConditions, seed: int, periods: int = _PERIODS) -> Told:
