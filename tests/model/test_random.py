@@ -43,7 +43,7 @@ def test_generators_take_every_seed_that_scenarios_take() -> None:
 
 
 def test_attitudes_in_space_are_uniform_over_all_rotations() -> None:
-    """Of a uniform rotation every column of its matrix is a point of the sphere (Archimedes); angles follow."""
+    """Every column of a rotation's matrix is a point of the sphere (Archimedes); angles follow."""
     q: Any = random(3).attitude()
     matrices = Rotation.from_quat(np.stack([q.x, q.y, q.z, q.w], axis=1)).as_matrix()
     np.testing.assert_allclose(np.linalg.norm([q.w, q.x, q.y, q.z], axis=0), 1.0, rtol=1e-12)
