@@ -1,4 +1,9 @@
-"""Flights under conditions, effect by effect, against Drake, which does each of them its own way."""
+"""Flights under conditions, effect by effect, against Drake.
+
+Drake has its own way of what an effect does to valves, body and motion. What was drawn, when it begins and
+what sensors tell are given to it: `validation.draws`, `validation.onsets` and `validation.readings` judge
+those.
+"""
 
 from __future__ import annotations
 

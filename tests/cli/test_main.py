@@ -21,7 +21,7 @@ import torch
 from torch._inductor.exc import InductorError
 
 from rans import cli
-from rans.cli import COMMANDS, main
+from rans.cli import COMMANDS, check_count, main
 from rans.errors import ConfigError
 from rans.files import read_text, write_text
 
@@ -339,3 +339,14 @@ def wrong_places(folder: Path) -> list[str]:
         (folder / name).write_bytes(content)
     folders = sorted(path.name for path in folder.iterdir() if path.is_dir())
     return [*contents, *folders, "nowhere", "", "/", "a\0b", "x" * 300]
+
+
+@pytest.mark.parametrize("count", [None, 1, 2**31 - 1])
+def test_counts_from_one_to_31_bits_are_taken(count: int | None) -> None:
+    check_count("--episodes", count)
+
+
+@pytest.mark.parametrize("count", [-1, 0, 2**31])
+def test_other_counts_are_refused(count: int) -> None:
+    with pytest.raises(ConfigError, match=f"--episodes must be .* got {count}"):
+        check_count("--episodes", count)

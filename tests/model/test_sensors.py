@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 from scipy import stats
+from scipy.spatial.transform import Rotation
 
 from rans.episode import Episode, World, step
 from rans.model.conditions import Conditions, SensorConditions, SensorsConditions
-from rans.model.fields import leaves
+from rans.model.fields import Quat, leaves
 from rans.model.random import Draws
 from tests.model.cases import BOTH, COUNT, LIKELY, begun
 
@@ -47,6 +48,41 @@ def test_noise_is_normal_and_new_in_every_component_and_period(dimension: int) -
         both = np.abs(np.corrcoef([*a, *b]) - np.eye(2 * len(a)))
         assert both.max() < 5 / math.sqrt(COUNT)
     assert np.array_equal(errors(world, own, now)[0], first[0]), "a moment is told once"
+
+
+@BOTH
+def test_noise_repeats_in_no_later_period(dimension: int) -> None:
+    """No component with itself or another, one to three periods later."""
+    sizes = (0.02, 0.01, 0.03, 0.04)
+    world, own, now = begun(Conditions(sensors=sensors("noise", sizes)), dimension, 2000)
+    told = [np.vstack(errors(world, own, replace(now, clock=now.clock + k))) for k in range(8)]
+    components = len(told[0])
+    for lag in (1, 2, 3):
+        before, after = (np.concatenate(part, axis=1) for part in (told[:-lag], told[lag:]))
+        across = np.corrcoef(before, after)[:components, components:]
+        assert np.abs(across).max() < 5 / math.sqrt(before.shape[1])
+
+
+def test_attitudes_err_about_the_axes_of_the_body() -> None:
+    """R_told = R_true exp(error): a bias as it was drawn, and noise as that of a craft that is upright."""
+    def rotations(attitude: Any) -> Rotation:
+        parts = np.broadcast_arrays(attitude.x, attitude.y, attitude.z, attitude.w)
+        return Rotation.from_quat(np.stack(parts, axis=1))
+
+    for what in ("bias", "noise"):
+        world, own, now = begun(Conditions(sensors=sensors(what, (0.0, 0.3, 0.0, 0.0))), 3, 50)
+        whole = np.ones(50)
+        upright = Quat(whole, 0.0 * whole, 0.0 * whole, 0.0 * whole)
+        level = replace(now, state=replace(now.state, attitude=upright))
+        error = rotations(world.sensed(level, own).attitude)
+        if what == "bias":
+            drawn: Any = now.case.sensors.bias[1]  # type: ignore[index, union-attr]
+            expected = np.stack(drawn.columns(), axis=1)
+            np.testing.assert_allclose(error.as_rotvec(), expected, rtol=0, atol=1e-12)
+        told = rotations(world.sensed(now, own).attitude)
+        true = rotations(now.state.attitude)
+        # Rounding; in W the error would be turned by the attitude, some 0.3 rad away.
+        np.testing.assert_allclose((told.inv() * true * error).magnitude(), 0.0, atol=1e-12)
 
 
 @BOTH
