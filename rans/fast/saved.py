@@ -17,6 +17,7 @@ from torch import Tensor
 
 from rans.errors import ConfigError, RansError
 from rans.fast import older
+from rans.fast.archives import content, opened
 from rans.fast.filters import Filters
 from rans.fast.learn.architecture import Architecture
 from rans.fast.learn.config import PPOSettings
@@ -31,8 +32,6 @@ from rans.tasks.sight import Block, Entry, Layout
 
 AGENT = "agent.safetensors"
 """Name of our part in the archive."""
-_LARGEST = 2**30
-"""Bytes of an archive when unpacked: a thousand times an agent."""
 _LISTS = {"layers": int, "averages": float, "nominal": float, "bounds": float}
 
 
@@ -66,10 +65,10 @@ def read_policy(file: Path, craft: Spacecraft, task: Task) -> SavedPolicy:
     Raises:
         ConfigError: it is none, is damaged or for another spacecraft or task, or holds code.
     """
-    with _opened(file) as archive:
+    with _checked(file) as archive:
         if AGENT not in archive.namelist():
             return _older(archive, craft, task)
-        table = unpack(archive.read(AGENT), f"{file}/{AGENT}")
+        table = unpack(content(archive, AGENT), f"{file}/{AGENT}")
         made = _architecture(table["architecture"])
         settings = older.known(table["settings"])
         adam = {int(place): moments for place, moments in table["adam"].items()}
@@ -79,22 +78,19 @@ def read_policy(file: Path, craft: Spacecraft, task: Task) -> SavedPolicy:
 
 def is_agent(file: Path) -> bool:
     """Whether a file is a ``policy.zip`` that RANS wrote; ConfigError where it is damaged or holds code."""
-    with _opened(file) as archive:
+    with _checked(file) as archive:
         return AGENT in archive.namelist() or older.is_ours(archive)
 
 
 @contextmanager
-def _opened(file: Path) -> Iterator[zipfile.ZipFile]:
+def _checked(file: Path) -> Iterator[zipfile.ZipFile]:
     """The archive, every byte of it checked; whatever goes wrong with it is a `ConfigError`."""
     regular(file)
     try:
-        with zipfile.ZipFile(file) as archive:
-            if sum(entry.file_size for entry in archive.infolist()) > _LARGEST:
-                raise ConfigError(f"{file} would unpack to more than {_LARGEST // 2**20:,} MB, a thousand "
-                                  "times what an agent is: it was not opened.")
+        with opened(file, file) as archive:
             if spoilt := archive.testzip():
                 raise ValueError(f"the checksum of {spoilt} is wrong")
-            if name := foul(archive):
+            if name := foul(archive, file):
                 refuse(file, name)
             yield archive
     except RansError:

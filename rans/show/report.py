@@ -35,7 +35,8 @@ def report_from_run(run: Path) -> Page:
     ``evaluation.json`` (one or several `Metrics`), ``evaluation.svg``, ``episode.svg``, the same of
     protocols and tasks, as ``evaluation-paper.json``, ``compare.json``, ``stress.json``, ``assurance.json``,
     also of tasks and conditions, as ``assurance-lab.json``, and ``sweep.json``.
-    `ConfigError` if there is no such folder or it holds no results, or a file is damaged.
+    `ConfigError` if there is no such folder or it holds no results, or a file is damaged, or a picture does
+    more than to draw.
     """
     evaluations, assurances = (sorted(run.glob(f"{name}*.json"), key=lambda file: file.stem)
                                for name in ("evaluation", "assurance"))
@@ -105,7 +106,7 @@ def _sweep(picture: Path, sweep: Mapping[str, Any]) -> Section:
             + [f"{one['steps']:,}", f"{one['success']:.1%}"] for one in members]
     solved = f"{sum(one['solved'] for one in members)} of {counted(len(members), 'member')}"
     caption = "Success while training, and steps until solved; the best is orange."
-    pictures = [Picture.of(read_text(picture), caption)] if picture.is_file() else []
+    pictures = [_kept_picture(picture, caption)] if picture.is_file() else []
     table = Table(("member", "seed", *varied, "solved", "steps", "success"), rows)
     best = str(sweep["best"])
     return Section("Sweep", "", [table], pictures,
@@ -177,11 +178,23 @@ def _outcome(row: Mapping[str, Any]) -> str:
 
 
 def _evaluation(file: Path, found: Any) -> Section:
-    pictures = [Picture.of(read_text(picture), caption)
+    pictures = [_kept_picture(picture, caption)
                 for name, caption in (("evaluation", "All episodes."), ("episode", "One episode."))
                 if (picture := file.with_name(f"{file.stem.replace('evaluation', name)}.svg")).is_file()]
     section = evaluation_section([*_find_metrics(found)], pictures)
     return replace(section, title=_title(file))
+
+
+def _kept_picture(file: Path, caption: str) -> Picture:
+    """A figure from a run folder, which may be a stranger's; `ConfigError` where it does more than to draw."""
+    from rans.show.svg import only_drawn
+
+    text = read_text(file)
+    try:
+        return Picture.of(only_drawn(text), caption)
+    except ConfigError as error:
+        raise ConfigError(f"the picture {file} was not put into the report: {error} Delete it to have the "
+                          "report without it.") from error
 
 
 def _find_metrics(found: Any) -> Iterator[Metrics]:

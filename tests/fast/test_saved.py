@@ -87,7 +87,7 @@ def test_code_is_told_and_not_run(folder: Path, tmp_path: Path, trap: Callable[[
 def test_code_that_no_list_knows_is_not_run_either(folder: Path, monkeypatch: pytest.MonkeyPatch,
                                                    tmp_path: Path) -> None:
     """Safety does not hang on finding it: with the look for it switched off, nothing runs."""
-    monkeypatch.setattr(saved, "foul", lambda _: None)
+    monkeypatch.setattr(saved, "foul", lambda *_: None)
     file, ran = folder / "policy.zip", tmp_path / "ran"
     before = opened(folder).network.tensors
     trapped(file, ran)
