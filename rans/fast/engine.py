@@ -162,13 +162,23 @@ class Engine:
     def step(self, action: Tensor) -> Step:
         """Hold the thrusters for one control period.
 
-        Actions are a tensor (N, thrusters) of any dtype, ConfigError else: 0 (shut) or 1 (open), which only
-        the environments around an engine check.
+        Actions are a tensor (N, thrusters) of any dtype, 0 (shut) to 1 (open). Whether on/off thrusters are
+        told anything between, which they would give, only the environments around an engine check.
+
+        Nothing checks the numbers on a GPU, which would have to wait, nor in a compiled step: there 5 gives
+        five times the thrust, and a number that is not finite loses the state: the episode is ``terminated``
+        for a reward of 0, its final observation is not finite, and the next one begins.
+
+        Raises:
+            ConfigError: they are no such tensor, or, in a step on a CPU that is not compiled, a number is
+                none from 0 to 1.
         """
         shape = (self.num_envs, len(self.craft.thrusters))
         if tuple(checked("actions", action, Tensor).shape) != shape:
             raise ConfigError(f"actions must have the shape {shape} (environments, thrusters), got "
                               f"{tuple(action.shape)}.")
+        if self.device.type == "cpu" and not self.compiled:
+            _check_range(action.numpy())
         if self._kernel is not None:
             return self._kernel(action)
         return self._step(self._world, self.episode, action, self._draws)
@@ -184,3 +194,11 @@ class Engine:
     def load_state(self, table: dict[str, Any]) -> None:
         """Continue from what `save_state` gave; ConfigError where it is of other environments or episodes."""
         restore(table, self._world, self.episode, (self._draws.low, self._draws.high), self.processes)
+
+
+def _check_range(actions: np.ndarray) -> None:
+    """Refuse (`ConfigError`) what no thruster can be told; NaN is one of these."""
+    least, most = actions.min(), actions.max()  # half a per cent of a step of 16,384 environments
+    if not (least >= 0 and most <= 1):
+        raise ConfigError(f"actions must be numbers from 0 (shut) to 1 (open), got numbers from {least} to "
+                          f"{most}; the usual cause is a policy's output that nobody clipped or rounded.")
