@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from rans.episode import World
-from rans.errors import ConfigError, checked
+from rans.errors import ConfigError, checked, counted
 from rans.fast.distributed import ALONE, Processes
 from rans.fast.kernels.launch import Kernel
 from rans.fast.privileged import Known
@@ -117,7 +117,13 @@ class Engine:
         """Start a new episode everywhere, and observe (N, width).
 
         Episodes count from zero under a given seed, or one a member; by default they go on counting.
+
+        Raises:
+            ConfigError: there are not as many seeds as members.
         """
+        if isinstance(seed, Sequence) and len(seed) not in (1, self.members):
+            raise ConfigError(f"an engine of {counted(self.members, 'member')} is reset by one seed or by one "
+                              f"for each, got {len(seed)}.")
         world, now = self._world, self.episode
         if seed is None:
             write([now.clock], [world.timing.next_episode(now.clock)])

@@ -24,7 +24,7 @@ from rans.fast.learn.adam import EPSILON
 from rans.fast.learn.architecture import EXTRACTOR, Architecture, paper_layout
 from rans.fast.learn.config import PPOSettings
 from rans.fast.learn.distributions import Duty
-from rans.fast.learn.network import Network, Output
+from rans.fast.learn.network import Network, Output, check_width
 from rans.fast.saved import AGENT, packed_agent
 from rans.files import replace_file
 from rans.tasks.sight import Layout
@@ -92,7 +92,11 @@ def predict(network: Network, observation: np.ndarray, state: tuple[np.ndarray, 
 
     Observations are (N, width) or (width,). The state is the memory ((N, m),) after the step before; there is
     none where all episodes begin, and (N,) bool say where some do.
+
+    Raises:
+        ConfigError: the observations have another width than those that the network was trained on.
     """
+    check_width("the policy", observation, network)
     given, device = network.architecture, next(iter(network.tensors.values())).device
     rows = torch.as_tensor(np.asarray(observation), device=device).reshape(-1, given.layout.width)
     memory = network.blank(len(rows))

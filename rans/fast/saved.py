@@ -12,6 +12,7 @@ from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -109,11 +110,19 @@ def _older(archive: zipfile.ZipFile, craft: Spacecraft, task: Task) -> SavedPoli
 
 
 def _network(architecture: Architecture, weights: Mapping[str, Tensor]) -> Network:
-    """In single precision, in which agents fly; ValueError where the weights are of another one."""
+    """In single precision, in which agents fly; ValueError where the weights are of another one.
+
+    ConfigError where one of them is no finite number, at once or in single precision.
+    """
     shapes = architecture.shapes() if len(architecture.layers) <= len(weights) else {}
     if {name: x.shape for name, x in weights.items()} != shapes:
         raise ValueError("its weights are not those of the network that it describes")
-    return Network(architecture, {name: weights[name].float() for name in shapes})
+    tensors = {name: weights[name].float() for name in shapes}
+    for name, tensor in tensors.items():
+        if not tensor.isfinite().all():
+            raise ConfigError(f"the agent's tensor {name} holds numbers that are not finite, so it could not be "
+                              "flown: its training diverged, or the file was changed.")
+    return Network(architecture, tensors)
 
 
 def _table(architecture: Architecture) -> dict[str, Any]:
@@ -141,6 +150,11 @@ def _architecture(table: dict[str, Any]) -> Architecture:
                          **{name: _value(name, x) for name, x in table.items()})
     if bank is not None and not bank.fits(blocks.body, given.thrusters):
         raise ValueError("its filters are of another spacecraft")
+    numbers = {"filters": bank or (), "symmetries": views or (), "nominal": given.nominal,
+               "averages": given.averages, "zoom": given.zoom, "clip": given.clip}
+    for name, values in numbers.items():
+        if not _are_finite(values):
+            raise ValueError(f"its {name} holds numbers that are not finite")
     if views is not None and not _are_views(views, given):
         raise ValueError("its symmetries are of another spacecraft")
     if given.nominal and len(given.nominal) != given.privileged:
@@ -167,6 +181,13 @@ def _are_views(views: Symmetries, given: Architecture) -> bool:
     places = views.place.astype(int)
     return (shapes == ((count, axes, axes), (count,), (count, given.thrusters)) and axes in (2, 3)
             and count > 0 and bool(((places >= 0) & (places < given.thrusters)).all()))
+
+
+def _are_finite(values: Any) -> bool:
+    """Of a number, an array, or tuples of them, however nested."""
+    if isinstance(values, tuple | list):
+        return all(map(_are_finite, values))
+    return bool(np.isfinite(values).all())
 
 
 def _described(block: Block) -> list[Any]:

@@ -97,7 +97,7 @@ def _check_range(craft: Spacecraft, body: Body | None, alpha: float, period: flo
     way = 0.5 * float(np.max(force / numbers(flown.mass))) * period**2
     for size, most, does, cause in ((way, _FARTHEST, "moves it by {:.3g} m", "a mass"),
                                     (alpha / 2, _WILDEST / 2, "turns it by {:.3g} rad", "a moment of inertia")):
-        if not size <= most:
+        if size > most:  # a body that is not finite is told elsewhere
             raise ConfigError(
                 f"spacecraft {craft.name!r}: one command {does.format(size)} in a control period of {period:g} "
                 f"s, and at most {most:g} are flown, beyond which its state would soon be lost. Shorten the "

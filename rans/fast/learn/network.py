@@ -6,10 +6,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from typing import NamedTuple
 
+import numpy as np
 import torch
 from torch import Tensor
 from torch.nn import functional
 
+from rans.errors import ConfigError
 from rans.fast.distributed import ALONE, Processes
 from rans.fast.learn.architecture import ACTIVATIONS, EXTRACTOR, Architecture
 from rans.fast.learn.distributions import Duty, OnOff
@@ -24,6 +26,14 @@ class Output(NamedTuple):
     """(N,)."""
     core: Tensor
     """(N, features) that the heads saw: what a recurrent network remembers."""
+
+
+def check_width(who: str, observation: np.ndarray, network: Network) -> None:
+    """Refuse (`ConfigError`) observations (..., width) of another task or dimension than a network's."""
+    width, given = network.architecture.layout.width, np.shape(observation)
+    if given[-1:] != (width,):
+        raise ConfigError(f"{who} observes {width} numbers, but was shown {given[-1] if given else 'one'}: it "
+                          "was trained for another task or for the other dimension.")
 
 
 class Network(Remembering):
