@@ -129,9 +129,9 @@ BOMBS: dict[str, Callable[[Path], None]] = {
     "member": lambda file: add(file, "more", MUCH),
     "members": add_two,
     "json": lambda file: rewritten(file, lambda name, old: old + b" " * 2**20 if name == "data" else old),
-    "pickle": lambda file: add(file, "any.pkl", MUCH[:2**20]),
+    "pickle": lambda file: add(file, "any.pkl", MUCH[:2**21]),
     "nested": lambda file: add(file, "any.pth", deflated(MUCH)),
-    "nested pickle": lambda file: add(file, "any.pth", deflated(MUCH[:2**20], "archive/data.pkl")),
+    "nested pickle": lambda file: add(file, "any.pth", deflated(MUCH[:2**21], "archive/data.pkl")),
 }
 
 
