@@ -184,14 +184,15 @@ def read_bytes(file: Path, most: int, what: str = "") -> bytes:
             content = b"" if size > most else stream.read(most + 1)
     except OSError as error:
         raise ConfigError(f"cannot read {what}{file}: {error}.") from error
-    if max(size, len(content)) > most:
-        raise ConfigError(f"{what}{file} has {max(size, len(content)):,} bytes, and at most {most:,} are read: "
-                          "it is another file than it should be, or damaged.")
+    found = max(size, len(content))  # a file may say that it is empty, or grow
+    if found > most:
+        raise ConfigError(f"{what}{file} has {found:,} bytes, and at most {most:,} are read: it is "
+                          "another file than it should be, or damaged.")
     return content
 
 
 def read_text(file: Path, most: int = LARGEST_TEXT, what: str = "") -> str:
-    """The text in a file; `ConfigError` where it cannot be read, is no text or too long, see `read_bytes`."""
+    """The text in a file, see `read_bytes`; `ConfigError` where it cannot be read or is no text."""
     try:
         text = read_bytes(file, most, what).decode("utf-8")
     except UnicodeError as error:
@@ -200,7 +201,7 @@ def read_text(file: Path, most: int = LARGEST_TEXT, what: str = "") -> str:
 
 
 def read_json(file: Path) -> Any:
-    """The value in a JSON file; `ConfigError` where it cannot be read, is damaged, too large or too deep."""
+    """The value in a JSON file; `ConfigError` where it is unreadable, damaged, too large or too deep."""
     text = read_text(file)
     try:
         value = json.loads(text)
@@ -214,13 +215,14 @@ def read_json(file: Path) -> Any:
 
 
 def check_depth(value: Any) -> None:
-    """Refuse (`ConfigError`) tables and lists that are too deep within each other, as no file of RANS is."""
+    """Refuse (`ConfigError`) tables and lists that are too deep within each other."""
     level = [value]
     for _ in range(_DEEPEST + 1):
         containers = [one for one in level if isinstance(one, dict | list)]
         if not containers:
             return
-        level = [inner for one in containers for inner in (one.values() if isinstance(one, dict) else one)]
+        level = [inner for one in containers
+                 for inner in (one.values() if isinstance(one, dict) else one)]
     raise ConfigError(f"tables and lists may be at most {_DEEPEST} deep within each other.")
 
 

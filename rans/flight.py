@@ -138,9 +138,9 @@ def fly(craft: str | Path | Spacecraft, task: str | Task, controller: Controller
     the controller sees what sensors tell, and the draws (`rans.scenario.draws`) are those of the scenarios.
 
     Raises:
-        ConfigError: there is no such spacecraft or task, the starts are no batch for its dimension, the
-            controller is none or was made for another dimension, number of thrusters or width of the
-            observation, or there are conditions, but nothing to draw with.
+        ConfigError: there is no such spacecraft or task, the starts are no batch for its
+            dimension, the controller is none or was made for another dimension, number of
+            thrusters or width of the observation, or there are conditions, but nothing to draw with.
     """
     craft, task = load_spacecraft(craft), load_task(task)
     _check_starts(checked("starts", starts, Scenario), craft)
@@ -156,9 +156,10 @@ def fly(craft: str | Path | Spacecraft, task: str | Task, controller: Controller
         seen = np.stack(world.observe(now, draws), axis=1).astype(np.float32)
         told = np.asarray(controller.act(world.sensed(now, draws), now.goal, seen), dtype=np.float64)
         if told.shape != (count, len(craft.thrusters)):
-            raise ConfigError(f"{controller.name} must answer {counted(count, 'observation')} with commands of "
-                              f"the shape {(count, len(craft.thrusters))}, got {told.shape}: was it made for "
-                              f"another craft than {craft.name}?")
+            raise ConfigError(
+                f"{controller.name} must answer {counted(count, 'observation')} with commands of the "
+                f"shape {(count, len(craft.thrusters))}, got {told.shape}: was it made for another "
+                f"craft than {craft.name}?")
         outcome = step(world, now, tuple(told.T), draws, move)
         now, command = outcome.episode, np.stack(outcome.command, axis=1)
         alive = alive & finite(*leaves(now.state))
@@ -185,15 +186,17 @@ def _check_starts(starts: Scenario, craft: Spacecraft) -> None:
 
 
 def _check_controller(controller: Controller, craft: Spacecraft) -> None:
-    """Refuse (`ConfigError`) what is no controller, or says that it was made for other spacecraft."""
-    if not callable(getattr(controller, "reset", None)) or not callable(getattr(controller, "act", None)):
-        raise ConfigError("a controller has the methods reset and act, see rans.Controller, such as "
-                          f"rans.load_agent(...).controller or a rans.LQR; got {brief(controller)}.")
+    """Refuse (`ConfigError`) what is no controller, or is one for other spacecraft."""
+    if not all(callable(getattr(controller, need, None)) for need in ("reset", "act")):
+        raise ConfigError(
+            "a controller has the methods reset and act, see rans.Controller, such as "
+            f"rans.load_agent(...).controller or a rans.LQR; got {brief(controller)}.")
     known = getattr(controller, "craft", None)
     if isinstance(known, Spacecraft) and _form(known) != _form(craft):
-        raise ConfigError(f"{controller.name} was made for {known.name}, with {len(known.thrusters)} thrusters "
-                          f"in {known.dimension} dimensions, but {craft.name} has {len(craft.thrusters)} in "
-                          f"{craft.dimension}.")
+        raise ConfigError(
+            f"{controller.name} was made for {known.name}, with {len(known.thrusters)} thrusters in "
+            f"{known.dimension} dimensions, but {craft.name} has {len(craft.thrusters)} in "
+            f"{craft.dimension}.")
 
 
 def _form(craft: Spacecraft) -> tuple[int, int]:

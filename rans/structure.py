@@ -42,7 +42,7 @@ def is_range(setting: Field[Any]) -> bool:
 
 
 def read_toml(text: str) -> dict[str, Any]:
-    """The table that a TOML text is; `ConfigError` if it is none, or too long or too deep to be read soon."""
+    """The table that a TOML text is; `ConfigError` if it is none, or too long or too deep."""
     _check_effort(text)
     try:
         table = tomllib.loads(text)
@@ -56,11 +56,12 @@ def read_toml(text: str) -> dict[str, Any]:
 def _check_effort(text: str) -> None:
     """Refuse what would keep Python's reader of TOML, which bounds nothing, busy for minutes."""
     if len(text) > LARGEST_TOML:
-        raise ConfigError(f"a TOML text may have at most {LARGEST_TOML:,} characters, got {len(text):,}.")
+        raise ConfigError(f"a TOML text may have at most {LARGEST_TOML:,} characters, got "
+                          f"{len(text):,}.")
     beside = _STRINGS.sub("", text)
     if len(beside) > _LARGEST_BESIDE:
-        raise ConfigError(f"a TOML text may have at most {_LARGEST_BESIDE:,} characters beside its strings and "
-                          f"comments, got {len(beside):,}.")
+        raise ConfigError(f"a TOML text may have at most {_LARGEST_BESIDE:,} characters beside its "
+                          f"strings and comments, got {len(beside):,}.")
     dots = _OF_KEYS.sub("", beside)  # so n - 1 dots in a row are left of a key of n parts
     if "." * _MOST_PARTS in dots:
         raise ConfigError(f"a dotted key of a TOML text may have at most {_MOST_PARTS} parts.")

@@ -209,8 +209,9 @@ def test_json_that_is_deep_is_told(tmp_path: Path) -> None:
                 read_json_lines(tmp_path / "deep.jsonl")
 
 
-@pytest.mark.parametrize("read", [read_json, read_json_lines, read_text], ids=lambda one: one.__name__)
-def test_files_that_are_larger_than_any_are_not_read(tmp_path: Path, read: Callable[[Path], object]) -> None:
+@pytest.mark.parametrize("read", [read_json, read_json_lines, read_text])
+def test_files_that_are_larger_than_any_are_not_read(tmp_path: Path,
+                                                     read: Callable[[Path], object]) -> None:
     with (tmp_path / "huge").open("wb") as file:
         file.truncate(2**40)  # which takes no room on the disk
     with pytest.raises(ConfigError, match=r"huge has 1,099,511,627,776 bytes, and at most [\d,]+ are read"):

@@ -232,7 +232,10 @@ def _training_details(_: str) -> list[Listing]:
 
 def _conditions_details(name: str) -> Iterable[str]:
     load_conditions(name)  # says what is wrong with it
-    text = legible(read_text(Path(name), LARGEST_TOML), 20_000) if name.endswith(".toml") else CONDITIONS[name].text
+    if name.endswith(".toml"):
+        text = legible(read_text(Path(name), LARGEST_TOML), 20_000)
+    else:
+        text = CONDITIONS[name].text
     yield from text.rstrip().splitlines()
 
 

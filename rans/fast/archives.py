@@ -1,4 +1,4 @@
-"""Zip archives of strangers: how much they unpack to is known, and bounded, before anything is in memory."""
+"""Zip archives of strangers: how much they unpack to is bounded before anything is in memory."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from typing import IO
 from rans.errors import ConfigError, brief
 
 _LARGEST = 2**28
-"""Bytes that an archive may unpack to, unless it is as large on the disk: hundreds of times an agent."""
+"""Bytes that an archive may unpack to, hundreds of times an agent, unless it is as large itself."""
 _LARGEST_STORED = 2**31
 """Bytes that one may be at all."""
 _LARGEST_TEXT = 2**24
-"""Bytes of a member that becomes Python's objects, which take many times as much: JSON, and pickles."""
+"""Bytes of a member of JSON or pickles, whose objects in Python take many times as much."""
 
 _TEXTS = (".pkl", ".json")
 _METHODS = {zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED}
-"""Those that SB3, torch and RANS write, and what re-packing makes of them; others unpack without bounds."""
+"""Those that SB3, torch and RANS write, or zip programs; others unpack without bounds."""
 _CHUNK = 2**20
 
 
@@ -41,8 +41,9 @@ def opened(file: Path | IO[bytes], where: object) -> Iterator[zipfile.ZipFile]:
         most = bound(archive.fp)
         for member in archive.infolist():
             if member.compress_type not in _METHODS:
-                raise ConfigError(f"{where} was not opened: its member {brief(member.filename)} is packed by "
-                                  "another method than deflation, which no agent is.")
+                raise ConfigError(
+                    f"{where} was not opened: its member {brief(member.filename)} is packed by "
+                    "another method than deflation, which no agent is.")
             is_text = member.filename == "data" or member.filename.endswith(_TEXTS)
             _refuse_beyond(_LARGEST_TEXT if is_text else most, member.file_size, where,
                            f"its member {brief(member.filename)}")
@@ -57,18 +58,18 @@ def bound(stream: IO[bytes]) -> int:
 
 
 def content(archive: zipfile.ZipFile, name: str) -> bytes:
-    """The bytes of a member of an `opened` archive: never more than it says, whatever is packed there.
+    """The bytes of a member of an `opened` archive: never more than it says.
 
     Raises:
         KeyError: it has no such member.
         zipfile.BadZipFile: the member is not what it says.
     """
-    with archive.open(name) as stream:  # read() without a size unpacks all there is before it counts
+    with archive.open(name) as stream:  # which without a size unpacks all before it counts
         return b"".join(iter(lambda: stream.read(_CHUNK), b""))
 
 
 def _refuse_beyond(most: int, size: int, where: object, what: str) -> None:
     if size > most:
-        raise ConfigError(f"{where} was not opened: {what} would unpack to {size:,} bytes, and at most "
-                          f"{most:,} are read; no agent takes so much, so it is damaged or meant to fill the "
-                          "memory.")
+        raise ConfigError(
+            f"{where} was not opened: {what} would unpack to {size:,} bytes, and at most {most:,} "
+            "are read; no agent takes so much, so it is damaged or meant to fill the memory.")

@@ -122,8 +122,8 @@ class Engine:
             ConfigError: there are not as many seeds as members.
         """
         if isinstance(seed, Sequence) and len(seed) not in (1, self.members):
-            raise ConfigError(f"an engine of {counted(self.members, 'member')} is reset by one seed or by one "
-                              f"for each, got {len(seed)}.")
+            raise ConfigError(f"an engine of {counted(self.members, 'member')} is reset by one seed "
+                              f"or by one for each, got {len(seed)}.")
         world, now = self._world, self.episode
         if seed is None:
             write([now.clock], [world.timing.next_episode(now.clock)])
@@ -168,16 +168,18 @@ class Engine:
     def step(self, action: Tensor) -> Step:
         """Hold the thrusters for one control period.
 
-        Actions are a tensor (N, thrusters) of any dtype, 0 (shut) to 1 (open). Whether on/off thrusters are
-        told anything between, which they would give, only the environments around an engine check.
+        Actions are a tensor (N, thrusters) of any dtype, 0 (shut) to 1 (open). Whether on/off
+        thrusters are told anything between, which they would give, only the environments around
+        an engine check.
 
-        Nothing checks the numbers on a GPU, which would have to wait, nor in a compiled step: there 5 gives
-        five times the thrust, and a number that is not finite loses the state: the episode is ``terminated``
-        for a reward of 0, its final observation is not finite, and the next one begins.
+        Nothing checks the numbers on a GPU, which would have to wait, nor in a compiled step: there
+        5 gives five times the thrust, and a number that is not finite loses the state. The episode
+        is then ``terminated`` for a reward of 0, its final observation is not finite, and the next
+        one begins.
 
         Raises:
-            ConfigError: they are no such tensor, or, in a step on a CPU that is not compiled, a number is
-                none from 0 to 1.
+            ConfigError: they are no such tensor, or, in a step on a CPU that is not compiled, a
+                number is none from 0 to 1.
         """
         shape = (self.num_envs, len(self.craft.thrusters))
         if tuple(checked("actions", action, Tensor).shape) != shape:
@@ -206,5 +208,6 @@ def _check_range(actions: np.ndarray) -> None:
     """Refuse (`ConfigError`) what no thruster can be told; NaN is one of these."""
     least, most = actions.min(), actions.max()  # half a per cent of a step of 16,384 environments
     if not (least >= 0 and most <= 1):
-        raise ConfigError(f"actions must be numbers from 0 (shut) to 1 (open), got numbers from {least} to "
-                          f"{most}; the usual cause is a policy's output that nobody clipped or rounded.")
+        raise ConfigError(
+            f"actions must be numbers from 0 (shut) to 1 (open), got numbers from {least} to {most}; "
+            "the usual cause is a policy's output that nobody clipped or rounded.")

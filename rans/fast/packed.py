@@ -19,7 +19,7 @@ _TABLE = "rans"
 _CHECKSUM = "crc32"
 """Key of the metadata: of that table and of all tensors, for safetensors has none."""
 _LARGEST_HEADER = 2**25
-"""Bytes of a header, JSON which takes many times as much memory: a hundred times that of a large training."""
+"""Bytes of a header: JSON, whose objects in Python take many times as much."""
 _TENSOR = "$tensor"
 """Key of what stands in that table for a tensor: its name."""
 
@@ -39,8 +39,9 @@ def unpack(content: bytes, where: object, device: str | torch.device = "cpu") ->
     """What `pack` was given, on a device; `ConfigError`, which says where, if it is something else."""
     length = int.from_bytes(content[:8], "little")  # of the header, by the format's definition
     if _LARGEST_HEADER < length < len(content):
-        raise ConfigError(f"{where} was not opened: its header has {length:,} bytes, and at most "
-                          f"{_LARGEST_HEADER:,} are read; it is damaged or meant to fill the memory.")
+        raise ConfigError(
+            f"{where} was not opened: its header has {length:,} bytes, and at most {_LARGEST_HEADER:,} "
+            "are read; it is damaged or meant to fill the memory.")
     try:
         tensors = load(content)
         told = json.loads(content[8:8 + length])["__metadata__"]

@@ -24,7 +24,7 @@ _HARMLESS = {"__future__", "_codecs", "abc", "array", "builtins", "collections",
 """Modules of Python's own library that honest pickles name."""
 _VALUES = {"bool", "bytes", "complex", "dict", "float", "frozenset", "int", "list", "object",
            "range", "set", "slice", "str", "tuple", "type"}
-"""What they name among the built-in functions; not `bytearray`, which takes as much memory as it is told."""
+"""What they name among the built-in functions; `bytearray` would take as much memory as it is told."""
 
 
 def foul(archive: zipfile.ZipFile, where: object) -> str | None:
@@ -40,16 +40,16 @@ def foul(archive: zipfile.ZipFile, where: object) -> str | None:
     Raises:
         ConfigError: an archive within it would unpack to too much.
     """
-    return next((name for pickle in _pickles(archive, where) for name in named(pickle) if _is_foul(name)),
-                None)
+    names = (name for pickle in _pickles(archive, where) for name in named(pickle))
+    return next(filter(_is_foul, names), None)
 
 
 def read_tensors(file: Path, device: str) -> Any:
     """What torch saved in a file, if it is tensors, numbers and texts only.
 
     Raises:
-        ConfigError: it cannot be read, is damaged, would take too much memory, or holds anything else, which
-            is not run.
+        ConfigError: it cannot be read, is damaged, would take too much memory, or holds anything
+            else, which is not run.
     """
     regular(file)
     try:
@@ -67,11 +67,11 @@ def read_tensors(file: Path, device: str) -> Any:
 
 
 def load_tensors(stream: IO[bytes], where: object, device: str = "cpu") -> Any:
-    """What torch saved in an archive whose members were looked at, if it is tensors, numbers and texts only.
+    """What torch saved in an archive that was `opened`, if it is tensors, numbers and texts only.
 
     Raises:
-        ConfigError: its tensors claim to be larger than an archive may be: a view may show one number as
-            often as it likes.
+        ConfigError: its tensors claim to be larger than an archive may be: a view may show one
+            number as often as it likes.
         Exception: whatever torch raises on a damaged file, or one that holds anything else.
     """
     most = bound(stream)
@@ -82,8 +82,8 @@ def load_tensors(stream: IO[bytes], where: object, device: str = "cpu") -> Any:
     tree = torch.load(stream, map_location=device, weights_only=True)
     size = sum(x.numel() * x.element_size() for x in _tensors(tree))
     if size > most:
-        raise ConfigError(f"{where} was not opened: its tensors claim {size:,} bytes, and at most {most:,} "
-                          "are read; it is damaged or meant to fill the memory.")
+        raise ConfigError(f"{where} was not opened: its tensors claim {size:,} bytes, and at most "
+                          f"{most:,} are read; it is damaged or meant to fill the memory.")
     return tree
 
 

@@ -120,8 +120,8 @@ def _network(architecture: Architecture, weights: Mapping[str, Tensor]) -> Netwo
     tensors = {name: weights[name].float() for name in shapes}
     for name, tensor in tensors.items():
         if not tensor.isfinite().all():
-            raise ConfigError(f"the agent's tensor {name} holds numbers that are not finite, so it could not be "
-                              "flown: its training diverged, or the file was changed.")
+            raise ConfigError(f"the agent's tensor {name} holds numbers that are not finite, so it "
+                              "could not be flown: its training diverged, or the file was changed.")
     return Network(architecture, tensors)
 
 

@@ -25,8 +25,8 @@ _HARDEST = 2.0
 """The largest alpha of a craft that can be flown, rad: from rest it turns by half of it in one period, about
 as far as on/off control can still see what it does."""
 _WILDEST = 500.0
-"""The largest alpha that is flown at all, rad: from 870 on an uneven craft in space lost its state in a few
-periods of random commands, from 2,000 on in the first."""
+"""The largest alpha that is flown at all, rad: from 870 on an uneven craft in space lost its state
+in a few periods of random commands, from 2,000 on in the first."""
 _FARTHEST = 1e5
 """Way from rest in one period, m, up to which float32 tells positions to a centimetre."""
 _PEAK = 3.0
@@ -66,7 +66,8 @@ def chosen(craft: Spacecraft, timing: Timing, body: Body | None = None, torque: 
         torque: the largest that stays in W, N m.
 
     Raises:
-        ConfigError: one command moves or turns it so far in a period that its state would soon be lost.
+        ConfigError: one command moves or turns it so far in a period that its state would soon
+            be lost.
     """
     period = timing.control_period
     alpha = spin_up(craft, body) * period**2
@@ -95,13 +96,14 @@ def _check_range(craft: Spacecraft, body: Body | None, alpha: float, period: flo
     force = sum(thruster.force * (numbers(gain) + numbers(leak))
                 for thruster, (gain, leak) in zip(craft.thrusters, shares, strict=True))
     way = 0.5 * float(np.max(force / numbers(flown.mass))) * period**2
-    for size, most, does, cause in ((way, _FARTHEST, "moves it by {:.3g} m", "a mass"),
-                                    (alpha / 2, _WILDEST / 2, "turns it by {:.3g} rad", "a moment of inertia")):
+    for size, most, does, cause in (
+            (way, _FARTHEST, "moves it by {:.3g} m", "a mass"),
+            (alpha / 2, _WILDEST / 2, "turns it by {:.3g} rad", "a moment of inertia")):
         if size > most:  # a body that is not finite is told elsewhere
             raise ConfigError(
-                f"spacecraft {craft.name!r}: one command {does.format(size)} in a control period of {period:g} "
-                f"s, and at most {most:g} are flown, beyond which its state would soon be lost. Shorten the "
-                f"period; the usual cause is {cause} or a force in other units.")
+                f"spacecraft {craft.name!r}: one command {does.format(size)} in a control period of "
+                f"{period:g} s, and at most {most:g} are flown, beyond which its state would soon be "
+                f"lost. Shorten the period; the usual cause is {cause} or a force in other units.")
 
 
 def fastest(craft: Spacecraft, timing: Timing, body: Body | None = None) -> float:

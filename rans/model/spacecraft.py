@@ -179,7 +179,8 @@ def check(craft: Spacecraft) -> None:
             ("radius", _positive(craft.radius), f"{_POSITIVE} m"),
             ("centre_of_mass", _triple(craft.centre_of_mass), f"{_TRIPLE} m")):
         _require(holds, craft, key, getattr(craft, key), bound)
-    _require(isinstance(craft.name, str) and bool(craft.name.strip()), craft, "name", craft.name, "a text")
+    has_name = isinstance(craft.name, str) and bool(craft.name.strip())
+    _require(has_name, craft, "name", craft.name, "a non-empty text")
     for key in ("thrusters", "solids"):
         _require(isinstance(getattr(craft, key), tuple), craft, key, getattr(craft, key), "a tuple")
     _require(len(craft.thrusters) > 0, craft, "thruster", "none", "at least one thruster")

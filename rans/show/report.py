@@ -35,8 +35,8 @@ def report_from_run(run: Path) -> Page:
     ``evaluation.json`` (one or several `Metrics`), ``evaluation.svg``, ``episode.svg``, the same of
     protocols and tasks, as ``evaluation-paper.json``, ``compare.json``, ``stress.json``, ``assurance.json``,
     also of tasks and conditions, as ``assurance-lab.json``, and ``sweep.json``.
-    `ConfigError` if there is no such folder or it holds no results, or a file is damaged, or a picture does
-    more than to draw.
+    `ConfigError` if there is no such folder or it holds no results, or a file is damaged, or a
+    picture does more than to draw.
     """
     evaluations, assurances = (sorted(run.glob(f"{name}*.json"), key=lambda file: file.stem)
                                for name in ("evaluation", "assurance"))
@@ -186,15 +186,15 @@ def _evaluation(file: Path, found: Any) -> Section:
 
 
 def _kept_picture(file: Path, caption: str) -> Picture:
-    """A figure from a run folder, which may be a stranger's; `ConfigError` where it does more than to draw."""
+    """A figure from a run folder, perhaps a stranger's; `ConfigError` if it does more than to draw."""
     from rans.show.svg import only_drawn
 
     text = read_text(file)
     try:
         return Picture.of(only_drawn(text), caption)
     except ConfigError as error:
-        raise ConfigError(f"the picture {file} was not put into the report: {error} Delete it to have the "
-                          "report without it.") from error
+        raise ConfigError(f"the picture {file} was not put into the report: {error} Delete it to "
+                          "have the report without it.") from error
 
 
 def _find_metrics(found: Any) -> Iterator[Metrics]:

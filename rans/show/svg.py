@@ -21,12 +21,12 @@ _SVG, _LINK = "http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink"
 _DARK = {INK: "#e4e7eb", LINES: "#3a4552", GREY: "#a3afbd", BLUE: "#2a8fd6"}
 """Inks, and what they are where readers like dark pages."""
 _GROUND = ":root{color-scheme:light dark}"
-_ELEMENTS = {"svg", "g", "defs", "style", "title", "desc", "path", "use", "symbol", "clipPath", "rect", "circle",
-             "ellipse", "line", "polyline", "polygon", "text", "tspan", "image", "linearGradient",
-             "radialGradient", "stop", "pattern", "marker", "mask"}
-"""What Matplotlib's pictures consist of, and their like: none of them runs or fetches anything by itself."""
+_ELEMENTS = {"svg", "g", "defs", "style", "title", "desc", "path", "use", "symbol", "clipPath", "rect",
+             "circle", "ellipse", "line", "polyline", "polygon", "text", "tspan", "image",
+             "linearGradient", "radialGradient", "stop", "pattern", "marker", "mask"}
+"""What Matplotlib's pictures consist of, and their like: none runs or fetches anything by itself."""
 _DECLARES = re.compile(r"<!DOCTYPE[^>]*\[")
-"""A document type with declarations: entities, which may grow without bounds, and attributes of its own."""
+"""A document type with declarations: entities, which may grow without bounds, and attributes."""
 _FETCHES = re.compile(r"""url\(\s*+['"]?+(?!\#)|@import|image-set|\\""", re.IGNORECASE)
 """Style that names another file, or that hides what it names."""
 _OWN_LINK = re.compile(r"#|data:image/(?:png|jpeg);base64,")
@@ -86,13 +86,14 @@ def _check_drawn(element: ET.Element) -> None:
     """Refuse (`ConfigError`) an element that does more than to draw."""
     space, _, tag = element.tag.rpartition("}")
     if space != f"{{{_SVG}" or tag not in _ELEMENTS:
-        raise ConfigError(f"it holds the element {brief(element.tag)}, which no picture of RANS does.")
+        raise ConfigError(f"it holds the element {brief(element.tag)}, which no picture of RANS "
+                          "does.")
     for name, value in element.items():
         local = name.rpartition("}")[2].lower()
         foreign = local == "href" and not _OWN_LINK.match(value)
         if local.startswith("on") or foreign or (local != "href" and _FETCHES.search(value)):
-            raise ConfigError(f"its element {brief(tag)} has {local} = {brief(value)}, which could run a script "
-                              "or fetch something from elsewhere.")
+            raise ConfigError(f"its element {brief(tag)} has {local} = {brief(value)}, which could "
+                              "run a script or fetch something from elsewhere.")
     if tag == "style" and _FETCHES.search(element.text or ""):
         raise ConfigError("its style could fetch something from elsewhere.")
 

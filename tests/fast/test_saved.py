@@ -145,8 +145,8 @@ def test_a_bomb_is_not_unpacked(folder: Path, monkeypatch: pytest.MonkeyPatch,
     if not with_ours:
         older(folder / "policy.zip")
     bomb(folder / "policy.zip")
-    with pytest.raises(ConfigError, match=r"policy\.zip.* was not opened: its .* would unpack to [\d,]+ bytes, "
-                                          r"and at most [\d,]+ are read"):
+    sentence = r"policy\.zip.* was not opened: its .* would unpack to [\d,]+ bytes, and at most [\d,]+ are"
+    with pytest.raises(ConfigError, match=sentence):
         opened(folder)
 
 
@@ -160,7 +160,8 @@ def test_what_is_as_large_on_the_disk_is_opened(folder: Path, monkeypatch: pytes
 def test_a_member_that_is_more_than_it_says(folder: Path) -> None:
     """Its place in the list of members has another size; no more than a chunk of it is unpacked at once."""
     file = folder / "policy.zip"
-    file.write_bytes(deflated(MUCH, "data").replace(len(MUCH).to_bytes(4, "little"), (9).to_bytes(4, "little")))
+    true, told = len(MUCH).to_bytes(4, "little"), (9).to_bytes(4, "little")
+    file.write_bytes(deflated(MUCH, "data").replace(true, told))
     tracemalloc.start()
     with pytest.raises(ConfigError, match=r"policy\.zip is damaged"):
         is_agent(file)
@@ -191,7 +192,7 @@ def saved_by_torch(value: Any, **how: Any) -> bytes:
 
 @pytest.mark.parametrize(("content", "sentence"), [
     (saved_by_torch({"steps": Room()}), "bytearray"),
-    (saved_by_torch({"steps": torch.zeros(1).expand(2**20, 2**10)}), "its tensors claim 4,294,967,296 bytes"),
+    (saved_by_torch({"steps": torch.zeros(1).expand(2**20, 2**10)}), "claim 4,294,967,296 bytes"),
     (saved_by_torch({"steps": torch.zeros(1)}, _use_new_zipfile_serialization=False), "damaged"),
     (deflated(MUCH), r"would unpack to 11,534,336 bytes"),
 ], ids=["bytes", "view", "older", "bomb"])
@@ -207,7 +208,7 @@ def test_a_header_is_not_read_that_is_larger_than_any(monkeypatch: pytest.Monkey
     content = pack({"steps": 1, "more": "x" * 2000})
     assert unpack(content, "here")["steps"] == 1
     monkeypatch.setattr(packed, "_LARGEST_HEADER", 2000)
-    with pytest.raises(ConfigError, match=r"here was not opened: its header has [\d,]+ bytes, and at most 2,000"):
+    with pytest.raises(ConfigError, match=r"here .*: its header has [\d,]+ bytes, and at most 2,000"):
         unpack(content, "here")
 
 

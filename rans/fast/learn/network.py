@@ -29,11 +29,12 @@ class Output(NamedTuple):
 
 
 def check_width(who: str, observation: np.ndarray, network: Network) -> None:
-    """Refuse (`ConfigError`) observations (..., width) of another task or dimension than a network's."""
+    """Refuse (`ConfigError`) observations (..., width) of another width than a network's."""
     width, given = network.architecture.layout.width, np.shape(observation)
     if given[-1:] != (width,):
-        raise ConfigError(f"{who} observes {width} numbers, but was shown {given[-1] if given else 'one'}: it "
-                          "was trained for another task or for the other dimension.")
+        shown = given[-1] if given else "one"
+        raise ConfigError(f"{who} observes {width} numbers, but was shown {shown}: it was trained for "
+                          "another task or for the other dimension.")
 
 
 class Network(Remembering):

@@ -93,10 +93,11 @@ def _frontier(thrust: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, np.nda
 
 def least_time(craft: Spacecraft, aims: Collection[str], start: State, goal: State,
                goal_set: GoalSet, health: Health | None = None) -> float:
-    """A time before which nothing can have arrived, s, of a start and a goal of floats; infinite: never.
+    """A time before which nothing can have arrived, s; infinite where nothing ever does.
 
-    What must be in the goal set is named by the aims, see `rans.optimal.trajectory.arrival.aims`. Thrusters
-    are sound by default; what fails later than at the start can have arrived no sooner than a sound craft.
+    Start and goal are of floats. What must be in the goal set is named by the aims, see
+    `rans.optimal.trajectory.arrival.aims`. Thrusters are sound by default; what fails later than at
+    the start can have arrived no sooner than a sound craft.
 
     Raises:
         ConfigError: the start or the goal is not finite.

@@ -55,7 +55,7 @@ class Trajectory:
     """The solver's word for how it ended, "Solve_Succeeded" when all went well."""
     solved: bool
     cost: float
-    """In the objective's unit; NaN where nothing was solved: what the optimiser ended with reaches no goal."""
+    """In the objective's unit; NaN where nothing was solved."""
     states: Any
     """`State` whose fields are float64 arrays (T + 1,); headings are not wrapped."""
     commands: np.ndarray

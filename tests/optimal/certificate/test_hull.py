@@ -31,6 +31,7 @@ from rans.scenario import scenario, scenarios
 from rans.tasks import GoToPose, GoToPosition, Task, TrackTwist, TrackVelocity, TrackVelocityHeading
 from rans.tasks.goal_set import aims
 from tests.crafts import nasty_planar, nasty_spatial, random_states, spacecraft
+from tests.optimal.problems import spatial
 from tests.optimal.tiny import fly_everything, lopsided
 
 PLATFORM, FLYER = load_spacecraft("floating-platform"), load_spacecraft("free-flyer")
@@ -296,7 +297,7 @@ def test_many_thrusters_are_bounded_by_their_sum() -> None:
 
 @pytest.mark.parametrize("craft", [PLATFORM, SHARED, nasty_spatial()], ids=lambda c: c.name)
 def test_who_has_no_thruster_left_never_arrives_unless_drifting(craft: Spacecraft) -> None:
-    """At 0.5 m/s it is 5.9 s away from the set of 5 cm around a goal 3 m ahead, in which it may move so fast."""
+    """At 0.5 m/s it is 5.9 s away from the set of 5 cm around a goal 3 m ahead."""
     count = len(craft.thrusters)
     dead = hull.Health((0.0,) * count, (0.0,) * count)
     at = planar if craft.dimension == 2 else spatial
