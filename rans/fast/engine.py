@@ -14,11 +14,22 @@ import torch
 from torch import Tensor
 
 from rans.episode import World
-from rans.errors import ConfigError, checked, counted
+from rans.errors import checked
 from rans.fast.distributed import ALONE, Processes
 from rans.fast.kernels.launch import Kernel
 from rans.fast.privileged import Known
-from rans.fast.step import Backend, Step, divisible, holding, restore, snapshot, write
+from rans.fast.step import (
+    Backend,
+    Step,
+    check_range,
+    check_seeds,
+    check_shape,
+    divisible,
+    holding,
+    restore,
+    snapshot,
+    write,
+)
 from rans.fast.straight_step import stepping
 from rans.model.accuracy import chosen
 from rans.model.body import Body, in_memory
@@ -116,14 +127,10 @@ class Engine:
     def reset(self, seed: int | Sequence[int] | None = None) -> Tensor:
         """Start a new episode everywhere, and observe (N, width).
 
-        Episodes count from zero under a given seed, or one a member; by default they go on counting.
-
-        Raises:
-            ConfigError: there are not as many seeds as members.
+        Episodes count from zero under a given seed, or one a member, ConfigError else; by default
+        they go on counting.
         """
-        if isinstance(seed, Sequence) and len(seed) not in (1, self.members):
-            raise ConfigError(f"an engine of {counted(self.members, 'member')} is reset by one seed "
-                              f"or by one for each, got {len(seed)}.")
+        check_seeds(seed, self.members)
         world, now = self._world, self.episode
         if seed is None:
             write([now.clock], [world.timing.next_episode(now.clock)])
@@ -168,25 +175,14 @@ class Engine:
     def step(self, action: Tensor) -> Step:
         """Hold the thrusters for one control period.
 
-        Actions are a tensor (N, thrusters) of any dtype, 0 (shut) to 1 (open). Whether on/off
-        thrusters are told anything between, which they would give, only the environments around
-        an engine check.
-
-        Nothing checks the numbers on a GPU, which would have to wait, nor in a compiled step: there
-        5 gives five times the thrust, and a number that is not finite loses the state. The episode
-        is then ``terminated`` for a reward of 0, its final observation is not finite, and the next
-        one begins.
-
-        Raises:
-            ConfigError: they are no such tensor, or, in a step on a CPU that is not compiled, a
-                number is none from 0 to 1.
+        Actions are a tensor (N, thrusters) of any dtype, ConfigError else: 0 (shut) to 1 (open), which
+        is checked on a CPU where nothing is compiled. Elsewhere 5 gives five times the thrust, and
+        NaN ends the episode as ``terminated``, with a final observation of NaN. That on/off
+        thrusters are told nothing between, only the environments around an engine check.
         """
-        shape = (self.num_envs, len(self.craft.thrusters))
-        if tuple(checked("actions", action, Tensor).shape) != shape:
-            raise ConfigError(f"actions must have the shape {shape} (environments, thrusters), got "
-                              f"{tuple(action.shape)}.")
+        check_shape(action, self.num_envs, len(self.craft.thrusters))
         if self.device.type == "cpu" and not self.compiled:
-            _check_range(action.numpy())
+            check_range(action.numpy())
         if self._kernel is not None:
             return self._kernel(action)
         return self._step(self._world, self.episode, action, self._draws)
@@ -202,12 +198,3 @@ class Engine:
     def load_state(self, table: dict[str, Any]) -> None:
         """Continue from what `save_state` gave; ConfigError where it is of other environments or episodes."""
         restore(table, self._world, self.episode, (self._draws.low, self._draws.high), self.processes)
-
-
-def _check_range(actions: np.ndarray) -> None:
-    """Refuse (`ConfigError`) what no thruster can be told; NaN is one of these."""
-    least, most = actions.min(), actions.max()  # half a per cent of a step of 16,384 environments
-    if not (least >= 0 and most <= 1):
-        raise ConfigError(
-            f"actions must be numbers from 0 (shut) to 1 (open), got numbers from {least} to {most}; "
-            "the usual cause is a policy's output that nobody clipped or rounded.")

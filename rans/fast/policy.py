@@ -24,7 +24,7 @@ from rans.fast.learn.adam import EPSILON
 from rans.fast.learn.architecture import EXTRACTOR, Architecture, paper_layout
 from rans.fast.learn.config import PPOSettings
 from rans.fast.learn.distributions import Duty
-from rans.fast.learn.network import Network, Output, check_width
+from rans.fast.learn.network import Network, Output
 from rans.fast.saved import AGENT, packed_agent
 from rans.files import replace_file
 from rans.tasks.sight import Layout
@@ -96,7 +96,7 @@ def predict(network: Network, observation: np.ndarray, state: tuple[np.ndarray, 
     Raises:
         ConfigError: the observations have another width than those that the network was trained on.
     """
-    check_width("the policy", observation, network)
+    network.architecture.check_width("the policy", observation)
     given, device = network.architecture, next(iter(network.tensors.values())).device
     rows = torch.as_tensor(np.asarray(observation), device=device).reshape(-1, given.layout.width)
     memory = network.blank(len(rows))

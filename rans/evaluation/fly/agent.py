@@ -11,7 +11,7 @@ import torch
 
 from rans.errors import ConfigError
 from rans.fast.learn.architecture import paper_layout
-from rans.fast.learn.network import Network, check_width
+from rans.fast.learn.network import Network
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.selection import likeliest
 from rans.fast.saved import read_policy
@@ -45,7 +45,7 @@ class Agent:
         Raises:
             ConfigError: the observation has another width than those that it was trained on.
         """
-        check_width(self.name, observation, self.network)
+        self.network.architecture.check_width(self.name, observation)
         command, self._memory = likeliest(self.network, torch.from_numpy(observation), self._memory)
         return command.numpy()
 

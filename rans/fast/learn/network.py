@@ -6,12 +6,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from typing import NamedTuple
 
-import numpy as np
 import torch
 from torch import Tensor
 from torch.nn import functional
 
-from rans.errors import ConfigError
 from rans.fast.distributed import ALONE, Processes
 from rans.fast.learn.architecture import ACTIVATIONS, EXTRACTOR, Architecture
 from rans.fast.learn.distributions import Duty, OnOff
@@ -26,15 +24,6 @@ class Output(NamedTuple):
     """(N,)."""
     core: Tensor
     """(N, features) that the heads saw: what a recurrent network remembers."""
-
-
-def check_width(who: str, observation: np.ndarray, network: Network) -> None:
-    """Refuse (`ConfigError`) observations (..., width) of another width than a network's."""
-    width, given = network.architecture.layout.width, np.shape(observation)
-    if given[-1:] != (width,):
-        shown = given[-1] if given else "one"
-        raise ConfigError(f"{who} observes {width} numbers, but was shown {shown}: it was trained for "
-                          "another task or for the other dimension.")
 
 
 class Network(Remembering):
