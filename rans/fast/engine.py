@@ -15,21 +15,11 @@ from torch import Tensor
 
 from rans.episode import World
 from rans.errors import checked
+from rans.fast.checks import check_actions, check_seeds
 from rans.fast.distributed import ALONE, Processes
 from rans.fast.kernels.launch import Kernel
 from rans.fast.privileged import Known
-from rans.fast.step import (
-    Backend,
-    Step,
-    check_range,
-    check_seeds,
-    check_shape,
-    divisible,
-    holding,
-    restore,
-    snapshot,
-    write,
-)
+from rans.fast.step import Backend, Step, divisible, holding, restore, snapshot, write
 from rans.fast.straight_step import stepping
 from rans.model.accuracy import chosen
 from rans.model.body import Body, in_memory
@@ -175,14 +165,12 @@ class Engine:
     def step(self, action: Tensor) -> Step:
         """Hold the thrusters for one control period.
 
-        Actions are a tensor (N, thrusters) of any dtype, ConfigError else: 0 (shut) to 1 (open), which
-        is checked on a CPU where nothing is compiled. Elsewhere 5 gives five times the thrust, and
-        NaN ends the episode as ``terminated``, with a final observation of NaN. That on/off
-        thrusters are told nothing between, only the environments around an engine check.
+        Actions are a tensor (N, thrusters), ConfigError else: 0 (shut) to 1 (open), checked on a CPU
+        where nothing is compiled; elsewhere 5 is five times the thrust, and NaN ends the episode as
+        ``terminated``. Only environments check that on/off thrusters are told nothing between.
         """
-        check_shape(action, self.num_envs, len(self.craft.thrusters))
-        if self.device.type == "cpu" and not self.compiled:
-            check_range(action.numpy())
+        cheap = self.device.type == "cpu" and not self.compiled
+        check_actions(action, self.num_envs, len(self.craft.thrusters), cheap)
         if self._kernel is not None:
             return self._kernel(action)
         return self._step(self._world, self.episode, action, self._draws)

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from rans.episode import Command, Episode, Outcome, World, restart, step
-from rans.errors import ConfigError, brief, checked, counted, whole
+from rans.errors import ConfigError, brief, whole
 from rans.fast.distributed import Processes
 from rans.model.body import Body
 from rans.model.dynamics import NODES
@@ -170,33 +170,6 @@ class Backend:
             seed_words(seeds[0]))
         low, high = (self.put(word, torch.int32) for word in table)
         return low, high
-
-
-def check_shape(action: object, count: int, thrusters: int) -> None:
-    """Refuse (`ConfigError`) actions that are no tensor (environments, thrusters)."""
-    given = tuple(checked("actions", action, Tensor).shape)
-    if given != (count, thrusters):
-        raise ConfigError(f"actions must have the shape {(count, thrusters)} (environments, "
-                          f"thrusters), got {given}.")
-
-
-def check_range(actions: np.ndarray) -> None:
-    """Refuse (`ConfigError`) what no thruster can be told; NaN is one of these.
-
-    It takes half a per cent of a step of 16,384 environments.
-    """
-    least, most = actions.min(), actions.max()
-    if not (least >= 0 and most <= 1):
-        raise ConfigError(
-            f"actions must be numbers from 0 (shut) to 1 (open), got numbers from {least} to {most}; "
-            "the usual cause is a policy's output that nobody clipped or rounded.")
-
-
-def check_seeds(seed: int | Sequence[int] | None, members: int) -> None:
-    """Refuse (`ConfigError`) several seeds that are not one for each member."""
-    if isinstance(seed, Sequence) and len(seed) not in (1, members):
-        raise ConfigError(f"an engine of {counted(members, 'member')} is reset by one seed or by one "
-                          f"for each, got {len(seed)}.")
 
 
 def divisible(num_envs: object, members: int) -> int:
