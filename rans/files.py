@@ -27,6 +27,13 @@ from rans.errors import ConfigError
 _PACKAGES = ("rans", "torch", "numpy", "drake", "casadi", "gymnasium", "stable-baselines3", "scipy")
 """Packages whose versions can change a measured value."""
 
+LARGEST_TEXT = 2**26
+"""Bytes of a text: a hundred times the largest that RANS writes."""
+_LARGEST_LINES = 2**28
+"""Bytes of a file of JSON, one a line, which the rows of a training fill."""
+_DEEPEST = 64
+"""Tables and lists within each other: many times as deep as in any file of RANS."""
+
 _ABANDONED = 10.0
 """Age of a draft, s, at which a process that cannot be found is taken for dead."""
 
@@ -289,41 +296,76 @@ def regular(file: Path, what: str = "") -> Path:
     return file
 
 
-def read_text(file: Path) -> str:
-    """The text in a file; `ConfigError` where it cannot be read or is no text."""
+def read_bytes(file: Path, most: int, what: str = "") -> bytes:
+    """The bytes in a file; `ConfigError` where it cannot be read or has more than that.
+
+    A word such as "the mesh " may say what it is.
+    """
     try:
-        return regular(file).read_text("utf-8")
+        with regular(file, what).open("rb") as stream:
+            size = os.fstat(stream.fileno()).st_size
+            content = b"" if size > most else stream.read(most + 1)
     except OSError as error:
-        raise ConfigError(f"cannot read {file}: {error}.") from error
+        raise ConfigError(f"cannot read {what}{file}: {error}.") from error
+    found = max(size, len(content))  # a file may say that it is empty, or grow
+    if found > most:
+        raise ConfigError(f"{what}{file} has {found:,} bytes, and at most {most:,} are read: it is "
+                          "another file than it should be, or damaged.")
+    return content
+
+
+def read_text(file: Path, most: int = LARGEST_TEXT, what: str = "") -> str:
+    """The text in a file, see `read_bytes`; `ConfigError` where it cannot be read or is no text."""
+    try:
+        text = read_bytes(file, most, what).decode("utf-8")
     except UnicodeError as error:
-        raise ConfigError(f"{file} is damaged, it is no text in UTF-8: {error}.") from error
+        raise ConfigError(f"{what}{file} is damaged, it is no text in UTF-8: {error}.") from error
+    return text.replace("\r\n", "\n").replace("\r", "\n")  # as files opened as texts have it
 
 
 def read_json(file: Path) -> Any:
-    """The value in a JSON file; `ConfigError` where it cannot be read or is damaged."""
+    """The value in a JSON file; `ConfigError` where it is unreadable, damaged, too large or too deep."""
     text = read_text(file)
     try:
-        return json.loads(text)
+        value = json.loads(text)
     except (ValueError, RecursionError) as error:
         raise ConfigError(f"{file} is damaged, it is not valid JSON: {error}.") from error
+    try:
+        check_depth(value)
+    except ConfigError as error:
+        raise ConfigError(f"{file}: {error}") from error
+    return value
+
+
+def check_depth(value: Any) -> None:
+    """Refuse (`ConfigError`) tables and lists that are too deep within each other."""
+    level = [value]
+    for _ in range(_DEEPEST + 1):
+        containers = [one for one in level if isinstance(one, dict | list)]
+        if not containers:
+            return
+        level = [inner for one in containers
+                 for inner in (one.values() if isinstance(one, dict) else one)]
+    raise ConfigError(f"tables and lists may be at most {_DEEPEST} deep within each other.")
 
 
 def read_json_lines(file: Path) -> list[dict[str, Any]]:
     """The objects in a file of one a line, up to a line cut off by an interruption.
 
     Raises:
-        ConfigError: it cannot be read, or a line is something else.
+        ConfigError: it cannot be read or is too large, or a line is something else or too deep.
     """
-    try:
-        lines = regular(file).read_text("utf-8", "replace").splitlines()
-    except OSError as error:
-        raise ConfigError(f"cannot read {file}: {error}.") from error
+    lines = read_bytes(file, _LARGEST_LINES).decode("utf-8", "replace").splitlines()
     values: list[Any] = []
     with contextlib.suppress(ValueError, RecursionError):
         values.extend(map(json.loads, lines))  # keeps what came before the line that is cut off
     for line, value in enumerate(values, 1):
         if not isinstance(value, dict):
             raise ConfigError(f"{file} is damaged: line {line} must be an object, {{...}}.")
+        try:
+            check_depth(value)
+        except ConfigError as error:
+            raise ConfigError(f"{file}, line {line}: {error}") from error
     return values
 
 

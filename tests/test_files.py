@@ -6,6 +6,7 @@ import os
 import stat
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +25,10 @@ from rans.files import (
     inside,
     inside_for_others,
     number,
+    read_bytes,
     read_json,
     read_json_lines,
+    read_text,
     ready_folder,
     replace_file,
     write_json,
@@ -283,3 +286,36 @@ def test_revision_without_git(monkeypatch: pytest.MonkeyPatch) -> None:
 
         monkeypatch.setattr(files.subprocess, "run", fail)
         assert git_revision() == "unknown"
+
+
+def test_json_that_is_deep_is_told(tmp_path: Path) -> None:
+    """Python's reader manages 900 levels, but whoever walks through them may not."""
+    for depth in (60, 900):
+        text = "[" * depth + "]" * depth
+        write_text(tmp_path / "deep.json", text)
+        write_text(tmp_path / "deep.jsonl", f'{{"deep": {text}}}\n')
+        if depth == 60:
+            read_json(tmp_path / "deep.json")
+            read_json_lines(tmp_path / "deep.jsonl")
+        else:
+            with pytest.raises(ConfigError, match=r"deep\.json: .* at most 64 deep"):
+                read_json(tmp_path / "deep.json")
+            with pytest.raises(ConfigError, match=r"deep\.jsonl, line 1: .* at most 64 deep"):
+                read_json_lines(tmp_path / "deep.jsonl")
+
+
+@pytest.mark.parametrize("read", [read_json, read_json_lines, read_text])
+def test_files_that_are_larger_than_any_are_not_read(tmp_path: Path,
+                                                     read: Callable[[Path], object]) -> None:
+    with (tmp_path / "huge").open("wb") as file:
+        file.truncate(2**40)  # which takes no room on the disk
+    with pytest.raises(ConfigError, match=r"huge has 1,099,511,627,776 bytes, and at most [\d,]+ are read"):
+        read(tmp_path / "huge")
+
+
+def test_a_file_without_a_size_is_read_as_far_as_it_may_be(tmp_path: Path) -> None:
+    """Such as those of /proc, which say that they are empty."""
+    assert Path("/proc/self/maps").stat().st_size == 0
+    assert len(read_bytes(Path("/proc/self/maps"), 2**20)) > 100
+    with pytest.raises(ConfigError, match="and at most 100 are read"):
+        read_bytes(Path("/proc/self/maps"), 100)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import tomllib
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
@@ -30,6 +29,7 @@ from rans.show.listing import (
     task_listings,
     thruster_listing,
 )
+from rans.structure import LARGEST_TOML, read_toml
 from rans.tasks import TASKS, Task, gymnasium_ids, load_task, observation_columns
 from rans.tasks.derived import dimensions
 from rans.tasks.formula import reward_formulas
@@ -103,8 +103,8 @@ class List:
 def _kind_of_file(file: Path) -> str:
     """Whether its keys are those of conditions; what is neither is told by the spacecraft's reader."""
     try:
-        keys = tomllib.loads(read_text(file)).keys()
-    except (ValueError, RecursionError):
+        keys = read_toml(read_text(file, LARGEST_TOML)).keys()
+    except ConfigError:
         return "spacecraft"
     return "conditions" if keys and keys <= {one.name for one in fields(Conditions)} else "spacecraft"
 
@@ -233,7 +233,10 @@ def _training_details(_: str) -> list[Listing]:
 
 def _conditions_details(name: str) -> Iterable[str]:
     load_conditions(name)  # says what is wrong with it
-    text = legible(read_text(Path(name)), 20_000) if name.endswith(".toml") else CONDITIONS[name].text
+    if name.endswith(".toml"):
+        text = legible(read_text(Path(name), LARGEST_TOML), 20_000)
+    else:
+        text = CONDITIONS[name].text
     yield from text.rstrip().splitlines()
 
 

@@ -12,7 +12,7 @@ from rans.files import distinct, read_text
 from rans.model.conditions import Conditions
 from rans.registry import Registry
 from rans.shown import default
-from rans.structure import read_toml, structure
+from rans.structure import LARGEST_TOML, read_toml, structure
 
 
 class Described(NamedTuple):
@@ -67,7 +67,7 @@ def load_conditions(name_or_file: str | Path | Conditions) -> Conditions:
     given = named("conditions", name_or_file, Conditions)
     if not given.endswith(".toml"):
         return CONDITIONS[given].conditions
-    text = read_text(Path(given))
+    text = read_text(Path(given), LARGEST_TOML)
     try:
         return _described(text).conditions
     except ConfigError as error:

@@ -12,12 +12,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from rans.errors import ConfigError, brief, named
-from rans.files import distinct, first_line, regular
+from rans.files import distinct, first_line, read_text
 from rans.model.actuators import KINDS, Actuators
 from rans.model.solids import Solid, with_meshes
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.registry import Registry
-from rans.structure import read_toml, structure
+from rans.structure import LARGEST_TOML, read_toml, structure
 
 _REQUIRED = ("name", "dimension", "mass", "inertia", "thruster")
 _OPTIONAL = {"solid"} | {f.name for f in dataclasses.fields(Spacecraft)} - {"thrusters", "solids", *_REQUIRED}
@@ -101,10 +101,7 @@ def spacecraft_text(name_or_file: str | Path) -> str:
 
 
 def _file_text(given: str) -> str:
-    try:
-        text = regular(Path(given), "the spacecraft file ").read_text("utf-8")
-    except (OSError, ValueError) as error:
-        raise ConfigError(f"cannot read the spacecraft file {brief(given)}: {error}.") from error
+    text = read_text(Path(given), LARGEST_TOML, "the spacecraft file ")
     return with_meshes(text, Path(given).parent)
 
 

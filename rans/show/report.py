@@ -35,7 +35,8 @@ def report_from_run(run: Path) -> Page:
     ``evaluation.json`` (one or several `Metrics`), ``evaluation.svg``, ``episode.svg``, the same of
     protocols and tasks, as ``evaluation-paper.json``, ``compare.json``, ``stress.json``, ``assurance.json``,
     also of tasks and conditions, as ``assurance-lab.json``, and ``sweep.json``.
-    `ConfigError` if there is no such folder or it holds no results, or a file is damaged or a link.
+    `ConfigError` if there is no such folder or it holds no results, or a file is damaged or a link, or
+    a picture does more than to draw.
     """
     evaluations, assurances = (sorted(run.glob(f"{name}*.json"), key=lambda file: file.stem)
                                for name in ("evaluation", "assurance"))
@@ -106,7 +107,7 @@ def _sweep(picture: Path, sweep: Mapping[str, Any]) -> Section:
             + [f"{one['steps']:,}", f"{one['success']:.1%}"] for one in members]
     solved = f"{sum(one['solved'] for one in members)} of {counted(len(members), 'member')}"
     caption = "Success while training, and steps until solved; the best is orange."
-    pictures = [Picture.of(read_text(picture), caption)] if picture.is_file() else []
+    pictures = [_kept_picture(picture, caption)] if picture.is_file() else []
     table = Table(("member", "seed", *varied, "solved", "steps", "success"), rows)
     best = str(sweep["best"])
     return Section("Sweep", "", [table], pictures,
@@ -182,9 +183,21 @@ def _evaluation(file: Path, found: Any) -> Section:
     for name, caption in (("evaluation", "All episodes."), ("episode", "One episode.")):
         picture = inside(file.parent, f"{file.stem.replace('evaluation', name)}.svg")
         if picture.is_file():
-            pictures.append(Picture.of(read_text(picture), caption))
+            pictures.append(_kept_picture(picture, caption))
     section = evaluation_section([*_find_metrics(found)], pictures)
     return replace(section, title=_title(file))
+
+
+def _kept_picture(file: Path, caption: str) -> Picture:
+    """A figure from a run folder, perhaps a stranger's; `ConfigError` if it does more than to draw."""
+    from rans.show.svg import only_drawn
+
+    text = read_text(file)
+    try:
+        return Picture.of(only_drawn(text), caption)
+    except ConfigError as error:
+        raise ConfigError(f"the picture {file} was not put into the report: {error} Delete it to "
+                          "have the report without it.") from error
 
 
 def _find_metrics(found: Any) -> Iterator[Metrics]:

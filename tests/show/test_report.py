@@ -282,3 +282,11 @@ def test_a_failed_write_keeps_the_old_report(tmp_path: Path, monkeypatch: pytest
         Page("new", []).write(path)
     assert [file.name for file in tmp_path.iterdir()] == ["report.html"]
     assert path.read_text() == "old"
+
+
+@pytest.mark.parametrize("picture", ["no picture", '<svg xmlns="http://www.w3.org/2000/svg"><script/></svg>'])
+def test_a_picture_that_is_none_is_one_sentence(run: Path, picture: str) -> None:
+    """Or one that brings a script along."""
+    (run / "episode.svg").write_text(picture)
+    with pytest.raises(ConfigError, match=r"the picture .*episode\.svg was not put into the report: it "):
+        report_from_run(run)

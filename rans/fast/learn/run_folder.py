@@ -17,6 +17,8 @@ from rans.tasks import TASKS
 
 CHECKPOINT = "checkpoint.safetensors"
 """What continues a training; older versions wrote ``checkpoint.pt``."""
+_LARGEST_CHECKPOINT = 2**33
+"""Bytes: several times what a million environments take."""
 _COUNTS = "steps", "seconds", "success"
 """What every row of metrics has, besides what its task reports."""
 
@@ -132,7 +134,7 @@ class RunFolder:
     def load_checkpoint(self, device: str) -> dict[str, Any]:
         """The latest checkpoint; ConfigError where it cannot be read, is damaged or holds code."""
         if self.checkpoint_file.exists():
-            content = files.regular(self.checkpoint_file).read_bytes()
+            content = files.read_bytes(self.checkpoint_file, _LARGEST_CHECKPOINT)
             return unpack(content, self.checkpoint_file, device)
         return read_tensors(self._older_checkpoint, device)
 
