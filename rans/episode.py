@@ -137,7 +137,7 @@ class World:
         new = self.recalled(Episode(start, goal, body, past=(start,) * self._memory.states, clock=clock,
                                     commands=(shut,) * self.remembered), draws)
         sensors = None if new.case is None else new.case.sensors
-        if sensors is None or sensors.dropout is None:
+        if sensors is None or not sensors.repeats:
             return new
         return replace(new, reading=self.read(new, draws))
 
@@ -185,8 +185,9 @@ class World:
         if case is None or case.sensors is None or draws is None:
             return episode.state
         step = self.timing.step(episode.clock)
+        time = draws.real(step) * self.timing.control_period
         return reading((episode.state, *episode.past), case.sensors, lambda block: draws.random(
-            self.craft.dimension, case.number, step * 16 + block), last)
+            self.craft.dimension, case.number, step * 16 + block), last, time)
 
 
 Mover = Callable[[Any, Influences], Any]

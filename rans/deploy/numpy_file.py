@@ -26,6 +26,8 @@ _PRINTED: dict[str, str] = {
     "GatherElements": "np.take_along_axis({0}, {1}, axis={axis})", "Cast": "({0}).astype(np.float32)",
 }
 """What each operation is in NumPy."""
+_CALLS = {"Concat", "Gather", *(name for name, text in _PRINTED.items() if text.startswith("np."))}
+"""Operations that bind tighter than any operator, whatever stands around them."""
 _PARTS = {"observation": "o", "body": "b", "memory": "m", "memory_1": "f", "command": "c"}
 """Short names for columns by themselves."""
 _ROOM, _LINE = 100, 110
@@ -62,7 +64,7 @@ def printed(program: Program) -> tuple[list[str], list[str]]:
     for step in program.steps:
         text, (first, *others) = _text(step, program, known), step.outputs
         if not others and uses[first] == 1 and len(text) < _ROOM and re.fullmatch(r"x\d+", first):
-            known[first] = text if text.startswith("np.") or step.operation == "Gather" else f"({text})"
+            known[first] = text if step.operation in _CALLS else f"({text})"
             continue
         name = first if not others else _PARTS.get(step.inputs[0], f"{step.inputs[0]}_parts")
         known |= {part: f"{name}[{place}]" for place, part in enumerate(step.outputs)} if others else {}

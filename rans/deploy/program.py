@@ -18,7 +18,7 @@ from rans.model.trace import Symbol, ordered
 from rans.tasks.sight import Columns, Layout
 
 _LOWERED = {"+": "Add", "-": "Sub", "*": "Mul", "/": "Div", "==": "Equal", "neg": "Neg", "where": "Where",
-            "maximum": "Max"}
+            "maximum": "Max", ">": "Greater"}
 """ONNX's names of what a layout and filters do to columns."""
 _ACTIVATIONS = {"tanh": "Tanh", "elu": "Elu", "relu": "Relu"}
 
@@ -229,22 +229,24 @@ def _normalised(program: Program, network: Network, x: str) -> str:
 def _shown(program: Program, network: Network, view: _View | None, columns: str, body: Sequence[str],
            filters: Sequence[str], history: str) -> str:
     """The columns, what filters make of them, and a history, each if there is one."""
-    seen = columns if view is None else view.columns(program, network.architecture.layout.body, columns)
-    x = _looks(program, network, seen)
-    filtered = _filtered(program, network, view, body, filters) if filters else ""
+    if filters:
+        x = _filtered(program, network, view, body, filters)
+    else:
+        layout = network.architecture.layout.body
+        x = _looks(program, network, columns if view is None else view.columns(program, layout, columns))
     recalled = _recalled(program, network, view, history) if history else ""
-    return program.joined(x, filtered, recalled, name="shown") if filtered or recalled else x
+    return program.joined(x, recalled, name="shown") if filters or recalled else x
 
 
 def _filtered(program: Program, network: Network, view: _View | None, body: Sequence[str],
               filters: Sequence[str]) -> str:
-    """What filters make of the columns, from the same side, each looked at as the columns are."""
+    """The reading and what filters make of it, from the same side, each looked at in the same way."""
     given = network.architecture
     read, memory = _symbols("read", given.seen), _symbols("filter", given.filtering)
     known = dict(zip((*read, *memory), (*body, *filters), strict=True))
-    (_, *blocks), shown = given.filtered((*read, *memory)), []
+    blocks, shown = given.filtered((*read, *memory)), []
     found = iter(program.lowered([x for _, block in blocks for x in block], known))
-    for (layout, block), told in zip(blocks, given.told[1:], strict=True):
+    for (layout, block), told in zip(blocks, given.told, strict=True):
         rows = program.joined(*islice(found, len(block)))
         rows = rows if view is None else view.columns(program, layout, rows)
         columns, beside = program.split(rows, (given.seen, told))

@@ -103,6 +103,26 @@ class Filter(NamedTuple):
         one = self._corrected(layout, read, self._unpacked(layout, memory))
         return self._packed(self._moved(layout, one, command))
 
+    def moved_on(self, layout: Layout, read: Columns, memory: Columns, command: Columns,
+                 noisy: Field) -> Columns:
+        """Where columns will be a period after they were read and answered with this command.
+
+        It moves the reading itself, not its own estimate, by what thrusters were found to give. Where
+        sensors are not noisy (0), it moves it by that or by what they are designed to give, whichever is
+        less, and not at all where these two disagree about the direction: a perfect sensor that rightly
+        repeats a number is then seldom contradicted.
+        """
+        one = self._corrected(layout, read, self._unpacked(layout, memory))
+        designed = [_dot(command, gains) for gains in (self.push, self.twist)]
+        found = [response.given(mine) for response, mine in zip(one.responses, designed, strict=False)]
+        changes = [[where(noisy > 0.0, b, _lesser(a, b)) for a, b in zip(*pair, strict=True)]
+                   for pair in zip(designed, found, strict=False)] or designed
+        return self._carried(layout, read, *changes)[0]
+
+    def begins(self, layout: Layout, memory: Columns) -> Field:
+        """Whether it knows nothing yet, as at an episode's first reading."""
+        return self._unpacked(layout, memory).covariance[0] == 0.0
+
     def _packed(self, known: _Known) -> list[Field]:
         responses = [x for response in known.responses for x in response.packed()]
         if self.steady:
@@ -186,7 +206,18 @@ class Filter(NamedTuple):
             response.given(mine) for response, mine in zip(responses, told, strict=True)]
         push, twist = (scaled_sum(1.0, mine, period, pushed) for mine, pushed in zip(
             given, (known.steady[:axes], known.steady[axes:]), strict=True))
-        blocks = list(layout.split(known.columns))
+        found, half = self._carried(layout, known.columns, push, twist)
+        steady = *turned(known.steady[:axes], half), *known.steady[axes:]
+        after = tuple(response.after(mine, turn) for response, mine, turn in zip(
+            responses, told, (half, ()), strict=False))  # torques are constant in B
+        aged = _aged(known.covariance, period, self.drift, self.drift if self.steady else 0.0)
+        return _Known(found, steady, aged, after)
+
+    def _carried(self, layout: Layout, columns: Columns, push: Columns,
+                 twist: Columns) -> tuple[list[Field], list[Field]]:
+        """Columns a period later, in which thrusters gave these velocities; and half the turn of B."""
+        period = self.period
+        blocks = list(layout.split(columns))
         velocity = first_of([mine for _, mine in blocks], self.share, 1)
         spin = first_of([mine for _, mine in blocks], self.share, 2)
         half = [(w + 0.5 * more) * (0.5 * period) for w, more in zip(spin, twist, strict=True)]
@@ -199,11 +230,7 @@ class Filter(NamedTuple):
             for k in changing(share):
                 mine = scaled_sum(1.0, mine, share[k], (way, gained, twist)[k])
             found += seen_turned(block, mine, half)
-        steady = *turned(known.steady[:axes], half), *known.steady[axes:]
-        after = tuple(response.after(mine, turn) for response, mine, turn in zip(
-            responses, told, (half, ()), strict=False))  # torques are constant in B
-        aged = _aged(known.covariance, period, self.drift, self.drift if self.steady else 0.0)
-        return _Known(found, steady, aged, after)
+        return found, half
 
 
 def _aged(covariance: _Covariance, period: float, drift: float, wander: float) -> _Covariance:
@@ -214,6 +241,11 @@ def _aged(covariance: _Covariance, period: float, drift: float, wander: float) -
     v = xv + t * xa, vv + t * va, va + t * aa
     return (x[0] + t * x[1] + h * x[2] + drift * (0.5 * t) ** 2, x[1] + t * x[2], x[2],
             v[1] + t * v[2] + drift, v[2], aa + wander)
+
+
+def _lesser(a: Field, b: Field) -> Field:
+    """The one nearer to zero, and zero where their signs differ."""
+    return where(a * b > 0.0, where(a * a > b * b, b, a), a * 0.0)
 
 
 def _dot(command: Columns, gains: Sequence[Sequence[float]]) -> list[Field]:

@@ -32,10 +32,13 @@ class Filters(NamedTuple):
     """Without: 0 of each. Older agents have one for all."""
     response: tuple[float, ...] = ()
     """Without: 0 of each."""
+    gate: float = 0.0
+    """Error up to which a reading is believed, see `rans.fast.screen`; 0: every reading counts as it came, a
+    repeated one too."""
 
     @classmethod
     def of(cls, craft: Spacecraft, task: Task, period: float, drift: Sequence[float],
-           steady: Sequence[float] = (), response: Sequence[float] = ()) -> Filters:
+           steady: Sequence[float] = (), response: Sequence[float] = (), gate: float = 0.0) -> Filters:
         """Of a spacecraft as designed; ConfigError where the task shows what no filter can follow."""
         force, torque = np.split(np.array(craft.wrench_map), [craft.dimension], axis=1)
         spins = slice(-torque.shape[1], None)  # in the plane about z alone
@@ -43,7 +46,8 @@ class Filters(NamedTuple):
         gains = period / craft.mass * force, period * np.linalg.solve(inertia, torque.T).T
         push, twist = (tuple(map(tuple, gain.tolist())) for gain in gains)
         drift, steady, response = (tuple(map(float, x)) for x in (drift, steady, response))
-        return cls(drift, period, push, twist, tuple(shares(task, craft.dimension)), steady, response)
+        return cls(drift, period, push, twist, tuple(shares(task, craft.dimension)), steady, response,
+                   float(gate))
 
     @property
     def each(self) -> tuple[Filter, ...]:
@@ -60,4 +64,5 @@ class Filters(NamedTuple):
         count = len(self.drift)
         told = count > 0 and np.shape(self.drift) == (count,) and np.shape(self.response) in ((0,), (count,))
         steady = np.shape(self.steady) in ((), (0,), (count,))
-        return told and steady and isinstance(self.period, float) and tuple(map(np.shape, self[2:5])) == sizes
+        numbers = isinstance(self.period, float) and isinstance(self.gate, float)
+        return told and steady and numbers and tuple(map(np.shape, self[2:5])) == sizes

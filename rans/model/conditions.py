@@ -143,6 +143,11 @@ class SensorsConditions(Settings):
     spin: SensorConditions = field(default_factory=SensorConditions)
     delay: Range = 0.0
     """How old readings are, drawn as a whole number of control periods."""
+    outage: Range = 0.0
+    """For how long all sensors stop at a time, and their last readings stand, s; such as a motion capture
+    that loses its markers."""
+    outage_every: Range = 5.0
+    """From the beginning of one outage to that of the next, s; the first begins at a random moment."""
 
     def each(self) -> tuple[SensorConditions, ...]:
         """In the order of a state's fields."""
@@ -197,6 +202,10 @@ class Conditions(Settings):
         sensors = zip(("position", "attitude", "velocity", "spin"), self.sensors.each(), strict=True)
         for name, sensor in sensors:
             _require(largest(sensor.dropout) < 1, f"sensors.{name}.dropout", sensor.dropout, "below 1")
+        every = self.sensors.outage_every
+        _require(bounds(every)[0] > 0, "sensors.outage_every", every, "> 0 s")
+        _require(largest(self.sensors.outage) < bounds(every)[0], "sensors.outage", self.sensors.outage,
+                 f"below the least of sensors.outage_every, {bounds(every)[0]:g} s")
 
     def met(self, chance: Field) -> Conditions:
         """Those that an episode meets, which a number in [0, 1) decides: ranges that differ are `Varying`."""

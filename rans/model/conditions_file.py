@@ -34,7 +34,7 @@ def _described(found: Any) -> Described:
 
 CONDITIONS = Registry("set of conditions", "rans.conditions", {
     name: f"rans:data/conditions/{name}.toml"
-    for name in ("perfect", "lab", "roboran", "orbit", "harsh", "faults")
+    for name in ("perfect", "lab", "lab-dropouts", "roboran", "orbit", "harsh", "faults")
 }, _described, ", or a file whose name ends in .toml")
 """All conditions that have a name."""
 

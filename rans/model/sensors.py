@@ -8,9 +8,26 @@ from typing import Any
 
 from rans.model.conditions import Range, SensorConditions, SensorsConditions, largest
 from rans.model.dynamics import State
-from rans.model.fields import Field, Heading, leaves, map_leaves, where
+from rans.model.fields import Field, Heading, floor, leaves, map_leaves, where
 from rans.model.random import Random
 from rans.model.rotation import exponential
+
+
+@dataclass(frozen=True)
+class Outage:
+    """All sensors stop again and again."""
+
+    share: Field
+    """Of the time between the beginnings of two outages, how much one lasts."""
+    rate: Field
+    """Outages per second."""
+    phase: Field
+    """How much of that time is gone when the episode begins, 0 to 1."""
+
+    def at(self, time: Field) -> Field:
+        """Whether sensors have stopped, so long after the episode's start (s)."""
+        gone = time * self.rate + self.phase
+        return gone - floor(gone) < self.share
 
 
 @dataclass(frozen=True)
@@ -25,6 +42,13 @@ class Sensors:
     """Vectors (a scalar for planar turns); the attitude's is a rotation vector in B."""
     dropout: tuple[Field, ...] | None
     """Probability that the last reading stands."""
+    outage: Outage | None
+    """When all of them stand."""
+
+    @property
+    def repeats(self) -> bool:
+        """Whether a reading may stand for longer than one control period."""
+        return self.dropout is not None or self.outage is not None
 
 
 def drawn_sensors(given: SensorsConditions, random: Random) -> Sensors | None:
@@ -41,8 +65,17 @@ def drawn_sensors(given: SensorsConditions, random: Random) -> Sensors | None:
         random.whole(given.delay),
         drawn("noise", lambda _, values: random.within(values)),
         drawn("bias", lambda k, values: (random.vector if k in (0, 2) else random.turn)(values)),
-        drawn("dropout", lambda _, values: random.within(values)))
+        drawn("dropout", lambda _, values: random.within(values)),
+        _drawn_outage(given, random))
     return result if largest(given.delay) >= 1 or len(leaves(result)) > 1 else None
+
+
+def _drawn_outage(given: SensorsConditions, random: Random) -> Outage | None:
+    if largest(given.outage) == 0.0:
+        return None
+    length = random.within(given.outage)
+    rate = 1.0 / random.within(given.outage_every)
+    return Outage(length * rate, rate, random.unit())
 
 
 PER_STEP = 2**25
@@ -50,7 +83,7 @@ PER_STEP = 2**25
 
 
 def reading(states: Sequence[State], sensors: Sensors, random: Callable[[int], Random],
-            last: State | None) -> State:
+            last: State | None, time: Field) -> State:
     """What sensors tell of a state.
 
     Args:
@@ -58,6 +91,7 @@ def reading(states: Sequence[State], sensors: Sensors, random: Callable[[int], R
         sensors: what is wrong with them.
         random: gives the random numbers of a block in this control period.
         last: the reading before, which stands where one drops out; None: there was none.
+        time: since the episode's start, s.
     """
     state, streams = states[0], [random(PER_STEP + quantity * 4) for quantity in range(4)]
     for age, old in enumerate(states[1:], 1):
@@ -68,9 +102,14 @@ def reading(states: Sequence[State], sensors: Sensors, random: Callable[[int], R
         if errors is not None:
             p, attitude, v, w = p + errors[0], _turned(attitude, errors[1]), v + errors[2], w + errors[3]
     seen = type(state)(p, attitude, v, w)
-    if last is None or sensors.dropout is None:
+    if last is None or not sensors.repeats:
         return seen
-    lost = [stream.unit() < chance for stream, chance in zip(streams, sensors.dropout, strict=True)]
+    stopped = None if sensors.outage is None else sensors.outage.at(time)
+    if sensors.dropout is None:
+        lost = [stopped] * 4
+    else:
+        lost = [stream.unit() < chance for stream, chance in zip(streams, sensors.dropout, strict=True)]
+        lost = lost if stopped is None else [one | stopped for one in lost]
     parts = ((getattr(seen, name), getattr(last, name), gone)
              for name, gone in zip(("p", "attitude", "v", "w"), lost, strict=True))
     return type(state)(*(map_leaves(lambda new, old, gone=gone: where(gone, old, new), new, old)

@@ -124,11 +124,21 @@ def _readings() -> Iterator[Effect]:
     for quantity, unit, factor in (("position", "cm", 0.01), ("attitude", "degrees", radians(1.0)),
                                    ("velocity", "cm/s", 0.01), ("spin", "degrees/s", radians(1.0))):
         yield Effect("Readings", f"noise of {quantity}", unit, 0.0, sizes, partial(_noisy, quantity, factor))
+    for quantity in ("position", "attitude", "velocity", "spin", "all"):
+        yield Effect("Readings", f"missed readings of {quantity}", "%", 0.0, (3.0, 10.0, 30.0, 50.0),
+                     partial(_missed, quantity))
+    yield Effect("Readings", "outages every 5 s of", "s", 0.0, (0.4, 1.0, 2.0), _only("sensors", "outage"))
 
 
 def _noisy(quantity: str, factor: float, size: float) -> Conditions:
     noise = SensorConditions(noise=factor * size)
     return Conditions(sensors=replace(SensorsConditions(), **{quantity: noise}))
+
+
+def _missed(quantity: str, percent: float) -> Conditions:
+    missed = SensorConditions(dropout=percent / 100.0)
+    which = ("position", "attitude", "velocity", "spin") if quantity == "all" else (quantity,)
+    return Conditions(sensors=replace(SensorsConditions(), **dict.fromkeys(which, missed)))
 
 
 def failures() -> list[Level]:

@@ -12,6 +12,7 @@ import torch
 from torch import Tensor, nn
 
 from rans.errors import ConfigError
+from rans.fast import screen
 from rans.fast.engine import Engine
 from rans.fast.filter import Filter
 from rans.fast.filters import Filters
@@ -90,7 +91,8 @@ class Architecture:
             history=settings.history if has_history else 0, commands_only=settings.memory == "commands",
             averages=tuple(settings.averages) if has_history else (),
             filters=Filters.of(craft, engine.task, engine.timing.control_period, settings.filters,
-                               settings.filtered_steady, settings.filtered_response)
+                               settings.filtered_steady, settings.filtered_response,
+                               settings.filtered_gate)
             if settings.filters else None,
             units=settings.recurrent_units if settings.memory == "recurrent" else 0,
             privileged=engine.known.width if settings.privileged_critic else 0,
@@ -133,7 +135,13 @@ class Architecture:
     @property
     def filtering(self) -> int:
         """Those of them that filters remember, which come last."""
-        return sum(one.width(self.layout.body) for one in self._bank)
+        filters = sum(one.width(self.layout.body) for one in self._bank)
+        return filters + (screen.Memory.width(self.layout.body) if self._gated else 0)
+
+    @property
+    def _gated(self) -> bool:
+        """Whether missed and wild readings are screened before filters see them (`rans.fast.screen`)."""
+        return self.filters is not None and self.filters.gate > 0
 
     @property
     def _bank(self) -> tuple[Filter, ...]:
@@ -165,22 +173,52 @@ class Architecture:
         return self.units or self.layers[-1]
 
     def filtered(self, row: Columns) -> list[tuple[Layout, Columns]]:
-        """Of columns in B and what filters remember: the columns, and what each filter makes of them."""
-        body, read = self.layout.body, row[:self.seen]
-        return [(body, read), *((one.shown(body), one.estimate(body, read, memory))
-                                for one, memory in self._remembering(row[self.seen:]))]
+        """Columns in B as they count, and what each filter makes of them, with their layouts.
+
+        Args:
+            row: columns of a reading in B, then what filters remember.
+        """
+        body, read, memory = self.layout.body, row[:self.seen], row[self.seen:]
+        screened = self._screened(read, memory).columns
+        return [(body, screened), *((one.shown(body), one.estimate(body, screened, mine))
+                                    for one, mine in self._remembering(memory))]
 
     def expected(self, row: Columns) -> list[Field]:
-        """Of the same and the command that was given: what filters remember from then on."""
+        """What filters remember from now on.
+
+        Args:
+            row: columns of a reading in B, what filters remember, and the command that was given.
+        """
+        body = self.layout.body
         read, memory, command = (row[a:b] for a, b in pairwise(
             (0, self.seen, self.seen + self.filtering, None)))
-        return [x for one, memory in self._remembering(memory)
-                for x in one.expected(self.layout.body, read, memory, command)]
+        found = self._screened(read, memory)
+        remembered = list(self._remembering(memory))
+        after = [x for one, mine in remembered for x in one.expected(body, found.columns, mine, command)]
+        if not self._gated:
+            return after
+        one, mine = remembered[-1]
+        next_one = one.moved_on(body, found.columns, mine, command, found.noisy)
+        return after + self._screen(memory).after(read, found, next_one, command)
 
     def _remembering(self, memory: Columns) -> Iterator[tuple[Filter, Columns]]:
         """Each filter with what it remembers."""
         ends = accumulate((one.width(self.layout.body) for one in self._bank), initial=0)
         return ((one, memory[a:b]) for one, (a, b) in zip(self._bank, pairwise(ends), strict=True))
+
+    def _screened(self, read: Columns, memory: Columns) -> screen.Screened:
+        """A reading as it counts: by the last filter, which knows most of how the craft moves."""
+        if self.filters is None or not self._gated:
+            return screen.Screened(list(read), [], 0.0)
+        body = self.layout.body
+        one, mine = list(self._remembering(memory))[-1]
+        begins = one.begins(body, mine)
+        return screen.screened(body, read, self._screen(memory), one, self.filters.gate, begins)
+
+    def _screen(self, memory: Columns) -> screen.Memory:
+        """What the screen remembers, which is last in the memory."""
+        body = self.layout.body
+        return screen.Memory.of(body, memory[-screen.Memory.width(body):])
 
     def modules(self) -> dict[str, nn.Module]:
         """What is learnt before the heads, in the order of SB3, with torch's initial weights."""

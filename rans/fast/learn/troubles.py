@@ -15,6 +15,7 @@ from rans.model.conditions import (
 )
 from rans.model.conditions_file import load_conditions
 
+_QUANTITIES = ("position", "attitude", "velocity", "spin")
 _FINE, _COARSE = (SensorConditions(noise=(0.0, size)) for size in (0.03, radians(3.0)))
 
 TROUBLES: dict[str, Conditions] = {
@@ -69,9 +70,17 @@ def robust(share: float = 0.4) -> Conditions:
     return replace(load_conditions("lab"), weight=weight, others=others)
 
 
-def robust_poses(valves: float, noise: float = 6.0, lab: float = 20.0) -> Conditions:
-    """`robust`, as often with `lab` and what is learnt last of poses: valves that stay open, noise."""
+def robust_poses(valves: float, noise: float = 6.0, lab: float = 20.0, missed: float = 0.0) -> Conditions:
+    """`robust`, as often with `lab` and what is learnt last of poses: valves that stay open, noise.
+
+    Missed readings, alone and in `lab`, have the given weight.
+    """
     given, slow, noisy = robust(), Conditions(thrusters=ThrusterConditions(least_on=0.4)), _HARD[-1].sensors
     others = tuple(replace(one, weight=valves) if replace(one, weight=1.0) == slow else
                    replace(one, weight=noise) if one.sensors == noisy else one for one in given.others)
+    if missed:
+        lab_missed = load_conditions("lab-dropouts")
+        alone = replace(Conditions(), sensors=replace(lab_missed.sensors, **{
+            name: SensorConditions(dropout=(0.0, 0.4)) for name in _QUANTITIES}))
+        others = *others, replace(alone, weight=0.5 * missed), replace(lab_missed, weight=missed)
     return replace(given, others=others, weight=lab)
