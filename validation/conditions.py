@@ -33,7 +33,8 @@ _GROUPS: dict[str, tuple[str, tuple[str, ...]]] = {
     "steady pushes": ("disturbances", ("force", "torque")),
     "swinging pushes": ("disturbances", ("slow_force", "slow_torque", "slow_period")),
     "kicks": ("disturbances", ("kicks", "kick", "kick_spin")),
-    "readings": ("sensors", ("position", "attitude", "velocity", "spin", "delay")),
+    "readings": ("sensors", ("position", "attitude", "velocity", "spin", "delay", "outage",
+                             "outage_every")),
 }
 """What belongs together, by name: where it is in `Conditions`."""
 

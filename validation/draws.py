@@ -65,7 +65,8 @@ def _everything(craft: Spacecraft) -> Conditions:
             force=(0.1, 0.3), torque=(0.01 * moment, 0.02 * moment), slow_force=(0.2, 0.5),
             slow_torque=(0.03 * moment, 0.05 * moment), slow_period=(5.0, 25.0), kicks=2, kick=(0.4, 0.6),
             kick_spin=(0.06 * moment, 0.08 * moment)),
-        sensors=SensorsConditions(_SENSOR, _SENSOR, _SENSOR, _SENSOR, delay=(0.0, 3.0)))
+        sensors=SensorsConditions(_SENSOR, _SENSOR, _SENSOR, _SENSOR, delay=(0.0, 3.0),
+                                 outage=(0.4, 1.0), outage_every=(3.0, 6.0)))
 
 
 def _case(craft: Spacecraft, conditions: Conditions, seed: int) -> Any:
@@ -154,7 +155,10 @@ def _sensors(case: Any) -> Ranged:
         found[f"noise of {name}"] = (case.sensors.noise[k], 0.1, 0.2)
         found[f"bias of {name}"] = (_size(case.sensors.bias[k]), 0.3, 0.6)
         found[f"dropout of {name}"] = (case.sensors.dropout[k], 0.2, 0.4)
-    return found
+    outage = case.sensors.outage
+    return found | {"outage": (outage.share / outage.rate, 0.4, 1.0),
+                    "time between outages": (1.0 / outage.rate, 3.0, 6.0),
+                    "moment of the first outage": (outage.phase, 0.0, 1.0)}
 
 
 def _fault_checks(craft: Spacecraft, seed: int) -> Iterator[Check]:

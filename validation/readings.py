@@ -1,4 +1,4 @@
-"""What sensors tell, against what docs/conditions.md declares: noise, biases, delays and dropouts.
+"""What sensors tell, against what docs/conditions.md declares: noise, biases, delays, dropouts and outages.
 
 Drake's flights are told by the same code as ours, so that only statistics of what was told can judge it.
 Attitudes are compared with SciPy's rotations.
@@ -18,7 +18,7 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.scenario import draws, scenarios
 from rans.tasks import GoToPose
-from validation.chance import independence_check, normal_check, share_check, uniform_check
+from validation.chance import even_check, independence_check, normal_check, share_check, uniform_check
 from validation.checks import Check
 from validation.sampling import Restless
 
@@ -51,6 +51,7 @@ def reading_checks(craft: Spacecraft, seed: int) -> Iterator[Check]:
     yield from _noise_checks(craft, seed)
     yield from _bias_checks(craft, seed)
     yield from _dropout_checks(craft, seed)
+    yield from _outage_checks(craft, seed)
     yield from _delay_checks(craft, seed)
 
 
@@ -104,6 +105,22 @@ def _dropout_checks(craft: Spacecraft, seed: int) -> Iterator[Check]:
     pairs |= {f"{one} and {other}": (lost[one], lost[other])
               for one in lost for other in lost if one < other}
     yield independence_check("readings: dropouts of different periods", pairs)
+
+
+def _outage_checks(craft: Spacecraft, seed: int) -> Iterator[Check]:
+    """Everything stands for 1 s in every 4 s: for five control periods of any twenty in a row."""
+    position, attitude, velocity, spin = (SensorConditions(noise=noise) for noise in _NOISE)
+    sensors = SensorsConditions(position, attitude, velocity, spin, outage=1.0, outage_every=4.0)
+    told = _told(craft, sensors, seed)
+    stands = np.stack([(part[1:] == part[:-1]).all(axis=-1) for part in told.readings])
+    windows = np.lib.stride_tricks.sliding_window_view(stands, 20, axis=1).sum(axis=-1)
+    yield Check("readings: control periods of an outage", float(np.abs(windows - 5).max()), 0.0, "periods",
+                "1 s of 4 s are 5 of 20 control periods of 0.2 s, of each quantity.")
+    alone = np.count_nonzero(stands.any(axis=0) & ~stands.all(axis=0))
+    yield Check("readings: quantities that stop alone", float(alone), 0.0, "periods",
+                "All sensors stop together.")
+    starts = np.argmax(stands[0, 1:21] & ~stands[0, :20], axis=0)
+    yield even_check("readings: first outage", starts, 20)
 
 
 def _delay_checks(craft: Spacecraft, seed: int) -> Iterator[Check]:

@@ -24,10 +24,10 @@ MOST = 64
 _HARDEST = 2.0
 """The largest alpha of a craft that can be flown, rad: from rest it turns by half of it in one period, about
 as far as on/off control can still see what it does."""
-_WILDEST = 500.0
+WILDEST = 500.0
 """The largest alpha that is flown at all, rad: from 870 on an uneven craft in space lost its state
 in a few periods of random commands, from 2,000 on in the first."""
-_FARTHEST = 1e5
+FARTHEST = 1e5
 """Way from rest in one period, m, up to which float32 tells positions to a centimetre."""
 _PEAK = 3.0
 """Spin of a craft that cannot be held still, in alphas. Of 200 random craft under LQR, restless and bang-bang
@@ -97,8 +97,8 @@ def _check_range(craft: Spacecraft, body: Body | None, alpha: float, period: flo
                 for thruster, (gain, leak) in zip(craft.thrusters, shares, strict=True))
     way = 0.5 * float(np.max(force / numbers(flown.mass))) * period**2
     for size, most, does, cause in (
-            (way, _FARTHEST, "moves it by {:.3g} m", "a mass"),
-            (alpha / 2, _WILDEST / 2, "turns it by {:.3g} rad", "a moment of inertia")):
+            (way, FARTHEST, "moves it by {:.3g} m", "a mass"),
+            (alpha / 2, WILDEST / 2, "turns it by {:.3g} rad", "a moment of inertia")):
         if size > most:  # a body that is not finite is told elsewhere
             raise ConfigError(
                 f"spacecraft {craft.name!r}: one command {does.format(size)} in a control period of "

@@ -275,6 +275,8 @@ _OWN = _FILTERS | {"push": [[0.1, 0.0]] * 8, "twist": [[0.1]] * 8}
     (lambda t: t["architecture"].update(filters=_OWN | {"drift": [[1.0]]}), "its filters are of another"),
     (lambda t: t["architecture"].update(filters=_OWN | {"response": 1.0}), "its filters are of another"),
     (lambda t: t["architecture"].update(filters=_OWN | {"response": [1.0] * 2}), "its filters are of"),
+    (lambda t: t["architecture"].update(filters=_OWN | {"gate": [5.0]}), "its filters are of another"),
+    (lambda t: t["architecture"].update(filters=_OWN | {"gate": 1e-200}), "its filters are of another"),
     (lambda t: t["architecture"].update(filters=_OWN), "not those of the network"),
     (lambda t: t["architecture"]["layout"][0].__setitem__(0, "os.system"), "unknown kind os.system"),
     (lambda t: t["weights"].pop("value_net.bias"), "not those of the network"),

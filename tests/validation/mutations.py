@@ -282,9 +282,9 @@ def noise_new_every_other_period(true: Any, world: Any, episode: Any, *rest: Any
     return true(world, replace(episode, clock=episode.clock // 2 * 2), *rest)
 
 
-def noise_of_all_quantities_alike(true: Any, states: Any, sensors: Any, random: Any, last: Any) -> Any:
+def noise_of_all_quantities_alike(true: Any, states: Any, sensors: Any, random: Any, *rest: Any) -> Any:
     first = random(rans.model.sensors.PER_STEP)
-    return true(states, sensors, lambda _: copy.copy(first), last)
+    return true(states, sensors, lambda _: copy.copy(first), *rest)
 
 
 def turned_in_world(true: Any, attitude: Any, turn: Any) -> Any:
@@ -297,9 +297,20 @@ def a_period_less_late(true: Any, states: Any, *rest: Any) -> Any:
     return true((states[0], states[0], *states[1:-1]) if len(states) > 1 else states, *rest)
 
 
-def truth_after_a_dropout(true: Any, states: Any, sensors: Any, random: Any, last: Any) -> Any:
+def truth_after_a_dropout(true: Any, states: Any, sensors: Any, random: Any, last: Any, time: Any) -> Any:
     """What stands is the state before, and not what was told of it."""
-    return true(states, sensors, random, last and states[0])
+    return true(states, sensors, random, last and states[0], time)
+
+
+def sensors_that_stop_at_another_moment(true: Any, states: Any, sensors: Any, random: Any, last: Any,
+                                        time: Any) -> Any:
+    """Time counts from zero at every third of it."""
+    return true(states, sensors, random, last, time % 3.0)
+
+
+def outages_at_the_same_moment(true: Any, given: Any, random: Any) -> Any:
+    found = true(given, random)
+    return found and replace(found, phase=0.0 * found.phase)
 
 
 def a_period_early(true: Any, world: Any, episode: Any, *rest: Any) -> Any:
@@ -336,6 +347,8 @@ SHARED: list[tuple[Spacecraft, Patch, str]] = [
     (SPACE, changed(rans.model.sensors, "_turned", turned_in_world), "readings"),
     (PLANE, changed(rans.episode, "reading", a_period_less_late), "readings"),
     (PLANE, changed(rans.episode, "reading", truth_after_a_dropout), "readings"),
+    (PLANE, changed(rans.episode, "reading", sensors_that_stop_at_another_moment), "readings"),
+    (SPACE, changed(rans.model.sensors, "_drawn_outage", outages_at_the_same_moment), "draws"),
     (PLANE, changed(World, "influences", a_period_early), "onsets"),
     (SPACE, changed(World, "influences", a_period_late), "onsets"),
     (PLANE, changed(rans.model.case.Hold, "obeyed", valves_that_need_not_stay), "onsets"),

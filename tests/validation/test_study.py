@@ -39,9 +39,12 @@ SHARED = {
         "each beside the episode before", "each beside another seed")},
     "draws: an effect alone and among others": (0.0, "SI"),
     **{f"readings: {name}": (8.0, "decades") for name in (
-        "size of biases", "dropouts of different periods", *(f"noise of {name}" for name in QUANTITIES),
+        "size of biases", "dropouts of different periods", "first outage",
+        *(f"noise of {name}" for name in QUANTITIES),
         *(f"dropouts of {name}" for name in QUANTITIES), *(f"{name} after a dropout" for name in QUANTITIES),
         *(f"noise of different {what}" for what in ("components", "periods", "episodes")))},
+    "readings: control periods of an outage": (0.0, "periods"),
+    "readings: quantities that stop alone": (0.0, "periods"),
     "readings: change of a bias": (1e-12, "SI"), "readings: two control periods old": (0.0, "SI"),
     **{f"onsets: {name}": (0.0, "periods") for name in (
         "a fault at 2 s", "a valve 0.3 s late", "open for 0.5 s at least", "shut for 0.3 s at least")},
