@@ -6,6 +6,7 @@ import importlib
 import json
 import os
 import shutil
+import subprocess
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -24,6 +25,7 @@ from rans.model.spacecraft_file import SPACECRAFT
 from rans.registry import trust_files
 from rans.tasks import TASKS, GoToPose
 from tests.fast.training import CONFIG, after, ignore, tiny_trainer
+from tests.processes import ROOT
 
 MODULE = """
 from pathlib import Path
@@ -137,9 +139,14 @@ def test_what_a_program_trained_itself_it_may_open(run: Path) -> None:
         rans.load_agent("run")
 
 
-def test_trust_is_known_to_processes_that_are_started(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_trust_is_known_to_processes_that_are_started(run: Path) -> None:
     trust_files()
     assert RunFolder(run).config().task == "strangers:Task"
+    code = ("from pathlib import Path\nfrom rans.fast.learn.run_folder import RunFolder\n"
+            "print(RunFolder(Path('run')).config().task)")
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False,
+                           env=os.environ | {"PYTHONPATH": str(ROOT)})
+    assert found.stdout == "strangers:Task\n", found.stderr
 
 
 def test_a_typed_name_needs_no_trust(run: Path) -> None:

@@ -39,7 +39,7 @@ def flown(craft: Spacecraft, sensors: SensorsConditions, steps: int, often: floa
     """A flight under random commands, each thruster open so often, with readings of x that are off (m)."""
     seen = layout(TASK, craft.dimension)
     bank = Filters.of(craft, TASK, TIMING.control_period, (0.01,), (0.0,), (2.0,), GATE)
-    agent = Architecture(seen, (8,), len(craft.thrusters), filters=bank)
+    agent = Architecture(seen, len(craft.thrusters), filters=bank)
     conditions = Conditions(sensors=sensors)
     chosen, own = scenarios(TASK, craft, SEED, COUNT), draws(SEED, COUNT)
     world = World(craft, TASK, TIMING, conditions=conditions.or_none)
