@@ -26,6 +26,9 @@ def run() -> NoReturn:
     Python would free millions of objects of torch one by one, and the driver a GPU's memory piece by piece.
     What was registered for the end is done, and what was printed is on its way, also by libraries in C.
     """
+    fill_closed_streams()
+    restart_in_utf8()
+    os.environ.setdefault("PYTHONSAFEPATH", "1")  # no process of ours looks for modules in this folder first
     code = main()
     if any(not thread.daemon for thread in threading.enumerate() if thread is not threading.main_thread()):
         sys.exit(code)  # which waits for it
@@ -33,6 +36,33 @@ def run() -> NoReturn:
     sys.stderr.flush()
     ctypes.CDLL(None).fflush(None)
     os._exit(code)
+
+
+def fill_closed_streams() -> None:
+    """Let standard streams that were closed, as in ``rans list >&-``, lead nowhere.
+
+    Else the first file that is opened would take their place, and what is printed would be written into it.
+    """
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        try:
+            os.fstat(number)
+        except OSError:
+            nowhere = os.open(os.devnull, os.O_RDWR)  # gets the lowest number that is free
+            assert nowhere == number
+        if getattr(sys, name) is None:
+            mode = "r" if number == 0 else "w"
+            setattr(sys, name, os.fdopen(number, mode, encoding="utf-8", closefd=False))
+
+
+def restart_in_utf8() -> None:
+    """Where file names and texts are not UTF-8 by default (``PYTHONUTF8=0 LC_ALL=C``), begin anew so.
+
+    Else Drake does not load, and TensorBoard writes into no folder whose name has other letters.
+    """
+    if sys.getfilesystemencoding() == "utf-8" or os.environ.get("PYTHONUTF8") == "1":
+        return
+    os.environ["PYTHONUTF8"] = "1"  # also for processes that are started from here
+    os.execv(sys.executable, [sys.executable, *sys.orig_argv[1:]])
 
 
 def main() -> int:

@@ -9,8 +9,9 @@ Drake: "rans/GoToPose2D-Drake-v0"; `TASKS.register` adds those of a task of your
 Drake, CasADi or SciPy is loaded when first used.
 """
 
-from __future__ import annotations
+import rans.safe_path  # noqa: F401  # before anything else: see there
 
+# isort: split
 import importlib
 from typing import TYPE_CHECKING, Any
 
@@ -33,6 +34,7 @@ from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.spacecraft_file import load_spacecraft, spacecraft_names
 from rans.model.timing import Timing
 from rans.pretrained import pretrained_names
+from rans.registry import trust_files
 from rans.scenario import Scenario
 from rans.tasks import (
     TASKS,
@@ -87,7 +89,7 @@ __all__ = [
     "load_task", "Conditions", "BodyConditions", "ThrusterConditions", "FaultConditions",
     "DisturbanceConditions", "SensorConditions", "SensorsConditions", "load_conditions", "conditions_names",
     "CONTROLLERS", "Controller", "LQR", "Switching", "MPC", "ObserverMPC", "MPPI", "Lookahead", "ArrivalCost",
-    "Pilot", "pretrained_names", "Scenario", "Timing", "Flight", "fly",
+    "Pilot", "pretrained_names", "Scenario", "Timing", "Flight", "fly", "trust_files",
     "Engine", "PPO", "PPOSettings", "SB3VecEnv", "SpacecraftEnv", "SpacecraftVectorEnv",
     "ConfigError", "NonFiniteState", "RansError", "SolverFailed", "WorkerLost",
     "__version__",

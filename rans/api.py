@@ -171,7 +171,8 @@ def optimal_trajectory(task: str | Task = "go-to-pose", spacecraft: SpacecraftLi
     judged, craft = load_task(task).for_evaluation(), load_spacecraft(spacecraft)
     wanted = objective_of(objective, horizon, control_period, ending, intervals)
     one = scenarios(judged, craft, seed, 1, first=whole("start", start, least=0))
-    return replace(optima(craft, judged, wanted, one, guesses, workers=1)[0], start=start)
+    found, = optima(craft, judged, wanted, one, whole("guesses", guesses), workers=1)
+    return replace(found, start=start)
 
 
 def certify(task: str | Task = "go-to-pose", spacecraft: SpacecraftLike = _CRAFT, *,

@@ -28,8 +28,13 @@ def counted(count: int, noun: str) -> str:
     return f"{count:,} {noun}{'s' * (count != 1)}"
 
 
+_LONGEST_NAME = 1000
+
+
 def meant(name: str, known: Iterable[str]) -> str:
     """" (did you mean ...?)" where a known name is near, for the middle of a sentence."""
+    if len(name) > _LONGEST_NAME:  # comparing takes as long as it is
+        return ""
     near = difflib.get_close_matches(name, list(known), 1)
     return f" (did you mean {near[0]}?)" if near else ""
 
@@ -81,8 +86,25 @@ def named(what: str, value: object, kind: type) -> str:
                checked(f"{what}, unless it is a name or a file,", value, kind))
 
 
+_LONGEST = 4000
+"""Characters of a sentence: more than any of ours has, whose names and values are of usual length."""
+
+
 class RansError(Exception):
-    """Base of every error RANS raises on purpose; its text is one sentence for the user."""
+    """Base of every error RANS raises on purpose; its text is one sentence for the user.
+
+    Where something in it is so long that nobody could read it, the middle is left out.
+    """
+
+    def __init__(self, *given: object) -> None:
+        super().__init__(*(_readable(one) if isinstance(one, str) else one for one in given))
+
+
+def _readable(sentence: str) -> str:
+    if len(sentence) <= _LONGEST:
+        return sentence
+    half = _LONGEST // 2
+    return f"{sentence[:half]} ... ({len(sentence):,} characters) ... {sentence[-half:]}"
 
 
 class ConfigError(RansError):

@@ -5,16 +5,19 @@ from __future__ import annotations
 import contextlib
 import fcntl
 import glob
+import hashlib
 import json
 import math
 import os
 import platform
+import re
+import secrets
 import shlex
 import stat
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -24,14 +27,26 @@ from rans.errors import ConfigError
 _PACKAGES = ("rans", "torch", "numpy", "drake", "casadi", "gymnasium", "stable-baselines3", "scipy")
 """Packages whose versions can change a measured value."""
 
+LARGEST_TEXT = 2**26
+"""Bytes of a text: a hundred times the largest that RANS writes."""
+_LARGEST_LINES = 2**28
+"""Bytes of a file of JSON, one a line, which the rows of a training fill."""
+_DEEPEST = 64
+"""Tables and lists within each other: many times as deep as in any file of RANS."""
+
 _ABANDONED = 10.0
 """Age of a draft, s, at which a process that cannot be found is taken for dead."""
+
+LOCK = ".lock"
+"""Name of the file in a folder that `Lock` holds while somebody trains there."""
 
 
 def replace_file(file: Path, write: Callable[[Path], object]) -> None:
     """Write a file beside its place and move it there, so that a reader never sees half of it.
 
-    Missing folders are made; ``write`` writes the whole content to the path it is given.
+    Missing folders are made; ``write`` writes the whole content to the path it is given, where an empty
+    file waits that did not exist before: nobody can have laid a link there. A link in the file's place is
+    replaced, and what it leads to stays as it is.
 
     Raises:
         ConfigError: the disk refused (full, read-only, no permission); the old file is unharmed. Or there is
@@ -41,10 +56,11 @@ def replace_file(file: Path, write: Callable[[Path], object]) -> None:
         raise ConfigError(f"cannot write {file}: it is a folder; give the name of a file.")
     if file.exists() and not file.is_file():  # moving a file there would end a device
         raise ConfigError(f"cannot write {file}: it is a pipe or a device; give the name of a file.")
-    draft = file.with_name(f".{os.getpid()}.{file.name}")
+    draft = file.with_name(f".{os.getpid()}.{secrets.token_hex(4)}.{file.name}")
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
         _clear_drafts(file)
+        os.close(_opened(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL))
         write(draft)
         os.replace(draft, file)
     except (FileExistsError, NotADirectoryError) as error:
@@ -59,10 +75,19 @@ def replace_file(file: Path, write: Callable[[Path], object]) -> None:
 
 def _clear_drafts(file: Path) -> None:
     """Remove what processes left that were killed while they wrote this file."""
+    # Drafts of older versions had no random part.
+    named = re.compile(rf"\.(\d+)(\.[0-9a-f]{{8}})?\.{re.escape(file.name)}")
     for draft in file.parent.glob(f".*.{glob.escape(file.name)}"):
-        writer, ours = draft.name[1:].removesuffix(f".{file.name}"), draft.is_file()
+        found = named.fullmatch(draft.name)
+        if found is None:
+            continue
+        try:
+            about = draft.lstat()
+        except FileNotFoundError:  # its writer has just finished
+            continue
         # Another machine's process may be at work, whose number says nothing here.
-        if writer.isdigit() and ours and not _is_alive(int(writer)) and _age(draft) > _ABANDONED:
+        abandoned = not _is_alive(int(found[1])) and time.time() - about.st_mtime > _ABANDONED
+        if abandoned and stat.S_ISREG(about.st_mode):
             draft.unlink(missing_ok=True)
 
 
@@ -76,12 +101,56 @@ def _is_alive(process: int) -> bool:
     return True
 
 
-def _age(file: Path) -> float:
-    return time.time() - file.stat().st_mtime
+def _opened(file: Path, flags: int) -> int:
+    """Descriptor of a file that is no link, nor a pipe that nobody reads; OSError where it is one."""
+    return os.open(file, flags | os.O_NOFOLLOW | os.O_NONBLOCK, 0o666)
+
+
+def append_text(file: Path, text: str) -> None:
+    """Add to the end of a file, or begin it; `ConfigError` where it is a link or the disk refuses."""
+    try:
+        with open(_opened(file, os.O_WRONLY | os.O_CREAT | os.O_APPEND), "a", encoding="utf-8") as stream:
+            stream.write(text)
+    except OSError as error:
+        raise ConfigError(f"cannot write {file}: {error.strerror or error}; is the disk full, or the file a "
+                          "symbolic link?") from error
+
+
+def inside(folder: Path, *parts: str) -> Path:
+    """A place in a folder that may be a stranger's: no link leads from it to somewhere else.
+
+    The folder itself may be a link, which the user named. What comes with this package may consist of links,
+    as some installers make them.
+
+    Raises:
+        ConfigError: one of the parts is a symbolic link.
+    """
+    place = folder
+    for part in parts:
+        place /= part
+        if place.is_symlink() and not folder.is_relative_to(Path(__file__).parent):
+            raise ConfigError(f"{place} is a symbolic link, which may lead to any file of yours. If you know "
+                              f"where it leads, take a copy without links: cp -rL {shlex.quote(str(folder))} "
+                              "COPY.")
+    return place
+
+
+def inside_for_others(folder: Path, *parts: str) -> Path:
+    """`inside` for a folder in which a library opens files by names of its own: none there is a link."""
+    place = inside(folder, *parts)
+    if place.is_dir():
+        for name in os.listdir(place):
+            inside(folder, *parts, name)
+    return place
 
 
 class Lock:
-    """Held by one process at a time on a file that is there and stays; it goes with the process."""
+    """Held by one process at a time; it goes with the process.
+
+    Args:
+        file: made when the lock is taken, and never written, replaced or removed: a lock goes with the file
+            that is opened, so who opens another one of the same name is not kept out.
+    """
 
     def __init__(self, file: Path) -> None:
         self._file, self._held = file, -1
@@ -90,7 +159,12 @@ class Lock:
         """Hold it from now on; ConfigError with this sentence where another process does."""
         if self._held >= 0:
             return
-        self._held = os.open(regular(self._file), os.O_RDONLY)
+        _make_folder(self._file.parent)
+        try:
+            self._held = _opened(self._file, os.O_RDWR | os.O_CREAT)
+        except OSError as error:
+            raise ConfigError(f"cannot write {self._file}: {error.strerror or error}; is the disk full or "
+                              "read-only, or the file a symbolic link?") from error
         try:
             fcntl.flock(self._held, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
@@ -98,6 +172,11 @@ class Lock:
             raise ConfigError(refusal) from None
         except OSError:  # a file system without locks: nobody can be kept out
             return
+
+    @property
+    def is_held(self) -> bool:
+        """Whether it was taken by this object."""
+        return self._held >= 0
 
     def release(self) -> None:
         """Let others have it."""
@@ -107,6 +186,57 @@ class Lock:
 
     def __del__(self) -> None:
         self.release()
+
+
+@contextlib.contextmanager
+def one_at_a_time(folder: Path) -> Iterator[None]:
+    """Wait until no other process is within this for the same folder; a missing one is made.
+
+    For who reads a file there, extends it and replaces it, which takes a moment: else the last of two would
+    write without what the first has added. File systems without locks keep nobody waiting.
+
+    Raises:
+        ConfigError: the folder cannot be made or opened.
+    """
+    _make_folder(folder)
+    try:
+        held = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    except OSError as error:
+        raise ConfigError(f"cannot write into {folder}: {error.strerror or error}.") from error
+    try:
+        with contextlib.suppress(OSError):
+            fcntl.flock(held, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(held)
+
+
+def distinct(name: str, content: str = "") -> str:
+    """A name as part of a file's name, so that others get other ones.
+
+    Args:
+        name: stays as it is where that is possible; with a digest where a file's name cannot hold it.
+        content: of a user's file; its digest tells it from what comes with the package by that name, and
+            from other files of that name.
+    """
+    plain = re.sub(r"[^\w.-]+", "-", name)
+    told = content or (name if plain != name else "")
+    if not told:
+        return plain
+    digest = hashlib.sha256(told.encode("utf-8", "surrogatepass")).hexdigest()
+    return f"{plain}-{digest[:8]}"
+
+
+def _make_folder(folder: Path) -> None:
+    """With those above it; `ConfigError` that names the file in the way, or why the disk refused."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        reason = error.strerror or error
+        for place in (folder, *folder.parents):
+            if place.is_file():
+                reason = f"{place} is a file, not a folder"
+        raise ConfigError(f"cannot write into {folder}: {reason}; choose another folder.") from error
 
 
 def ready_folder(folder: Path) -> Path:
@@ -131,8 +261,8 @@ def ready_folder(folder: Path) -> Path:
 
 
 def write_text(file: Path, text: str) -> None:
-    """`replace_file` for text."""
-    replace_file(file, lambda draft: draft.write_text(text, "utf-8"))
+    """`replace_file` for text in UTF-8; of a file's name that is none, the bytes are spelt out."""
+    replace_file(file, lambda draft: draft.write_text(text, "utf-8", "backslashreplace"))
 
 
 def write_json(file: Path, value: Any) -> None:
@@ -166,41 +296,76 @@ def regular(file: Path, what: str = "") -> Path:
     return file
 
 
-def read_text(file: Path) -> str:
-    """The text in a file; `ConfigError` where it cannot be read or is no text."""
+def read_bytes(file: Path, most: int, what: str = "") -> bytes:
+    """The bytes in a file; `ConfigError` where it cannot be read or has more than that.
+
+    A word such as "the mesh " may say what it is.
+    """
     try:
-        return regular(file).read_text("utf-8")
+        with regular(file, what).open("rb") as stream:
+            size = os.fstat(stream.fileno()).st_size
+            content = b"" if size > most else stream.read(most + 1)
     except OSError as error:
-        raise ConfigError(f"cannot read {file}: {error}.") from error
+        raise ConfigError(f"cannot read {what}{file}: {error}.") from error
+    found = max(size, len(content))  # a file may say that it is empty, or grow
+    if found > most:
+        raise ConfigError(f"{what}{file} has {found:,} bytes, and at most {most:,} are read: it is "
+                          "another file than it should be, or damaged.")
+    return content
+
+
+def read_text(file: Path, most: int = LARGEST_TEXT, what: str = "") -> str:
+    """The text in a file, see `read_bytes`; `ConfigError` where it cannot be read or is no text."""
+    try:
+        text = read_bytes(file, most, what).decode("utf-8")
     except UnicodeError as error:
-        raise ConfigError(f"{file} is damaged, it is no text in UTF-8: {error}.") from error
+        raise ConfigError(f"{what}{file} is damaged, it is no text in UTF-8: {error}.") from error
+    return text.replace("\r\n", "\n").replace("\r", "\n")  # as files opened as texts have it
 
 
 def read_json(file: Path) -> Any:
-    """The value in a JSON file; `ConfigError` where it cannot be read or is damaged."""
+    """The value in a JSON file; `ConfigError` where it is unreadable, damaged, too large or too deep."""
     text = read_text(file)
     try:
-        return json.loads(text)
+        value = json.loads(text)
     except (ValueError, RecursionError) as error:
         raise ConfigError(f"{file} is damaged, it is not valid JSON: {error}.") from error
+    try:
+        check_depth(value)
+    except ConfigError as error:
+        raise ConfigError(f"{file}: {error}") from error
+    return value
+
+
+def check_depth(value: Any) -> None:
+    """Refuse (`ConfigError`) tables and lists that are too deep within each other."""
+    level = [value]
+    for _ in range(_DEEPEST + 1):
+        containers = [one for one in level if isinstance(one, dict | list)]
+        if not containers:
+            return
+        level = [inner for one in containers
+                 for inner in (one.values() if isinstance(one, dict) else one)]
+    raise ConfigError(f"tables and lists may be at most {_DEEPEST} deep within each other.")
 
 
 def read_json_lines(file: Path) -> list[dict[str, Any]]:
     """The objects in a file of one a line, up to a line cut off by an interruption.
 
     Raises:
-        ConfigError: it cannot be read, or a line is something else.
+        ConfigError: it cannot be read or is too large, or a line is something else or too deep.
     """
-    try:
-        lines = regular(file).read_text("utf-8", "replace").splitlines()
-    except OSError as error:
-        raise ConfigError(f"cannot read {file}: {error}.") from error
+    lines = read_bytes(file, _LARGEST_LINES).decode("utf-8", "replace").splitlines()
     values: list[Any] = []
     with contextlib.suppress(ValueError, RecursionError):
         values.extend(map(json.loads, lines))  # keeps what came before the line that is cut off
     for line, value in enumerate(values, 1):
         if not isinstance(value, dict):
             raise ConfigError(f"{file} is damaged: line {line} must be an object, {{...}}.")
+        try:
+            check_depth(value)
+        except ConfigError as error:
+            raise ConfigError(f"{file}, line {line}: {error}") from error
     return values
 
 

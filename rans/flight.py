@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from rans.episode import Mover, World, step
-from rans.errors import counted
+from rans.errors import ConfigError, brief, checked, counted
 from rans.model.accuracy import chosen
 from rans.model.body import Body
 from rans.model.conditions import Conditions
@@ -138,9 +138,14 @@ def fly(craft: str | Path | Spacecraft, task: str | Task, controller: Controller
     the controller sees what sensors tell, and the draws (`rans.scenario.draws`) are those of the scenarios.
 
     Raises:
-        ConfigError: there is no such spacecraft or task, or there are conditions, but nothing to draw with.
+        ConfigError: there is no such spacecraft or task, the starts are no batch for its
+            dimension, the controller is none or was made for another dimension, number of
+            thrusters or width of the observation, or there are conditions, but nothing to draw with.
     """
     craft, task = load_spacecraft(craft), load_task(task)
+    _check_starts(checked("starts", starts, Scenario), craft)
+    _check_controller(controller, craft)
+    checked("timing", timing, Timing)
     how = chosen(craft, timing, body) if conditions is None else timing
     world = World(craft, task, how, conditions=conditions)
     now = world.begin(starts.start, starts.goal, 0, draws, body or Body.of(craft))
@@ -150,6 +155,11 @@ def fly(craft: str | Path | Spacecraft, task: str | Task, controller: Controller
     for _ in range(timing.episode_steps):
         seen = np.stack(world.observe(now, draws), axis=1).astype(np.float32)
         told = np.asarray(controller.act(world.sensed(now, draws), now.goal, seen), dtype=np.float64)
+        if told.shape != (count, len(craft.thrusters)):
+            raise ConfigError(
+                f"{controller.name} must answer {counted(count, 'observation')} with commands of the "
+                f"shape {(count, len(craft.thrusters))}, got {told.shape}: was it made for another "
+                f"craft than {craft.name}?")
         outcome = step(world, now, tuple(told.T), draws, move)
         now, command = outcome.episode, np.stack(outcome.command, axis=1)
         alive = alive & finite(*leaves(now.state))
@@ -161,6 +171,37 @@ def fly(craft: str | Path | Spacecraft, task: str | Task, controller: Controller
     stand_still = all(goal is starts.goal for goal in goals)
     return Flight(craft, task, timing, _stacked(states), starts.goal if stand_still else _stacked(goals),
                   np.stack(commands), controller.name, engine)
+
+
+def _check_starts(starts: Scenario, craft: Spacecraft) -> None:
+    """Refuse (`ConfigError`) what is no batch of starts, or one for the other dimension."""
+    shapes = {np.shape(field) for field in leaves(starts.start)}
+    if len(shapes) != 1 or len(shape := shapes.pop()) != 1 or shape[0] < 1:
+        raise ConfigError("starts must be of arrays of one length (N,), of one start at least, as "
+                          "rans.scenario.scenarios gives them.")
+    dimension = len(starts.start.p.columns())
+    if dimension != craft.dimension:
+        raise ConfigError(f"the starts are for {dimension} dimensions, but {craft.name} moves in "
+                          f"{craft.dimension}.")
+
+
+def _check_controller(controller: Controller, craft: Spacecraft) -> None:
+    """Refuse (`ConfigError`) what is no controller, or is one for other spacecraft."""
+    if not all(callable(getattr(controller, need, None)) for need in ("reset", "act")):
+        raise ConfigError(
+            "a controller has the methods reset and act, see rans.Controller, such as "
+            f"rans.load_agent(...).controller or a rans.LQR; got {brief(controller)}.")
+    known = getattr(controller, "craft", None)
+    if isinstance(known, Spacecraft) and _form(known) != _form(craft):
+        raise ConfigError(
+            f"{controller.name} was made for {known.name}, with {len(known.thrusters)} thrusters in "
+            f"{known.dimension} dimensions, but {craft.name} has {len(craft.thrusters)} in "
+            f"{craft.dimension}.")
+
+
+def _form(craft: Spacecraft) -> tuple[int, int]:
+    """What its controllers cannot do without."""
+    return craft.dimension, len(craft.thrusters)
 
 
 def _stacked(trees: list[Any]) -> Any:

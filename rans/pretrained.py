@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from rans.errors import ConfigError, meant
+from rans.errors import ConfigError, brief, meant
 from rans.files import read_json
 
 FOLDER = Path(__file__).parent / "data" / "pretrained"
@@ -28,7 +28,7 @@ def pretrained_folder(name: str) -> Path:
         ConfigError: there is none.
     """
     if name not in pretrained_names():
-        raise ConfigError(f"no agent named {name!r} comes with RANS{meant(name, pretrained_names())}; "
+        raise ConfigError(f"no agent named {brief(name)} comes with RANS{meant(name, pretrained_names())}; "
                           f"known are {', '.join(pretrained_names()) or 'none'}.")
     return FOLDER / name
 

@@ -22,6 +22,9 @@ from rans.errors import RansError
 
 Answer = TypeVar("Answer")
 
+_SAFE_PATH = "PYTHONSAFEPATH"
+"""In the environment of a Python process: it does not put the current folder before its library."""
+
 
 def processors() -> int:
     """How many this process may use: a job of a cluster may have fewer than its machine."""
@@ -42,11 +45,13 @@ def submitted(function: Callable[..., Answer], jobs: Iterable[tuple[Any, ...]], 
     the function, called with one tuple a job, are of a module's top level.
     """
     others = set(multiprocessing.active_children())
-    with _pickled(prepare, arguments) as file, ProcessPoolExecutor(
-            workers or processors(), multiprocessing.get_context("spawn"),
-            _begin, (_unpickled, (file,))) as pool:
+    with contextlib.ExitStack() as kept:
+        file = kept.enter_context(_pickled(prepare, arguments))
+        with _started_safely():  # its locks start a process already
+            pool = kept.enter_context(ProcessPoolExecutor(
+                workers or processors(), multiprocessing.get_context("spawn"), _begin, (_unpickled, (file,))))
         try:
-            with _interrupts_deferred(), _script_left_alone():
+            with _started_safely(), _interrupts_deferred(), _script_left_alone():
                 futures = [pool.submit(_answered, cloudpickle.dumps((function, job))) for job in jobs]
             yield futures
         except BaseException:
@@ -89,6 +94,24 @@ def _answered(asked: bytes) -> Any:
 
 
 @contextlib.contextmanager
+def _started_safely() -> Iterator[None]:
+    """A Python process started now does not look for modules in the current folder first.
+
+    It would by itself, before this one tells it where to look: a stranger's ``random.py`` beside an agent
+    would run in it, and in the process that multiprocessing starts to keep account of what is shared.
+    """
+    before = os.environ.get(_SAFE_PATH)
+    os.environ[_SAFE_PATH] = "1"
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ[_SAFE_PATH]
+        else:
+            os.environ[_SAFE_PATH] = before
+
+
+@contextlib.contextmanager
 def _script_left_alone() -> Iterator[None]:
     """A process started now does not import what runs as ``__main__``, as Python has it by default.
 
@@ -112,7 +135,7 @@ def beside(function: Callable[..., object], *arguments: Any) -> Iterator[None]:
     """
     process = multiprocessing.get_context("spawn").Process(
         target=_begin, args=(function, arguments), daemon=True)
-    with _interrupts_deferred(), _script_left_alone():
+    with _started_safely(), _interrupts_deferred(), _script_left_alone():
         process.start()
     try:
         yield

@@ -6,10 +6,11 @@ import importlib
 import os
 import sys
 from collections.abc import Callable, Iterator, Mapping
-from functools import cached_property, reduce
+from functools import cached_property
 from importlib import resources
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
+from types import ModuleType
 from typing import Any, TypeVar
 
 from rans.errors import ConfigError, brief, meant
@@ -22,7 +23,14 @@ _TRUST = "RANS_TRUST"
 
 
 def trust_files() -> None:
-    """From now on a file may name any module's object, whose code then runs (``--trust``)."""
+    """Let files name any module's object as MODULE:NAME, whose code then runs, as ``--trust`` does.
+
+    For this process and those that it starts, from now on. Only for run folders, configs and sweeps whose
+    authors you know.
+
+    >>> rans.trust_files()
+    >>> agent = rans.load_agent("go-to-pose-2d")
+    """
     os.environ[_TRUST] = "1"
 
 
@@ -30,7 +38,8 @@ class Registry(Mapping[str, T]):
     """Objects by name, each loaded when it is first asked for: names alone import nothing.
 
     Names are those built in, the entry points that installed packages declare, and what `register` added.
-    Besides, ``MODULE:NAME`` finds an object of any module, also in the current folder.
+    Besides, ``MODULE:NAME`` finds an object of any module, also in the current folder. Whoever takes
+    that from a file, which may be a stranger's, asks `check_file` first.
 
     Those built in are where "module:Name" or, for the text of a file, "package:file.toml" says; no package
     replaces them. ``checked``, called with what was loaded, gives the object to hand out. Messages tell what
@@ -47,6 +56,7 @@ class Registry(Mapping[str, T]):
         self._or_else = or_else
         self._loaded: dict[str, T] = {}
         self._own: dict[str, T] = {}
+        self._vouched: set[str] = set()
         self.announce: Callable[[str], object] = lambda _: None
         """Called with every name that `register` adds: who keeps names elsewhere too sets it."""
 
@@ -76,7 +86,8 @@ class Registry(Mapping[str, T]):
             ConfigError: the name is taken by somebody else, or the object does not work.
         """
         if name in self.built_in or name in self._offered or ":" in name:
-            raise ConfigError(f"the {self._what} {name!r} exists already, or is no name; choose another one.")
+            raise ConfigError(f"the {self._what} {brief(name)} exists already, or is no name; choose another "
+                              "one.")
 
         def keep(found: T) -> T:
             self._own[name] = self._checked(found)
@@ -85,17 +96,24 @@ class Registry(Mapping[str, T]):
 
         return keep
 
+    def vouch_for(self, name: str) -> None:
+        """Let files name this MODULE:NAME in this process, whose program named or gave the object itself."""
+        self._vouched.add(name)
+
     def check_file(self, name: object, file: object) -> None:
         """Refuse (`ConfigError`) what a file that may be a stranger's names as MODULE:NAME.
 
-        To look for it would run the module's code, unless that was loaded already.
+        To look for it would run code: the module's, that of an attribute, or the object itself, which may be
+        a function. Whether the module is loaded already makes no difference: somebody else loaded it.
+        Names without a colon are of RANS, of installed packages or of `register`, and are never refused.
         """
-        if not isinstance(name, str) or ":" not in name or os.environ.get(_TRUST):
+        if not isinstance(name, str) or ":" not in name:
             return
-        if name.partition(":")[0] not in sys.modules:
-            raise ConfigError(f"{file} names the {self._what} {brief(name)}, and to use it would run that "
-                              "module's code. If you know who made it, add --trust; from Python, import the "
-                              "module first.")
+        if os.environ.get(_TRUST) or name in self._vouched:
+            return
+        raise ConfigError(f"{file} names the {self._what} {brief(name)}, and to use it would run that "
+                          "module's code. If you know who made it, add --trust; from Python, call "
+                          "rans.trust_files() first.")
 
     def package(self, name: str) -> str:
         """The installed package that offers this name; nothing for what comes with RANS or was registered."""
@@ -115,44 +133,65 @@ class Registry(Mapping[str, T]):
             raise ConfigError(f"there is no {self._what} named {brief(name)}{meant(name, self)}; known are "
                               f"{', '.join(self)}; your own is MODULE:NAME{self._or_else}.")
         try:
-            return self._checked(resolve(self._reference(name)))
+            return self._checked(self._found(name))
         except ConfigError as error:
             of = f" of the package {package}" if package else ""
-            raise ConfigError(f"the {self._what} {name!r}{of} cannot be used: {error}") from error
+            raise ConfigError(f"the {self._what} {brief(name)}{of} cannot be used: {error}") from error
 
-    def _reference(self, name: str) -> str:
+    def _found(self, name: str) -> Any:
+        """What a name stands for, as its module has it."""
         if name in self.built_in:
-            return self.built_in[name]
+            return resolve(self.built_in[name])
         if name not in self._offered:
-            if name.partition(":")[0].partition(".")[0] in sys.stdlib_module_names:
-                raise ConfigError("it is of Python's own library, where nothing of RANS is.")
-            return from_here(name)
+            return resolve_typed(name)
         first, *others = self._offered[name]
         if others:
             raise ConfigError("there are two of this name; uninstall one of the packages.")
-        return first.value
+        return resolve(first.value)
 
 
-def from_here(reference: str) -> str:
-    """The reference as it is, once modules of the current folder can be imported.
+def look_here_too() -> None:
+    """Let modules of the current folder be imported, where no other one has their name.
 
-    That is so for ``python -m``, but not for an installed command.
+    Only where the user typed MODULE:NAME. The folder is looked through last: a file in it that has the name
+    of a module of Python's or of an installed package takes nobody's place. Worker processes take over where
+    this one looks.
     """
     if (folder := str(Path.cwd())) not in sys.path:
-        sys.path.insert(0, folder)
-    return reference
+        sys.path.append(folder)
+
+
+def resolve_typed(reference: str) -> Any:
+    """The object behind "module:Name" that a user typed, also of a module of the current folder.
+
+    Raises:
+        ConfigError: there is no such object, its module fails, or that is of Python's own library.
+    """
+    if reference.partition(":")[0].partition(".")[0] in sys.stdlib_module_names:
+        raise ConfigError("it is of Python's own library, where nothing of RANS is.")
+    look_here_too()
+    return resolve(reference)
 
 
 def resolve(reference: str) -> Any:
     """The object behind "module:Name", or the text of "package:file.toml".
 
     Raises:
-        ConfigError: there is no such object, or its module fails.
+        ConfigError: there is no such object, it belongs to another module that this one has imported as
+            such ("module:os.abort"), or its module fails.
     """
     module, _, name = reference.partition(":")
     try:
         if name.endswith(".toml"):
             return (resources.files(module) / name).read_text("utf-8")
-        return reduce(getattr, name.split("."), importlib.import_module(module))
+        found: Any = importlib.import_module(module)
+        for part in name.split("."):
+            found = getattr(found, part)
+            if isinstance(found, ModuleType):
+                raise ConfigError(f"{brief(part)} is a module there; name what is in it by its own name, "
+                                  "as in PACKAGE.MODULE:NAME.")
+        return found
+    except ConfigError:
+        raise
     except Exception as error:  # a module's top level raises anything
         raise ConfigError(f"{type(error).__name__}: {first_line(error)}.") from error

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import re
 import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import Field, fields, is_dataclass
@@ -12,10 +13,27 @@ from typing import Any, Literal, TypeVar, get_args, get_origin
 import cattrs
 
 from rans.errors import ConfigError, RansError, brief, meant
+from rans.files import check_depth
 
 T = TypeVar("T")
 Range = float | tuple[float, float]
 """A number, or the least and the largest of a uniform distribution."""
+
+
+LARGEST_TOML = 2**24
+"""Characters of a TOML text, most of them of meshes."""
+_LARGEST_BESIDE = 2**20
+"""Characters beside strings and comments, which take Python's reader a microsecond each."""
+_MOST_PARTS = 16
+"""Of a dotted key: the reader takes a time that grows with their square."""
+_STRINGS = re.compile(r"""
+    "{3}(?:[^"\\]++|\\.|"(?!""))*+"{3,5}  # a text may end with two quotes of its own
+    |'{3}(?:[^']++|'(?!''))*+'{3,5}
+    |"(?:[^"\\\n]++|\\.)*+"
+    |'[^'\n]*+'
+    |\#[^\n]*+""", re.DOTALL | re.VERBOSE)
+"""Strings of TOML in their four forms, and comments."""
+_OF_KEYS = re.compile(r"[\w\- \t]+")
 
 
 def is_range(setting: Field[Any]) -> bool:
@@ -24,13 +42,29 @@ def is_range(setting: Field[Any]) -> bool:
 
 
 def read_toml(text: str) -> dict[str, Any]:
-    """The table that a TOML text is; `ConfigError` if it is none."""
+    """The table that a TOML text is; `ConfigError` if it is none, or too long or too deep."""
+    _check_effort(text)
     try:
         table = tomllib.loads(text)
+        check_depth(table)
         repr(table)  # fails on an integer with too many digits to print: refuse it here
         return table
     except (ValueError, RecursionError) as error:
         raise ConfigError(f"this is not valid TOML: {error}.") from error
+
+
+def _check_effort(text: str) -> None:
+    """Refuse what would keep Python's reader of TOML, which bounds nothing, busy for minutes."""
+    if len(text) > LARGEST_TOML:
+        raise ConfigError(f"a TOML text may have at most {LARGEST_TOML:,} characters, got "
+                          f"{len(text):,}.")
+    beside = _STRINGS.sub("", text)
+    if len(beside) > _LARGEST_BESIDE:
+        raise ConfigError(f"a TOML text may have at most {_LARGEST_BESIDE:,} characters beside its "
+                          f"strings and comments, got {len(beside):,}.")
+    dots = _OF_KEYS.sub("", beside)  # so n - 1 dots in a row are left of a key of n parts
+    if "." * _MOST_PARTS in dots:
+        raise ConfigError(f"a dotted key of a TOML text may have at most {_MOST_PARTS} parts.")
 
 
 def entries(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
@@ -88,7 +122,8 @@ def _say(error: BaseException, kind: Any) -> str:
         return str(error).rstrip(".")
     if isinstance(error, cattrs.ForbiddenExtraKeysError):
         known = [one.name for one in fields(error.cl)] if is_dataclass(error.cl) else []
-        return f"unknown key {', '.join(repr(key) + meant(key, known) for key in sorted(error.extra_fields))}"
+        keys = (brief(key) + meant(key, known) for key in sorted(error.extra_fields))
+        return f"unknown key {', '.join(keys)}"
     if isinstance(error, KeyError):
         return f"the key {error} is missing"
     if isinstance(error, AttributeError):  # cattrs asks whatever it is given for its keys

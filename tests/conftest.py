@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import io
+import os
 import sys
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -59,6 +60,23 @@ def _one_thread() -> None:
     """One torch thread: small tensors gain nothing from more, and tests run side by side."""
     if "torch" in sys.modules:
         sys.modules["torch"].set_num_threads(1)
+
+
+@pytest.fixture(autouse=True)
+def _environment_of_others() -> Iterator[None]:
+    """A test that leaves variables of RANS or Python behind fails, and those after it run without them."""
+    before = _variables()
+    yield
+    after = _variables()
+    for name in before.keys() | after.keys():
+        os.environ.pop(name, None)
+    os.environ.update(before)
+    assert after == before, "the test left the environment changed; monkeypatch.setenv undoes changes"
+
+
+def _variables() -> dict[str, str]:
+    """Those that say how RANS and Python behave, such as ``RANS_TRUST`` and ``PYTHONSAFEPATH``."""
+    return {name: value for name, value in os.environ.items() if name.startswith(("RANS_", "PYTHON"))}
 
 
 @pytest.fixture

@@ -15,12 +15,14 @@ from typing import Any
 
 import pytest
 
+import rans
 from rans.cli import main
 from rans.errors import ConfigError, brief
 from rans.fast.engine import Engine
 from rans.fast.learn.run_folder import RunFolder
 from rans.files import Lock, read_json, read_text, regular, replace_file, write_text
 from rans.model.spacecraft_file import spacecraft_text
+from rans.tasks import TASKS
 from tests.fast.engines import NEAR, PLATFORM, SHORT
 from tests.fast.training import after, ignore, resumed, tiny_trainer
 
@@ -31,6 +33,7 @@ PLATFORM_TEXT = spacecraft_text("floating-platform")
 @pytest.fixture(autouse=True)
 def _elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("RANS_TRUST", "")  # as --trust sets it for the rest of the process
 
 
 def said(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
@@ -60,6 +63,23 @@ def test_a_long_value_leaves_room_for_the_rest_of_the_sentence(
     sentence = said(capsys, "list", "long.toml")
     assert end in sentence
     assert len(sentence) < 600
+
+
+HUGE = "x" * 10_000_000
+
+
+@pytest.mark.parametrize("ask", [
+    rans.load_spacecraft, rans.load_conditions, rans.load_task, rans.load_agent,
+    lambda name: rans.load_spacecraft(f"{name}.toml"), lambda name: rans.load_agent(f"pretrained:{name}"),
+    lambda name: rans.load_agent(f"lqr:go-to-pose-2d@{name}"),
+    lambda name: rans.train("go-to-pose", device=name),
+    lambda name: TASKS.check_file(f"{name}:{name}", "config.json"),
+], ids=["spacecraft", "conditions", "task", "agent", "file", "pretrained", "craft of an agent", "device",
+        "name in a file"])
+def test_sentences_stay_short_however_long_a_name_is(ask: Callable[[str], object]) -> None:
+    with pytest.raises(ConfigError) as refused:
+        ask(HUGE)
+    assert len(str(refused.value)) < 5000
 
 
 def test_what_is_short_is_shown_whole() -> None:
@@ -146,13 +166,11 @@ def test_metrics_that_say_nothing(capsys: pytest.CaptureFixture[str], row: str) 
         assert "metrics.jsonl is damaged: line 1" in said(capsys, *command)
 
 
-def test_a_task_of_pythons_own_library_is_not_imported(capsys: pytest.CaptureFixture[str],
-                                                       monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_task_of_pythons_own_library_is_not_imported(capsys: pytest.CaptureFixture[str]) -> None:
     """A run folder may name any module as its task; one of these opens a browser when it is imported."""
     tiny_trainer(Path("run")).train(ignore, after(1))
     table = json.loads(Path("run/config.json").read_text())
     Path("run/config.json").write_text(json.dumps(table | {"task": "antigravity:Task"}))
-    monkeypatch.setenv("RANS_TRUST", "")  # as --trust sets it for the rest of the process
     assert "would run that module's code" in said(capsys, "evaluate", "run")
     assert "of Python's own library" in said(capsys, "evaluate", "run", "--trust")
     assert "antigravity" not in sys.modules
@@ -208,14 +226,15 @@ def test_drafts_of_killed_processes_go(tmp_path: Path) -> None:
     """Not those of the living, nor young ones: another machine's process may be at work."""
     with subprocess.Popen([sys.executable, "-c", ""]) as dead:
         pass
-    drafts = {name: tmp_path / f".{name}.policy.zip" for name in (str(dead.pid), str(os.getppid()), "x")}
+    names = str(dead.pid), f"{dead.pid}.0123abcd", str(os.getppid()), f"{os.getppid()}.0123abcd", "x"
+    drafts = {name: tmp_path / f".{name}.policy.zip" for name in names}
     other = tmp_path / f".{dead.pid}.other.zip"
     for draft in (*drafts.values(), other):
         draft.write_text("half")
         os.utime(draft, (time.time() - 60, time.time() - 60))
     replace_file(tmp_path / "policy.zip", lambda draft: draft.write_text("whole"))
-    assert not drafts[str(dead.pid)].exists()
-    assert all(file.exists() for file in (drafts[str(os.getppid())], drafts["x"], other))
+    assert [name for name in names if drafts[name].exists()] == list(names[2:])
+    assert other.exists()
     drafts[str(dead.pid)].write_text("young")
     replace_file(tmp_path / "policy.zip", lambda draft: draft.write_text("whole"))
     assert drafts[str(dead.pid)].exists()

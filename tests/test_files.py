@@ -1,9 +1,12 @@
 from __future__ import annotations
 
+import contextlib
 import math
 import os
+import stat
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -14,17 +17,24 @@ from rans import files
 from rans.cli import main
 from rans.errors import ConfigError
 from rans.files import (
+    append_text,
+    distinct,
     environment,
     first_line,
     git_revision,
+    inside,
+    inside_for_others,
     number,
+    read_bytes,
     read_json,
     read_json_lines,
+    read_text,
     ready_folder,
     replace_file,
     write_json,
     write_text,
 )
+from tests.processes import PATIENCE, ROOT, python
 
 
 def test_a_file_is_replaced_as_a_whole(tmp_path: Path) -> None:
@@ -60,6 +70,94 @@ def test_a_failed_write_leaves_the_old_file(tmp_path: Path, error: BaseException
         assert "disk full" in str(caught.value)
     assert file.read_text() == "old"
     assert os.listdir(tmp_path) == ["x.txt"]
+
+
+def test_nobody_can_foresee_a_draft(tmp_path: Path) -> None:
+    """It is a new file of its own before anything is written, with the permissions of any other file."""
+    drafts: list[Path] = []
+
+    def write(draft: Path) -> None:
+        assert stat.S_ISREG(draft.lstat().st_mode)
+        assert draft.parent == tmp_path
+        drafts.append(draft)
+
+    replace_file(tmp_path / "x.txt", write)
+    replace_file(tmp_path / "x.txt", write)
+    assert len(set(drafts)) == 2
+    usual = tmp_path / "usual"
+    usual.touch()
+    assert (tmp_path / "x.txt").stat().st_mode == usual.stat().st_mode
+
+
+def test_links_are_not_followed(tmp_path: Path) -> None:
+    outside = tmp_path / "outside.txt"
+    outside.write_text("mine")
+    folder = tmp_path / "run"
+    folder.mkdir()
+    for name in (f".{os.getpid()}.x.txt", "x.txt", "log.txt"):
+        (folder / name).symlink_to(outside)
+    write_text(folder / "x.txt", "new")
+    assert not (folder / "x.txt").is_symlink()
+    with pytest.raises(ConfigError, match=r"cannot write .*log\.txt"):
+        append_text(folder / "log.txt", "more")
+    assert outside.read_text() == "mine"
+
+
+def test_a_place_inside_a_folder(tmp_path: Path) -> None:
+    """The folder itself may be a link, nothing below it, not even one that leads nowhere."""
+    folder = tmp_path / "run"
+    (folder / "plain").mkdir(parents=True)
+    (folder / "link").symlink_to(tmp_path)
+    (folder / "plain" / "dangling").symlink_to(tmp_path / "nowhere")
+    (tmp_path / "short").symlink_to(folder)
+    assert inside(tmp_path / "short", "plain", "x") == tmp_path / "short" / "plain" / "x"
+    assert inside_for_others(folder, "new") == folder / "new"
+    for parts in (("link",), ("link", "x"), ("plain", "dangling")):
+        with pytest.raises(ConfigError, match="is a symbolic link"):
+            inside(folder, *parts)
+    with pytest.raises(ConfigError, match="dangling is a symbolic link"):
+        inside_for_others(folder, "plain")
+
+
+ADDER = """
+import sys
+from pathlib import Path
+from rans.files import one_at_a_time, read_json, write_json
+file = Path(sys.argv[1])
+print("ready", flush=True)
+sys.stdin.readline()
+for number in range(100):
+    with one_at_a_time(file.parent):
+        known = read_json(file) if file.exists() else []
+        write_json(file, [*known, f"{sys.argv[2]} {number}"])
+"""
+
+
+def test_who_extends_a_file_loses_nothing_of_others(tmp_path: Path) -> None:
+    """Of two processes that begin at once."""
+    file = tmp_path / "known.json"
+    with contextlib.ExitStack() as stack:
+        adders = [stack.enter_context(python("-c", ADDER, str(file), name, stdin=subprocess.PIPE,
+                                             env=os.environ | {"PYTHONPATH": str(ROOT)}))
+                  for name in ("a", "b")]
+        for adder in adders:
+            assert adder.stdout is not None
+            assert adder.stdout.readline() == "ready\n"
+        for adder in adders:
+            assert adder.stdin is not None
+            adder.stdin.write("\n")
+            adder.stdin.flush()
+        assert [adder.wait(PATIENCE) for adder in adders] == [0, 0]
+    assert sorted(read_json(file)) == sorted(f"{name} {k}" for name in "ab" for k in range(100))
+
+
+def test_names_that_differ_have_files_that_differ() -> None:
+    """What comes with the package keeps its plain name."""
+    assert distinct("lab") == "lab"
+    names = [distinct("lab"), distinct("lab", "a"), distinct("lab", "b"), distinct("a/b"), distinct("a-b")]
+    assert len(set(names)) == len(names)
+    assert not any("/" in name for name in names)
+    assert distinct("lab", "a") == distinct("lab", "a")
 
 
 def test_places_that_cannot_be_written(tmp_path: Path) -> None:
@@ -188,3 +286,36 @@ def test_revision_without_git(monkeypatch: pytest.MonkeyPatch) -> None:
 
         monkeypatch.setattr(files.subprocess, "run", fail)
         assert git_revision() == "unknown"
+
+
+def test_json_that_is_deep_is_told(tmp_path: Path) -> None:
+    """Python's reader manages 900 levels, but whoever walks through them may not."""
+    for depth in (60, 900):
+        text = "[" * depth + "]" * depth
+        write_text(tmp_path / "deep.json", text)
+        write_text(tmp_path / "deep.jsonl", f'{{"deep": {text}}}\n')
+        if depth == 60:
+            read_json(tmp_path / "deep.json")
+            read_json_lines(tmp_path / "deep.jsonl")
+        else:
+            with pytest.raises(ConfigError, match=r"deep\.json: .* at most 64 deep"):
+                read_json(tmp_path / "deep.json")
+            with pytest.raises(ConfigError, match=r"deep\.jsonl, line 1: .* at most 64 deep"):
+                read_json_lines(tmp_path / "deep.jsonl")
+
+
+@pytest.mark.parametrize("read", [read_json, read_json_lines, read_text])
+def test_files_that_are_larger_than_any_are_not_read(tmp_path: Path,
+                                                     read: Callable[[Path], object]) -> None:
+    with (tmp_path / "huge").open("wb") as file:
+        file.truncate(2**40)  # which takes no room on the disk
+    with pytest.raises(ConfigError, match=r"huge has 1,099,511,627,776 bytes, and at most [\d,]+ are read"):
+        read(tmp_path / "huge")
+
+
+def test_a_file_without_a_size_is_read_as_far_as_it_may_be(tmp_path: Path) -> None:
+    """Such as those of /proc, which say that they are empty."""
+    assert Path("/proc/self/maps").stat().st_size == 0
+    assert len(read_bytes(Path("/proc/self/maps"), 2**20)) > 100
+    with pytest.raises(ConfigError, match="and at most 100 are read"):
+        read_bytes(Path("/proc/self/maps"), 100)

@@ -9,12 +9,16 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rans.api import load_agent
+from rans.errors import ConfigError
 from rans.evaluation.measure.metrics import returns
 from rans.flight import fly
 from rans.model.fields import leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
+from rans.optimal.control.lqr import LQR
+from rans.optimal.control.switching import Switching
 from rans.scenario import batch, scenario, scenarios
 from rans.tasks import GoToPose, Transition, observation_width
 
@@ -165,3 +169,48 @@ def test_what_is_no_longer_a_number_has_failed_and_stops_there() -> None:
     for flown, told, start in zip(leaves(flight.states), shown, leaves(starts.start), strict=True):
         assert np.isnan(flown).tolist() == gone
         assert told[1] == start[1]  # the controller sees its start, not what is no number
+
+
+@dataclass
+class Answers:
+    """Always the same commands."""
+
+    commands: Any
+    name: str = "same"
+
+    def reset(self, count: int) -> None:
+        """There is nothing to forget."""
+
+    def act(self, state: Any, goal: Any, observation: np.ndarray) -> Any:
+        return self.commands
+
+
+PLANAR, SPATIAL = load_spacecraft("floating-platform"), load_spacecraft("free-flyer")
+
+
+@pytest.mark.parametrize(("craft", "controller", "sentence"), [
+    (PLANAR, lambda: load_agent("go-to-pose-3d").controller, "observes 22 numbers, but was shown 10"),
+    (SPATIAL, lambda: load_agent("go-to-pose-2d").controller, "observes 10 numbers, but was shown 22"),
+    (PLANAR, lambda: load_agent("go-to-pose-2d"), "a controller has the methods reset and act"),
+    (PLANAR, lambda: None, "a controller has the methods reset and act"),
+    (PLANAR, lambda: LQR(SPATIAL, "go-to-pose"), "LQR was made for free-flyer"),
+    (SPATIAL, lambda: Switching(PLANAR, "go-to-pose"), "switching was made for floating-platform"),
+    (PLANAR, lambda: Answers(None), r"the shape \(3, 8\), got \(\)"),
+    (PLANAR, lambda: Answers(np.zeros((3, 5))), r"the shape \(3, 8\), got \(3, 5\)"),
+    (PLANAR, lambda: Answers(np.zeros((1, 8))), r"the shape \(3, 8\), got \(1, 8\)"),
+])
+def test_who_cannot_fly_it_is_told(craft: Spacecraft, controller: Any, sentence: str) -> None:
+    starts = scenarios(GoToPose(), craft, 7, 3)
+    with pytest.raises(ConfigError, match=sentence):
+        fly(craft, "go-to-pose", controller(), starts, Timing(episode_steps=2))
+
+
+@pytest.mark.parametrize(("starts", "sentence"), [
+    (scenarios(GoToPose(), SPATIAL, 7, 3), "the starts are for 3 dimensions, but floating-platform"),
+    (scenario(GoToPose(), 2, 7, 3), r"starts must be of arrays of one length \(N,\)"),
+    (scenarios(GoToPose(), PLANAR, 7, 0), "of one start at least"),
+    ([], r"starts must be a rans\.Scenario, got \[\]"),
+])
+def test_what_is_no_batch_of_starts_is_told(starts: Any, sentence: str) -> None:
+    with pytest.raises(ConfigError, match=sentence):
+        fly(PLANAR, "go-to-pose", Answers(None), starts, Timing(episode_steps=2))

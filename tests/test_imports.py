@@ -13,7 +13,7 @@ ROOT = Path(__file__).parents[1]
 HEAVY = {"torch", "pydrake", "casadi", "stable_baselines3", "gymnasium", "matplotlib", "tyro", "rich"}
 
 LAYERS: list[set[str]] = [
-    {"rans.errors", "rans.shown"},
+    {"rans.errors", "rans.shown", "rans.safe_path"},
     {"rans.files", "rans.processes"},
     {"rans.registry", "rans.structure"},
     {"rans.model", "rans.pretrained"},

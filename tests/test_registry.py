@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -13,6 +14,9 @@ import gymnasium
 import pytest
 
 from rans.errors import ConfigError
+from rans.evaluation.fly.controllers import CONTROLLERS
+from rans.model.conditions_file import CONDITIONS
+from rans.model.spacecraft_file import SPACECRAFT
 from rans.registry import Registry
 from rans.tasks import TASKS, GoToPose, SingleTask
 
@@ -112,6 +116,42 @@ def test_objects_of_the_current_folder(tmp_path: Path, monkeypatch: pytest.Monke
     assert "beside_me:Inner.four" not in list(found)
     with pytest.raises(ConfigError, match="the number 'beside_me:five' cannot be used: AttributeError"):
         found["beside_me:five"]
+
+
+def test_modules_of_the_current_folder_take_nobodys_place(tmp_path: Path,
+                                                          monkeypatch: pytest.MonkeyPatch) -> None:
+    """A stranger's module of the name of an installed one, which nothing has imported yet."""
+    assert "this" not in sys.modules
+    (tmp_path / "this.py").write_text("")
+    (tmp_path / "also_beside_me.py").write_text("four = 4\n")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    before = list(sys.path)
+    assert registry()["also_beside_me:four"] == 4
+    assert sys.path == [*before, str(tmp_path)]
+    found = importlib.util.find_spec("this")
+    assert found is not None
+    assert found.origin != str(tmp_path / "this.py")
+
+
+@pytest.mark.parametrize("name", ["torch:os.abort", "torch:builtins.breakpoint", "rans.errors:sys.exit",
+                                  "rans:errors", "rans:errors.brief"])
+def test_what_is_in_a_module_is_not_of_another_that_imported_it(name: str) -> None:
+    with pytest.raises(ConfigError, match="is a module there"):
+        registry()[name]
+
+
+class NotMade:
+    """Nobody makes one to find out what it is."""
+
+    def __new__(cls, *_: Any) -> Any:
+        raise AssertionError("it was called")
+
+
+@pytest.mark.parametrize("known", [SPACECRAFT, CONTROLLERS, TASKS, CONDITIONS])
+def test_a_class_of_the_wrong_kind_is_not_called(known: Registry[Any]) -> None:
+    with pytest.raises(ConfigError, match=r"the class NotMade|must be a dataclass|they must be"):
+        known["tests.test_registry:NotMade"]
 
 
 def test_registered_in_python() -> None:

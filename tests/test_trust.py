@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import importlib
 import json
+import os
 import shutil
+import subprocess
 import sys
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 
+import rans
 from rans.cli import main
 from rans.errors import ConfigError
 from rans.evaluation.fly.agent import load_agent
@@ -19,8 +23,9 @@ from rans.fast.learn.run_folder import RunFolder
 from rans.files import write_json
 from rans.model.spacecraft_file import SPACECRAFT
 from rans.registry import trust_files
-from rans.tasks import TASKS
+from rans.tasks import TASKS, GoToPose
 from tests.fast.training import CONFIG, after, ignore, tiny_trainer
+from tests.processes import ROOT
 
 MODULE = """
 from pathlib import Path
@@ -46,6 +51,7 @@ def run(trained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Itera
     monkeypatch.setenv("RANS_TRUST", "")
     for registry in (TASKS, SPACECRAFT):
         monkeypatch.setattr(registry, "_loaded", {})
+        monkeypatch.setattr(registry, "_vouched", set())
     Path("strangers.py").write_text(MODULE)
     folder = Path(shutil.copytree(trained, "run"))
     table = json.loads((folder / "config.json").read_text()) | {"task": "strangers:Task"}
@@ -84,17 +90,63 @@ def test_every_such_command_can_be_told_to(name: str) -> None:
     assert getattr(importlib.import_module(f"rans.cli.{name}"), name.capitalize()).trust is False
 
 
-def test_a_module_that_is_loaded_is_vouched_for(run: Path) -> None:
-    """As after ``import strangers`` in Python, and after ``rans train strangers:Task`` typed it."""
-    with pytest.raises(ConfigError, match="from Python, import the module first"):
-        load_agent(run)
+def test_a_module_that_is_loaded_is_not_vouched_for(run: Path) -> None:
+    """Somebody else may have loaded it, as torch is by every training."""
     __import__("strangers")
+    with pytest.raises(ConfigError, match=r"from Python, call rans\.trust_files\(\) first"):
+        load_agent(run)
+    rans.trust_files()
     assert type(load_agent(run).task).__name__ == "GoToPose"
 
 
-def test_trust_is_known_to_processes_that_are_started(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+WRITTEN = Path("called")
+
+
+def write() -> None:
+    """What no file may call."""
+    WRITTEN.write_text("")
+
+
+@pytest.mark.parametrize("reference", ["torch:builtins.breakpoint", "torch:os.abort", "rans.errors:sys.exit",
+                                       "rans.registry:trust_files", f"{__name__}:write"])
+@pytest.mark.parametrize("entry", ["task", "spacecraft"])
+def test_a_file_calls_nothing_of_modules_that_are_loaded(
+        run: Path, reference: str, entry: str, capsys: pytest.CaptureFixture[str]) -> None:
+    table = json.loads((run / "config.json").read_text()) | {"task": "go-to-pose", entry: reference}
+    write_json(Path("odd.json"), table)
+    listed = {"command": "", "configs": [{key: table[key] for key in to_table(CONFIG)}]}
+    write_json(Path("sweep/configs.json"), listed)
+    for command in (["train", "--config", "odd.json"], ["sweep", "--config", "odd.json"],
+                    ["sweep", "--resume", "sweep"]):
+        assert main(command) == 2
+        assert f"names the {entry} {reference!r}" in " ".join(capsys.readouterr().err.split())
+    assert not WRITTEN.exists()
+    assert not os.environ["RANS_TRUST"]
+
+
+@dataclass(frozen=True)
+class Own(GoToPose):
+    """Of the program that runs."""
+
+
+def test_what_a_program_trained_itself_it_may_open(run: Path) -> None:
+    """It gave the class, so nothing runs that does not run anyway; other names stay refused."""
+    agent = rans.train(Own(), device="cpu", total_timesteps=CONFIG.ppo.n_envs * CONFIG.ppo.n_steps,
+                       ppo=CONFIG.ppo, run="own")
+    assert type(agent.task) is Own
+    assert type(rans.load_agent("own").task) is Own
+    with pytest.raises(ConfigError, match="would run that module's code"):
+        rans.load_agent("run")
+
+
+def test_trust_is_known_to_processes_that_are_started(run: Path) -> None:
     trust_files()
     assert RunFolder(run).config().task == "strangers:Task"
+    code = ("from pathlib import Path\nfrom rans.fast.learn.run_folder import RunFolder\n"
+            "print(RunFolder(Path('run')).config().task)")
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False,
+                           env=os.environ | {"PYTHONPATH": str(ROOT)})
+    assert found.stdout == "strangers:Task\n", found.stderr
 
 
 def test_a_typed_name_needs_no_trust(run: Path) -> None:

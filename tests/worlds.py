@@ -32,14 +32,14 @@ EFFECTS = {
     "kicks": Conditions(disturbances=_Disturbances(kicks=2, kick=(0.0, 1.0), kick_spin=(0.0, 0.1))),
     "sensors": Conditions(sensors=SensorsConditions(_READING, _READING, _READING, _READING, (0.0, 2.0))),
     "dropout": Conditions(sensors=SensorsConditions(_LOST, SensorConditions(noise=0.01))),
-    "outage": Conditions(sensors=SensorsConditions(_READING, outage=(0.2, 1.0), outage_every=(1.5, 3.0))),
+    "outage": Conditions(sensors=SensorsConditions(_READING, outage=(0.0, 0.9), outage_every=(1.0, 2.0))),
     "all": Conditions(
         BodyConditions(mass=(0.7, 1.4), inertia=(0.7, 1.4), centre=(0.0, 0.03)),
         _Thrusters((0.7, 1.3), (0.8, 1.0), (0.0, 0.3), (0.0, 0.1), (0.0, 0.2), (0.0, 0.1), (0.0, 0.1),
                    (0.0, 0.6), (0.0, 0.6)),
         FaultConditions(count=(0.0, 2.0), kinds=_KINDS, time=(0.0, 2.0)),
         _Disturbances((0.0, 0.3), (0.0, 0.1), (0.0, 0.3), (0.0, 0.1), (2.0, 20.0), 2, (0.0, 1.0), (0.0, 0.1)),
-        SensorsConditions(_LOST, _LOST, _LOST, _LOST, (0.0, 2.0))),
+        SensorsConditions(_LOST, _LOST, _LOST, _LOST, (0.0, 2.0), (0.0, 0.9), (1.0, 2.0))),
 }
 
 PAIRS = Conditions(faults=FaultConditions((0.0, 2.0), _KINDS, time=(0.0, 2.0), among="recoverable"))

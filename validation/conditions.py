@@ -1,4 +1,9 @@
-"""Flights under conditions, effect by effect, against Drake, which does each of them its own way."""
+"""Flights under conditions, effect by effect, against Drake.
+
+Drake has its own way of what an effect does to valves, body and motion. What was drawn, when it begins and
+what sensors tell are given to it: `validation.draws`, `validation.onsets` and `validation.readings` judge
+those.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +33,8 @@ _GROUPS: dict[str, tuple[str, tuple[str, ...]]] = {
     "steady pushes": ("disturbances", ("force", "torque")),
     "swinging pushes": ("disturbances", ("slow_force", "slow_torque", "slow_period")),
     "kicks": ("disturbances", ("kicks", "kick", "kick_spin")),
-    "readings": ("sensors", ("position", "attitude", "velocity", "spin", "delay")),
+    "readings": ("sensors", ("position", "attitude", "velocity", "spin", "delay", "outage",
+                             "outage_every")),
 }
 """What belongs together, by name: where it is in `Conditions`."""
 

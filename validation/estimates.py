@@ -52,9 +52,9 @@ class Estimates:
         """Root mean squares over flights, periods and columns: velocity, spin, place and the turn to go."""
         craft, task, timing, count = load_spacecraft(self.spacecraft), GoToPose(), Timing(), self.episodes
         seen, own = layout(task, craft.dimension), draws(_SEED, count)
-        filters = {f"drift {one.drift:g}{name}": one for name, looked_for in LOOKED_FOR.items()
+        filters = {f"drift {one.drift:g}{name}": one for name, (steady, response) in LOOKED_FOR.items()
                    for one in Filters.of(craft, task, timing.control_period, DRIFTS,
-                                         *([x] * len(DRIFTS) for x in looked_for)).each}
+                                         [steady] * len(DRIFTS), [response] * len(DRIFTS)).each}
         chosen, random = scenarios(task, craft, _SEED, count), np.random.default_rng(_SEED)
         world = World(craft, task, timing, conditions=rows()[conditions])
         now = world.begin(chosen.start, chosen.goal, 0, own)

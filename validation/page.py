@@ -83,7 +83,9 @@ def _worst_table(study: Study, spacecraft: str, conditions: str | None) -> Table
 
 
 def _margin(check: Check) -> float:
-    """Share of the tolerance that is used up; a NaN uses all of it."""
+    """Share of the tolerance that is used up; a NaN uses all of it, as does a fault where none is allowed."""
+    if check.tolerance == 0.0:
+        return 0.0 if check.value == 0.0 else np.inf
     share = abs(check.value) / check.tolerance
     return share if share == share else np.inf
 

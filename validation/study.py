@@ -13,6 +13,7 @@ from validation.checks import Check, Curve, Skipped, Study
 from validation.closed_loop import closed_loop_checks
 from validation.conditions import condition_checks
 from validation.discretisation import discretisation_checks, order_curves
+from validation.draws import draw_checks
 from validation.dynamics import (
     VALIDATION_SUBSTEPS,
     acceleration_checks,
@@ -25,7 +26,10 @@ from validation.dynamics import (
 from validation.engines import compiled_checks, engine_checks, graph_checks
 from validation.flights import bang_bang_checks, flight_checks, optimal_checks
 from validation.invariants import invariant_checks
+from validation.onsets import onset_checks
 from validation.oracles import oracle_checks
+from validation.readings import reading_checks
+from validation.tasks import task_checks
 
 
 @dataclass(frozen=True)
@@ -58,6 +62,10 @@ LAYERS: dict[str, Layer] = {
     "flights": lambda s: flight_checks(s.craft, s.seed, s.flights),
     "bang-bang": lambda s: bang_bang_checks(s.craft, s.seed, s.flights),
     "engine": lambda s: engine_checks(s.craft, s.seed, s.flights),
+    "draws": lambda s: draw_checks(s.craft, s.seed),
+    "readings": lambda s: reading_checks(s.craft, s.seed),
+    "onsets": lambda s: onset_checks(s.craft, s.seed),
+    "tasks": lambda s: task_checks(s.craft),
     "conditions": lambda s: () if s.conditions is None else condition_checks(
         s.craft, s.conditions, s.seed, s.flights // 8),
 }

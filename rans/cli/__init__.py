@@ -9,6 +9,7 @@ import sys
 import time
 import unicodedata
 import warnings
+from contextlib import redirect_stdout
 from functools import partial
 from typing import Any
 
@@ -21,6 +22,8 @@ STARTED = time.monotonic()
 COMMANDS = ("train", "sweep", "evaluate", "follow", "view", "optimal", "compare",
             "stress", "assure", "report", "export", "validate", "benchmark", "faults", "tune", "list")
 
+_LONGEST = 5000
+"""Characters of a sentence; ours leave out what would make them longer."""
 _ABOUT = """Train agents that fly thruster-driven spacecraft, verify them with Drake and bound them with
 optimal control. `rans COMMAND --help` explains a command, `rans --version` tells the version."""
 
@@ -32,6 +35,9 @@ def main(arguments: list[str] | None = None) -> int:
     sentence is shown; it is 1 when the reader of the output has left, as in ``rans list | head -1``.
     """
     arguments = sys.argv[1:] if arguments is None else arguments
+    if sys.stdout is None:  # a process without one, as Python has it where it was closed
+        with open(os.devnull, "w", encoding="utf-8") as nowhere, redirect_stdout(nowhere):
+            return main(arguments)
     if isinstance(sys.stdout, io.TextIOWrapper):  # which may know fewer letters than tables have, as in ASCII
         sys.stdout.reconfigure(errors="replace")
     try:
@@ -50,6 +56,9 @@ def main(arguments: list[str] | None = None) -> int:
         return 1
     except OSError as error:
         return _end(f"rans: {error}.", 2)
+    except UnicodeEncodeError as error:  # a file's name, of bytes that are no letters
+        return _end(f"rans: {brief(error.object)} cannot be written in {error.encoding}; rename the file or "
+                    "the folder that is called so.", 2)
     except OverflowError as error:
         return _end(f"rans: a number is too large to compute with: {error}.", 2)
     except (MemoryError, RuntimeError) as error:  # torch has its own for a GPU, and a sentence for a CPU
@@ -137,7 +146,7 @@ def _tell(sentence: str) -> None:
 
         Terminal(stderr=True).print(sentence)
     else:
-        print(legible(sentence), file=sys.stderr)
+        print(legible(sentence, _LONGEST), file=sys.stderr)
 
 
 def _show_warning(message: Warning | str, *_: object, **__: object) -> None:

@@ -12,7 +12,7 @@ from tyro.conf import Positional, arg
 
 from rans.cli import check_count
 from rans.errors import ConfigError
-from rans.files import command_line, ready_folder, write_json
+from rans.files import command_line, inside, ready_folder, write_json
 from rans.scenario import ASSURANCE_SEED
 from rans.terminal import Terminal, kept, progress
 
@@ -73,6 +73,8 @@ class Assure:
         from rans.evaluation.assure.bounds import plan
         from rans.evaluation.assure.search import unit
         from rans.evaluation.fly.contestants import output_folder, picked_task
+        from rans.model.conditions import Conditions
+        from rans.model.conditions_file import conditions_label
 
         check_count("--episodes", self.episodes)
         for name, value in (("--worst", self.worst), ("--rare", self.rare)):
@@ -87,8 +89,11 @@ class Assure:
             _print_plan(assurance)
             return 0
         folder = ready_folder(self.output or output_folder(self.agent))
-        names = "assurance", picked_task(self.agent), Path(self.conditions or "").stem
-        file = folder / f"{'-'.join(filter(None, names))}.json"
+        conditions = ""
+        if self.conditions is not None:
+            conditions = conditions_label(self.conditions, assurance.run.conditions or Conditions())
+        names = "assurance", picked_task(self.agent), conditions
+        file = inside(folder, f"{'-'.join(filter(None, names))}.json")
         if not self.restart:
             assurance.check_replaces_nothing(file)
         first = self._fly(assurance, file)

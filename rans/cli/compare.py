@@ -13,7 +13,7 @@ import tyro
 from rans.cli import check_count
 from rans.errors import ConfigError, counted
 from rans.evaluation.fly.controllers import BESIDE, CONTROLLERS
-from rans.files import command_line, ready_folder, write_json
+from rans.files import command_line, inside, ready_folder, write_json
 from rans.scenario import EVALUATION_SEED
 from rans.terminal import Terminal, kept, progress
 
@@ -77,7 +77,7 @@ class Compare:
         between = {spec: flying.pop(spec) for line in named for spec in line[1:-1]
                    if spec in flying and spec not in self.contestants}
         folder = ready_folder(self.output or output_folder(self.contestants[0]))
-        cache = folder / "compare-bounds.json"
+        cache = inside(folder, "compare-bounds.json")
         with kept(partial(_write, comparison, folder)), progress() as bars:
             def track(what: str, count: int) -> Callable[..., None]:
                 return partial(bars.advance, bars.add_task(what, total=count))

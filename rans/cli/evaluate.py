@@ -10,7 +10,15 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from tyro.conf import Positional, arg
 
 from rans.cli import check_count
-from rans.files import command_line, environment, read_json, ready_folder, write_json
+from rans.files import (
+    command_line,
+    environment,
+    inside,
+    one_at_a_time,
+    read_json,
+    ready_folder,
+    write_json,
+)
 from rans.scenario import EVALUATION_SEED
 from rans.terminal import Terminal, progress
 
@@ -29,7 +37,8 @@ class Evaluate:
     """Fly an agent from fixed starts; write metrics with 95 % intervals, episodes and figures.
 
     They go into its run folder, those of other contestants into runs/evaluations/: evaluation.json,
-    episodes.npz, evaluation.svg and episode.svg; with a protocol, evaluation-paper.json and so on.
+    episodes.npz, evaluation.svg and episode.svg; with a protocol, evaluation-paper.json and so on. Under a
+    TOML file of your own their names have a digest of its conditions.
     """
 
     contestant: Annotated[str, Positional, arg(metavar="RUN")]
@@ -71,6 +80,7 @@ class Evaluate:
 
         run = contestant(self.contestant, self.protocol).under(self.conditions)
         ready_folder(output_folder(self.contestant))
+        self._file(run)  # a link in its place is told before anybody flies
         if self._many(run):
             self._judge_many(run)
             return True
@@ -119,7 +129,7 @@ class Evaluate:
         console.print(metrics.table(console.width))
         listed = [{"episode": int(number), "failure": Failure(kind).name}
                   for number, kind in zip(verdicts.numbers, verdicts.kinds, strict=True)]
-        folder, suffix = self._place()
+        folder, suffix = self._place(run)
         file = folder / f"evaluation-many{suffix}.json"
         write_json(file, {"many": metrics.to_json(), "failures": listed, "conditions": self._conditions(run),
                           "about": _about()})
@@ -149,23 +159,34 @@ class Evaluate:
         from rans.evaluation.measure.aggregate import save_episodes
         from rans.show.figures import save_flight_figures
 
-        (folder, suffix), conditions = self._place(), self._conditions(run)
-        file = folder / f"evaluation{suffix}.json"
-        before = read_json(file) if file.exists() else {}
-        if not isinstance(before, dict) or before.get("conditions") != conditions:
-            before = {}
-        write_json(file, before | results | {"conditions": conditions, "about": _about()})
+        folder, suffix = self._place(run)
+        file, conditions = self._file(run), self._conditions(run)
+        with one_at_a_time(folder):
+            before = read_json(file) if file.exists() else {}
+            if not isinstance(before, dict) or before.get("conditions") != conditions:
+                before = {}
+            write_json(file, before | results | {"conditions": conditions, "about": _about()})
         save_episodes(flight, folder / f"episodes{suffix}.npz", self.trajectories)
         save_flight_figures(flight, folder, suffix)
         return file
 
-    def _place(self) -> tuple[Path, str]:
+    def _place(self, run: LoadedRun) -> tuple[Path, str]:
         """Folder of the results, and what their files' names end in."""
         from rans.evaluation.fly.contestants import output_folder, picked_task
+        from rans.model.conditions import Conditions
+        from rans.model.conditions_file import conditions_label
 
-        names = (picked_task(self.contestant), self.protocol, Path(self.conditions or "own").stem)
-        suffix = "".join(f"-{name}" for name in names if name not in ("", "own"))
-        return output_folder(self.contestant), suffix
+        protocol = "" if self.protocol == "own" else self.protocol
+        conditions = ""
+        if self.conditions is not None:
+            conditions = conditions_label(self.conditions, run.conditions or Conditions())
+        names = filter(None, (picked_task(self.contestant), protocol, conditions))
+        return output_folder(self.contestant), "".join(f"-{name}" for name in names)
+
+    def _file(self, run: LoadedRun) -> Path:
+        """Of the results of both engines; ConfigError where it is a link."""
+        folder, suffix = self._place(run)
+        return inside(folder, f"evaluation{suffix}.json")
 
     def _conditions(self, run: LoadedRun) -> dict[str, Any]:
         """Under which results are comparable."""

@@ -50,7 +50,7 @@ class Follow:
         check_count("--flights", self.flights)
         planner = LookAhead(find_path(self.path), self.speed, self.look_ahead)
         tracker, craft, task, timing, _ = contestant(self.contestant)
-        file = ready_folder(output_folder(self.contestant)) / f"follow-{planner.path.name}.json"
+        file = ready_folder(output_folder(self.contestant)) / f"follow-{planner.path.label}.json"
         following = follow(craft, task, tracker, planner, timing, self.seed, self.flights, self.engine)
         Terminal().print(following.table())
         write_json(file, following.to_json() | {"seed": self.seed})

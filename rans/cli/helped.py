@@ -20,7 +20,7 @@ class _Page(io.TextIOWrapper):
     """Is printed later, on what stands for the output now: in its letters and colours."""
 
     def __init__(self) -> None:
-        super().__init__(io.BytesIO(), encoding=sys.stdout.encoding.lower())
+        super().__init__(io.BytesIO(), encoding=(sys.stdout.encoding or "utf-8").lower(), errors="replace")
         self.isatty = sys.stdout.isatty
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import tomllib
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
@@ -12,7 +11,7 @@ from typing import Annotated, Any
 
 from tyro import conf
 
-from rans.errors import ConfigError, legible, meant
+from rans.errors import ConfigError, brief, legible, meant
 from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.files import number, plain, read_text
 from rans.model.conditions import Conditions
@@ -20,7 +19,7 @@ from rans.model.conditions_file import CONDITIONS, load_conditions
 from rans.model.spacecraft_file import SPACECRAFT, load_spacecraft, spacecraft_names
 from rans.model.timing import Timing
 from rans.pretrained import pretrained_card, pretrained_folder, pretrained_names
-from rans.registry import Registry, from_here, resolve
+from rans.registry import Registry, resolve_typed
 from rans.show.layout_text import AWAY, TOWARDS, layout_text
 from rans.show.listing import (
     Listing,
@@ -30,6 +29,7 @@ from rans.show.listing import (
     task_listings,
     thruster_listing,
 )
+from rans.structure import LARGEST_TOML, read_toml
 from rans.tasks import TASKS, Task, gymnasium_ids, load_task, observation_columns
 from rans.tasks.derived import dimensions
 from rans.tasks.formula import reward_formulas
@@ -95,15 +95,16 @@ class List:
             return _kind_of_object(name)
         near = meant(name, [one for names in known.values() for one in names])
         raise ConfigError(
-            f"there is no spacecraft, task, agent, controller or set of conditions named {name!r}{near}; "
-            "`rans list` tells all; your own file of a spacecraft or of conditions must end in .toml.")
+            "there is no spacecraft, task, agent, controller or set of conditions named "
+            f"{brief(name)}{near}; `rans list` tells all; your own file of a spacecraft or of conditions "
+            "must end in .toml.")
 
 
 def _kind_of_file(file: Path) -> str:
     """Whether its keys are those of conditions; what is neither is told by the spacecraft's reader."""
     try:
-        keys = tomllib.loads(read_text(file)).keys()
-    except (ValueError, RecursionError):
+        keys = read_toml(read_text(file, LARGEST_TOML)).keys()
+    except ConfigError:
         return "spacecraft"
     return "conditions" if keys and keys <= {one.name for one in fields(Conditions)} else "spacecraft"
 
@@ -111,7 +112,7 @@ def _kind_of_file(file: Path) -> str:
 def _kind_of_object(reference: str) -> str:
     """What an object of somebody's module is; what is nothing else is told by the spacecraft's reader."""
     try:
-        found = resolve(from_here(reference))
+        found = resolve_typed(reference)
     except ConfigError as error:
         raise ConfigError(f"{reference} cannot be shown: {error}") from error
     if isinstance(found, Conditions):
@@ -232,7 +233,10 @@ def _training_details(_: str) -> list[Listing]:
 
 def _conditions_details(name: str) -> Iterable[str]:
     load_conditions(name)  # says what is wrong with it
-    text = legible(read_text(Path(name)), 20_000) if name.endswith(".toml") else CONDITIONS[name].text
+    if name.endswith(".toml"):
+        text = legible(read_text(Path(name), LARGEST_TOML), 20_000)
+    else:
+        text = CONDITIONS[name].text
     yield from text.rstrip().splitlines()
 
 

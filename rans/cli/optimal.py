@@ -12,9 +12,9 @@ import tyro
 
 from rans.cli import check_count
 from rans.errors import ConfigError
-from rans.files import ready_folder
+from rans.files import distinct, ready_folder
 from rans.model.spacecraft import Spacecraft
-from rans.model.spacecraft_file import load_spacecraft
+from rans.model.spacecraft_file import load_spacecraft, spacecraft_label
 from rans.scenario import EVALUATION_SEED, Scenario, scenarios
 from rans.tasks import TASKS, Task
 from rans.terminal import Terminal, progress
@@ -74,9 +74,9 @@ class Optimal:
         objective = objective_of(self.objective, self.horizon, self.control_period, self.ending,
                                  self.intervals)
         starts = scenarios(task, craft, self.seed, self.episodes)
-        usual = Path("runs") / f"optimal-{self.task}-{craft.name}-{self.objective}"
+        name = f"optimal-{distinct(self.task)}-{spacecraft_label(craft)}-{self.objective}"
         check_goal(task)  # before anything is written
-        folder = ready_folder(self.output or usual)
+        folder = ready_folder(self.output or Path("runs") / name)
         answers = self._with_progress("optimal trajectories", lambda tick: optima(
             craft, task, objective, starts, self.guesses, self.workers, tick))
         Terminal().print(table(f"{objective.name}: {self.task} with {craft.name}, thrust between 0 and 1",

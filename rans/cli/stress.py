@@ -11,7 +11,7 @@ import tyro
 
 from rans.cli import check_count
 from rans.errors import ConfigError
-from rans.files import command_line, ready_folder
+from rans.files import command_line, inside, ready_folder
 from rans.scenario import EVALUATION_SEED
 from rans.terminal import Terminal, kept, progress
 
@@ -71,6 +71,7 @@ class Stress:
         sets = self.conditions if self.conditions is not None else () if self.only else _SHIPPED
         stress = prepared(contest, self.contestants, sets, self.only, self.slow_episodes)
         folder = ready_folder(self.output or output_folder(self.contestants[0]))
+        inside(folder, "stress")  # where conditions are written: a link is told before anybody flies
         flights = len(stress.levels) * sum(map(stress.episodes, stress.contestants.values()))
         report = StressReport(stress, folder, self.worst, command_line())
         with kept(partial(_show, report)), progress() as bars:

@@ -19,7 +19,7 @@ from rans.cli import STARTED
 from rans.cli.progress import NowAndThen
 from rans.cli.train import StopGently, Train, compile_in_this_process
 from rans.errors import ConfigError, counted
-from rans.files import command_line, environment, plain, write_json, write_text
+from rans.files import command_line, environment, inside, plain, write_json, write_text
 from rans.terminal import Terminal
 
 if TYPE_CHECKING:
@@ -137,8 +137,9 @@ def _save(sweep: Trainings, folder: Path) -> None:
         "command": sweep.command, "environment": environment(), "seconds": sweep.seconds,
         "best": sweep.members.index(best), "members": sweep.results()})
     write_text(folder / "sweep.svg", svg(sweep_figure(sweep)))
-    shutil.rmtree(folder / "best", ignore_errors=True)  # of before the sweep was resumed
-    sweep.save(best, folder / "best")
+    agent = inside(folder, "best")
+    shutil.rmtree(agent, ignore_errors=True)  # of before the sweep was resumed
+    sweep.save(best, agent)
 
 
 def _table(sweep: Trainings) -> Table:

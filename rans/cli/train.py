@@ -21,7 +21,7 @@ from tyro.conf import Positional, UseAppendAction, arg
 from rans.cli import STARTED
 from rans.cli.progress import TrainingProgress
 from rans.errors import ConfigError, RansError, brief, meant
-from rans.files import command_line, write_text
+from rans.files import command_line, inside, write_text
 from rans.model.spacecraft_file import SPACECRAFT, load_spacecraft
 from rans.processes import beside
 from rans.registry import trust_files
@@ -109,7 +109,7 @@ class Train:
         from rans.model.conditions_file import load_conditions
 
         if self.task is not None and self.config is not None:
-            raise ConfigError(f"--config {self.config} says what to train; leave out {self.task!r}.")
+            raise ConfigError(f"--config {self.config} says what to train; leave out {brief(self.task)}.")
         if self.task is None and self.config is None:
             raise ConfigError("say what to train: a task, such as go-to-pose, or --config FILE.")
         begun = (read_config(self.config) if self.config else
@@ -242,7 +242,7 @@ def _change(table: dict[str, Any], change: str) -> None:
 
 def _check_unchanged(spacecraft: str, config: Path) -> None:
     """Refuse a spacecraft that is another one by now than that of the run whose config names it."""
-    flown = config.with_name("spacecraft.toml")
+    flown = inside(config.parent, "spacecraft.toml")
     if not flown.exists():
         return
     then = f"--spacecraft {shlex.quote(str(flown))} takes that of then"

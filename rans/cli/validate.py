@@ -23,7 +23,8 @@ class Validate:
     quick: bool = False
     """Fewer states and flights and no compiler: a few seconds instead of some minutes."""
     layer: str | None = None
-    """Look at this layer only: thrusters, commands, accelerations, period, flights, engine, ..."""
+    """Look at this layer only: thrusters, commands, accelerations, period, flights, engine, draws,
+    readings, onsets, tasks, ..."""
     conditions: str | None = None
     """Fly under these too, each effect alone and all together: a name (see `rans list CONDITIONS`) or your
     own TOML file."""

@@ -21,7 +21,7 @@ from rans.fast.learn.config import PPOSettings, to_table
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.policy import write_policy
 from rans.fast.saved import SavedPolicy, read_policy
-from rans.files import plain, read_json, read_text, write_json, write_text
+from rans.files import inside, plain, read_json, read_text, write_json, write_text
 from rans.flight import Setup
 from rans.scenario import EVALUATION_SEED
 
@@ -82,7 +82,7 @@ def _check_alone(folder: Path, form: Form, pairs: str) -> None:
         raise ConfigError(f"{folder} is the run folder of a training: export into another folder.")
     others = [name for other, names in _FILES.items() if other != form for name in names
               if (folder / name).exists()]
-    file = folder / "golden.json"
+    file = inside(folder, "golden.json")
     if others and not (file.exists() and read_text(file) == pairs):
         raise ConfigError(f"{folder} holds another agent's {' and '.join(others)}, to which this one's "
                           "contract and golden pairs would not apply: export into another folder, or delete "
@@ -106,7 +106,7 @@ def _card(run: RunFolder) -> dict[str, Any]:
     """What is known of an agent: all of one that was exported before, else how it was trained."""
     if run.metrics_file.exists():
         return {"training": _training(run)}
-    file = run.path / "card.json"
+    file = inside(run.path, "card.json")
     card = read_json(file) if file.exists() else None
     if not isinstance(card, dict):
         raise ConfigError(f"{run.path} has no metrics.jsonl and no card, so that a card could not say how "

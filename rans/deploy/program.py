@@ -100,16 +100,18 @@ def agent_program(network: Network) -> Program:
     weights = {name: program.constant(x.detach().numpy(), name.removeprefix(EXTRACTOR))
                for name, x in _actors(network).items()}
 
-    # Columns in the body frame, and from the side of the craft that has the goal ahead.
+    # Columns in the body frame, and as filters have them: first of all as they count.
     body = _in_body(program, given.layout)
     columns = program.joined(*body, name="body")
-    view = _View.chosen(program, given, body)
-
-    # What the trunk is given: columns now, as filters have them, and a history of columns and commands.
     kept = given.rows, given.filtering
     history, known = program.split("memory", kept) if any(kept) else ("", "")
     filters = program.split(known, [1] * given.filtering) if given.filters else []
-    x = _shown(program, network, view, columns, body, filters, history)
+    filtered = _filtered(program, given, body, filters) if filters else []
+    counted = filtered[0][1] if filtered else body
+
+    # What the trunk is given, from the side of the craft that has the goal ahead.
+    view = _View.chosen(program, given, counted)
+    x = _shown(program, network, view, columns, filtered, history)
     for layer in range(len(given.layers)):
         weight, bias = (weights[f"{EXTRACTOR}trunk.{2 * layer}.{part}"] for part in ("weight", "bias"))
         x = program.apply(_ACTIVATIONS[given.activation], program.linear(x, weight, bias))
@@ -226,28 +228,34 @@ def _normalised(program: Program, network: Network, x: str) -> str:
     return program.apply("Clip", scaled, program.constant(-clip), program.constant(clip))
 
 
-def _shown(program: Program, network: Network, view: _View | None, columns: str, body: Sequence[str],
-           filters: Sequence[str], history: str) -> str:
-    """The columns, what filters make of them, and a history, each if there is one."""
-    if filters:
-        x = _filtered(program, network, view, body, filters)
+def _shown(program: Program, network: Network, view: _View | None, columns: str,
+           filtered: Sequence[tuple[Layout, list[str]]], history: str) -> str:
+    """The columns, or what `_filtered` makes of them, and a history, each if there is one."""
+    if filtered:
+        x = _looks_at_filtered(program, network, view, filtered)
     else:
         layout = network.architecture.layout.body
         x = _looks(program, network, columns if view is None else view.columns(program, layout, columns))
     recalled = _recalled(program, network, view, history) if history else ""
-    return program.joined(x, recalled, name="shown") if filters or recalled else x
+    return program.joined(x, recalled, name="shown") if filtered or recalled else x
 
 
-def _filtered(program: Program, network: Network, view: _View | None, body: Sequence[str],
-              filters: Sequence[str]) -> str:
-    """The reading and what filters make of it, from the same side, each looked at in the same way."""
-    given = network.architecture
+def _filtered(program: Program, given: Architecture, body: Sequence[str],
+              filters: Sequence[str]) -> list[tuple[Layout, list[str]]]:
+    """The reading as it counts, and what each filter makes of it, with their layouts."""
     read, memory = _symbols("read", given.seen), _symbols("filter", given.filtering)
     known = dict(zip((*read, *memory), (*body, *filters), strict=True))
-    blocks, shown = given.filtered((*read, *memory)), []
+    blocks = given.filtered((*read, *memory))
     found = iter(program.lowered([x for _, block in blocks for x in block], known))
-    for (layout, block), told in zip(blocks, given.told, strict=True):
-        rows = program.joined(*islice(found, len(block)))
+    return [(layout, list(islice(found, len(block)))) for layout, block in blocks]
+
+
+def _looks_at_filtered(program: Program, network: Network, view: _View | None,
+                       filtered: Sequence[tuple[Layout, list[str]]]) -> str:
+    """All of `_filtered` from the same side, each looked at in the same way."""
+    given, shown = network.architecture, []
+    for (layout, block), told in zip(filtered, given.told, strict=True):
+        rows = program.joined(*block)
         rows = rows if view is None else view.columns(program, layout, rows)
         columns, beside = program.split(rows, (given.seen, told))
         bounds = [program.constant(x) for x in (-given.clip, given.clip)]

@@ -14,7 +14,8 @@ import torch
 from torch import Tensor
 
 from rans.episode import World
-from rans.errors import ConfigError, checked
+from rans.errors import checked
+from rans.fast.checks import check_actions, check_seeds
 from rans.fast.distributed import ALONE, Processes
 from rans.fast.kernels.launch import Kernel
 from rans.fast.privileged import Known
@@ -116,8 +117,10 @@ class Engine:
     def reset(self, seed: int | Sequence[int] | None = None) -> Tensor:
         """Start a new episode everywhere, and observe (N, width).
 
-        Episodes count from zero under a given seed, or one a member; by default they go on counting.
+        Episodes count from zero under a given seed, or one a member, ConfigError else; by default
+        they go on counting.
         """
+        check_seeds(seed, self.members)
         world, now = self._world, self.episode
         if seed is None:
             write([now.clock], [world.timing.next_episode(now.clock)])
@@ -162,13 +165,12 @@ class Engine:
     def step(self, action: Tensor) -> Step:
         """Hold the thrusters for one control period.
 
-        Actions are a tensor (N, thrusters) of any dtype, ConfigError else: 0 (shut) or 1 (open), which only
-        the environments around an engine check.
+        Actions are a tensor (N, thrusters), ConfigError else: 0 (shut) to 1 (open), checked on a CPU
+        where nothing is compiled; elsewhere 5 is five times the thrust, and NaN ends the episode as
+        ``terminated``. Only environments check that on/off thrusters are told nothing between.
         """
-        shape = (self.num_envs, len(self.craft.thrusters))
-        if tuple(checked("actions", action, Tensor).shape) != shape:
-            raise ConfigError(f"actions must have the shape {shape} (environments, thrusters), got "
-                              f"{tuple(action.shape)}.")
+        cheap = self.device.type == "cpu" and not self.compiled
+        check_actions(action, self.num_envs, len(self.craft.thrusters), cheap)
         if self._kernel is not None:
             return self._kernel(action)
         return self._step(self._world, self.episode, action, self._draws)

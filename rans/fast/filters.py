@@ -65,4 +65,5 @@ class Filters(NamedTuple):
         told = count > 0 and np.shape(self.drift) == (count,) and np.shape(self.response) in ((0,), (count,))
         steady = np.shape(self.steady) in ((), (0,), (count,))
         numbers = isinstance(self.period, float) and isinstance(self.gate, float)
+        numbers = numbers and (self.gate == 0.0 or 1e-6 <= self.gate <= 1e6)
         return told and steady and numbers and tuple(map(np.shape, self[2:5])) == sizes

@@ -14,11 +14,12 @@ import zipfile
 from dataclasses import asdict
 from typing import Any
 
-import torch
 from torch import Tensor
 
+from rans.fast.archives import content
 from rans.fast.learn.architecture import EXTRACTOR, Architecture, paper_layout
 from rans.fast.learn.config import PPOSettings
+from rans.fast.pickled import load_tensors
 from rans.fast.privileged import relative
 from rans.fast.symmetry import symmetries
 from rans.model.body import Body
@@ -47,7 +48,7 @@ def weights(archive: zipfile.ZipFile) -> dict[str, Tensor]:
 
 def arrays(archive: zipfile.ZipFile, name: str) -> dict[str, Any]:
     """What torch saved under this name, if it is arrays and numbers only."""
-    return torch.load(io.BytesIO(archive.read(name)), map_location="cpu", weights_only=True)
+    return load_tensors(io.BytesIO(content(archive, name)), f"{archive.filename}/{name}")
 
 
 def steps(archive: zipfile.ZipFile) -> int:
@@ -92,7 +93,7 @@ def _layers(tensors: dict[str, Tensor]) -> tuple[int, ...]:
 
 
 def _data(archive: zipfile.ZipFile) -> dict[str, Any]:
-    table = json.loads(archive.read("data"))
+    table = json.loads(content(archive, "data"))
     if not isinstance(table, dict):
         raise ValueError("it holds no agent")
     return table

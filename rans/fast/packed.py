@@ -18,6 +18,8 @@ _TABLE = "rans"
 """Key of the metadata: everything but the tensors, as JSON."""
 _CHECKSUM = "crc32"
 """Key of the metadata: of that table and of all tensors, for safetensors has none."""
+_LARGEST_HEADER = 2**25
+"""Bytes of a header: JSON, whose objects in Python take many times as much."""
 _TENSOR = "$tensor"
 """Key of what stands in that table for a tensor: its name."""
 
@@ -35,10 +37,14 @@ def pack(tree: Any) -> bytes:
 
 def unpack(content: bytes, where: object, device: str | torch.device = "cpu") -> Any:
     """What `pack` was given, on a device; `ConfigError`, which says where, if it is something else."""
+    length = int.from_bytes(content[:8], "little")  # of the header, by the format's definition
+    if _LARGEST_HEADER < length < len(content):
+        raise ConfigError(
+            f"{where} was not opened: its header has {length:,} bytes, and at most {_LARGEST_HEADER:,} "
+            "are read; it is damaged or meant to fill the memory.")
     try:
         tensors = load(content)
-        end = 8 + int.from_bytes(content[:8], "little")  # of the header, by the format's definition
-        told = json.loads(content[8:end])["__metadata__"]
+        told = json.loads(content[8:8 + length])["__metadata__"]
         if told[_CHECKSUM] != _checksum(told[_TABLE], tensors):
             raise ValueError("its checksum is wrong")
         return _joined(json.loads(told[_TABLE]), {name: x.to(device) for name, x in tensors.items()})

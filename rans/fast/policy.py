@@ -92,7 +92,11 @@ def predict(network: Network, observation: np.ndarray, state: tuple[np.ndarray, 
 
     Observations are (N, width) or (width,). The state is the memory ((N, m),) after the step before; there is
     none where all episodes begin, and (N,) bool say where some do.
+
+    Raises:
+        ConfigError: the observations have another width than those that the network was trained on.
     """
+    network.architecture.check_width("the policy", observation)
     given, device = network.architecture, next(iter(network.tensors.values())).device
     rows = torch.as_tensor(np.asarray(observation), device=device).reshape(-1, given.layout.width)
     memory = network.blank(len(rows))

@@ -12,11 +12,13 @@ from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from rans.errors import ConfigError, RansError
 from rans.fast import older
+from rans.fast.archives import content, opened
 from rans.fast.filters import Filters
 from rans.fast.learn.architecture import Architecture
 from rans.fast.learn.config import PPOSettings
@@ -31,8 +33,6 @@ from rans.tasks.sight import Block, Entry, Layout
 
 AGENT = "agent.safetensors"
 """Name of our part in the archive."""
-_LARGEST = 2**30
-"""Bytes of an archive when unpacked: a thousand times an agent."""
 _LISTS = {"layers": int, "averages": float, "nominal": float, "bounds": float}
 
 
@@ -66,10 +66,10 @@ def read_policy(file: Path, craft: Spacecraft, task: Task) -> SavedPolicy:
     Raises:
         ConfigError: it is none, is damaged or for another spacecraft or task, or holds code.
     """
-    with _opened(file) as archive:
+    with _checked(file) as archive:
         if AGENT not in archive.namelist():
             return _older(archive, craft, task)
-        table = unpack(archive.read(AGENT), f"{file}/{AGENT}")
+        table = unpack(content(archive, AGENT), f"{file}/{AGENT}")
         made = _architecture(table["architecture"])
         settings = older.known(table["settings"])
         adam = {int(place): moments for place, moments in table["adam"].items()}
@@ -79,22 +79,19 @@ def read_policy(file: Path, craft: Spacecraft, task: Task) -> SavedPolicy:
 
 def is_agent(file: Path) -> bool:
     """Whether a file is a ``policy.zip`` that RANS wrote; ConfigError where it is damaged or holds code."""
-    with _opened(file) as archive:
+    with _checked(file) as archive:
         return AGENT in archive.namelist() or older.is_ours(archive)
 
 
 @contextmanager
-def _opened(file: Path) -> Iterator[zipfile.ZipFile]:
+def _checked(file: Path) -> Iterator[zipfile.ZipFile]:
     """The archive, every byte of it checked; whatever goes wrong with it is a `ConfigError`."""
     regular(file)
     try:
-        with zipfile.ZipFile(file) as archive:
-            if sum(entry.file_size for entry in archive.infolist()) > _LARGEST:
-                raise ConfigError(f"{file} would unpack to more than {_LARGEST // 2**20:,} MB, a thousand "
-                                  "times what an agent is: it was not opened.")
+        with opened(file, file) as archive:
             if spoilt := archive.testzip():
                 raise ValueError(f"the checksum of {spoilt} is wrong")
-            if name := foul(archive):
+            if name := foul(archive, file):
                 refuse(file, name)
             yield archive
     except RansError:
@@ -113,11 +110,19 @@ def _older(archive: zipfile.ZipFile, craft: Spacecraft, task: Task) -> SavedPoli
 
 
 def _network(architecture: Architecture, weights: Mapping[str, Tensor]) -> Network:
-    """In single precision, in which agents fly; ValueError where the weights are of another one."""
+    """In single precision, in which agents fly; ValueError where the weights are of another one.
+
+    ConfigError where one of them is no finite number, at once or in single precision.
+    """
     shapes = architecture.shapes() if len(architecture.layers) <= len(weights) else {}
     if {name: x.shape for name, x in weights.items()} != shapes:
         raise ValueError("its weights are not those of the network that it describes")
-    return Network(architecture, {name: weights[name].float() for name in shapes})
+    tensors = {name: weights[name].float() for name in shapes}
+    for name, tensor in tensors.items():
+        if not tensor.isfinite().all():
+            raise ConfigError(f"the agent's tensor {name} holds numbers that are not finite, so it "
+                              "could not be flown: its training diverged, or the file was changed.")
+    return Network(architecture, tensors)
 
 
 def _table(architecture: Architecture) -> dict[str, Any]:
@@ -145,6 +150,11 @@ def _architecture(table: dict[str, Any]) -> Architecture:
                          **{name: _value(name, x) for name, x in table.items()})
     if bank is not None and not bank.fits(blocks.body, given.thrusters):
         raise ValueError("its filters are of another spacecraft")
+    numbers = {"filters": bank or (), "symmetries": views or (), "nominal": given.nominal,
+               "averages": given.averages, "zoom": given.zoom, "clip": given.clip}
+    for name, values in numbers.items():
+        if not _are_finite(values):
+            raise ValueError(f"its {name} holds numbers that are not finite")
     if views is not None and not _are_views(views, given):
         raise ValueError("its symmetries are of another spacecraft")
     if given.nominal and len(given.nominal) != given.privileged:
@@ -171,6 +181,13 @@ def _are_views(views: Symmetries, given: Architecture) -> bool:
     places = views.place.astype(int)
     return (shapes == ((count, axes, axes), (count,), (count, given.thrusters)) and axes in (2, 3)
             and count > 0 and bool(((places >= 0) & (places < given.thrusters)).all()))
+
+
+def _are_finite(values: Any) -> bool:
+    """Of a number, an array, or tuples of them, however nested."""
+    if isinstance(values, tuple | list):
+        return all(map(_are_finite, values))
+    return bool(np.isfinite(values).all())
 
 
 def _described(block: Block) -> list[Any]:

@@ -14,6 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from rans.errors import ConfigError
 from rans.model.body import Body, numbers
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
@@ -23,6 +24,11 @@ MOST = 64
 _HARDEST = 2.0
 """The largest alpha of a craft that can be flown, rad: from rest it turns by half of it in one period, about
 as far as on/off control can still see what it does."""
+WILDEST = 500.0
+"""The largest alpha that is flown at all, rad: from 870 on an uneven craft in space lost its state
+in a few periods of random commands, from 2,000 on in the first."""
+FARTHEST = 1e5
+"""Way from rest in one period, m, up to which float32 tells positions to a centimetre."""
 _PEAK = 3.0
 """Spin of a craft that cannot be held still, in alphas. Of 200 random craft under LQR, restless and bang-bang
 control (`validation.accuracy`) 192 stay below it or below the spin of the fastest half turn from rest to
@@ -58,11 +64,16 @@ def chosen(craft: Spacecraft, timing: Timing, body: Body | None = None, torque: 
         timing: how.
         body: what is drawn or broken of it, numbers or arrays (N,); None: as designed.
         torque: the largest that stays in W, N m.
+
+    Raises:
+        ConfigError: one command moves or turns it so far in a period that its state would soon
+            be lost.
     """
-    if timing.substeps is not None:
-        return timing
     period = timing.control_period
     alpha = spin_up(craft, body) * period**2
+    _check_range(craft, body, alpha, period)
+    if timing.substeps is not None:
+        return timing
     turn = max(_USUAL_SPIN * period, math.sqrt(math.pi * alpha), _PEAK * alpha)
     needed = turn / _longest(craft, body, _RESERVE)
     if craft.dimension == 3:
@@ -75,6 +86,24 @@ def chosen(craft: Spacecraft, timing: Timing, body: Body | None = None, torque: 
             f"rad it can hardly be controlled, and {MOST} substeps may not do for its motion. Shorten the "
             "period; the usual cause is a moment of inertia or a force in other units.", stacklevel=3)
     return replace(timing, substeps=max(1, math.ceil(min(needed, MOST))))
+
+
+def _check_range(craft: Spacecraft, body: Body | None, alpha: float, period: float) -> None:
+    """Refuse (`ConfigError`) a craft that numbers cannot follow, whatever the substeps."""
+    designed = Body.of(craft)
+    flown = body or designed
+    shares = zip(flown.gain or designed.gain, flown.leak or designed.leak, strict=True)
+    force = sum(thruster.force * (numbers(gain) + numbers(leak))
+                for thruster, (gain, leak) in zip(craft.thrusters, shares, strict=True))
+    way = 0.5 * float(np.max(force / numbers(flown.mass))) * period**2
+    for size, most, does, cause in (
+            (way, FARTHEST, "moves it by {:.3g} m", "a mass"),
+            (alpha / 2, WILDEST / 2, "turns it by {:.3g} rad", "a moment of inertia")):
+        if size > most:  # a body that is not finite is told elsewhere
+            raise ConfigError(
+                f"spacecraft {craft.name!r}: one command {does.format(size)} in a control period of "
+                f"{period:g} s, and at most {most:g} are flown, beyond which its state would soon be "
+                f"lost. Shorten the period; the usual cause is {cause} or a force in other units.")
 
 
 def fastest(craft: Spacecraft, timing: Timing, body: Body | None = None) -> float:

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from rans.errors import ConfigError, named
-from rans.files import read_text
+from rans.files import distinct, read_text
 from rans.model.conditions import Conditions
 from rans.registry import Registry
 from rans.shown import default
-from rans.structure import read_toml, structure
+from rans.structure import LARGEST_TOML, read_toml, structure
 
 
 class Described(NamedTuple):
@@ -67,11 +67,18 @@ def load_conditions(name_or_file: str | Path | Conditions) -> Conditions:
     given = named("conditions", name_or_file, Conditions)
     if not given.endswith(".toml"):
         return CONDITIONS[given].conditions
-    text = read_text(Path(given))
+    text = read_text(Path(given), LARGEST_TOML)
     try:
         return _described(text).conditions
     except ConfigError as error:
         raise ConfigError(f"{given}: {error}") from error
+
+
+def conditions_label(name_or_file: str, conditions: Conditions) -> str:
+    """What names of files tell conditions by: their name, or their own file's with a digest of them."""
+    if name_or_file.endswith(".toml"):
+        return distinct(Path(name_or_file).stem, conditions_text(conditions))
+    return distinct(name_or_file)
 
 
 def conditions_text(conditions: Conditions) -> str:

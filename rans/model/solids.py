@@ -17,9 +17,9 @@ _SIZES = {"box": ("x", "y", "z"), "cylinder": ("radius", "length"), "cone": ("ra
           "sphere": ("radius",), "mesh": ("scale",)}
 """What the numbers of a solid's size are, m; a mesh has a factor."""
 _COLOUR = re.compile("#[0-9a-fA-F]{6}")
-_LARGEST = 1e6
+_LARGEST = 1_000_000
 """Characters of a mesh: it travels with the spacecraft, in every run folder and every page."""
-_NAMED = re.compile(r"""(?m)^(\s*mesh\s*=\s*)(?:"([^"\\\n]*\.obj)"|'([^'\n]*\.obj)')""")
+_NAMED = re.compile(r"""(?m)^([ \t]*mesh[ \t]*=[ \t]*)(?:"([^"\\\n]*\.obj)"|'([^'\n]*\.obj)')""")
 
 MOST_SOLIDS = 200
 """More would make pages slow, and takes a mesh."""
@@ -72,7 +72,7 @@ def triangles(text: str) -> tuple[list[tuple[float, ...]], list[tuple[int, int, 
     """
     if "\n" not in text or len(text) > _LARGEST:
         raise ConfigError("mesh must be the name of an .obj file beside the spacecraft's file, of at most "
-                          f"{_LARGEST:g} characters, got {brief(text)}")
+                          f"{_LARGEST:,} characters, got {brief(text)}")
     corners, faces = [], []
     for number, line in enumerate(text.splitlines(), 1):
         key, *values = line.split() or [""]
@@ -105,6 +105,9 @@ def with_meshes(text: str, folder: Path) -> str:
         if Path(name).name != name or file.resolve().parent != folder.resolve():
             raise ConfigError("mesh must be the name of a file beside the spacecraft's file, "
                               f"got {brief(name)}.")
-        return match[1] + json.dumps(read_text(file))
+        return match[1] + json.dumps(read_text(file, _LARGEST, "the mesh "))
 
+    count = sum(1 for _ in _NAMED.finditer(text))
+    if count > MOST_SOLIDS:  # each is read, however small the file that names them
+        raise ConfigError(f"a spacecraft may have at most {MOST_SOLIDS} meshes, got {count:,}.")
     return _NAMED.sub(found, text)

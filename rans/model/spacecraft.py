@@ -179,6 +179,10 @@ def check(craft: Spacecraft) -> None:
             ("radius", _positive(craft.radius), f"{_POSITIVE} m"),
             ("centre_of_mass", _triple(craft.centre_of_mass), f"{_TRIPLE} m")):
         _require(holds, craft, key, getattr(craft, key), bound)
+    has_name = isinstance(craft.name, str) and bool(craft.name.strip())
+    _require(has_name, craft, "name", craft.name, "a non-empty text")
+    for key in ("thrusters", "solids"):
+        _require(isinstance(getattr(craft, key), tuple), craft, key, getattr(craft, key), "a tuple")
     _require(len(craft.thrusters) > 0, craft, "thruster", "none", "at least one thruster")
     _require(len(craft.thrusters) <= MOST_THRUSTERS, craft, "thruster", len(craft.thrusters),
              f"at most {MOST_THRUSTERS} thrusters")

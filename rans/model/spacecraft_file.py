@@ -12,12 +12,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from rans.errors import ConfigError, brief, named
-from rans.files import first_line, regular
+from rans.files import distinct, first_line, read_text
 from rans.model.actuators import KINDS, Actuators
 from rans.model.solids import Solid, with_meshes
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.registry import Registry
-from rans.structure import read_toml, structure
+from rans.structure import LARGEST_TOML, read_toml, structure
 
 _REQUIRED = ("name", "dimension", "mass", "inertia", "thruster")
 _OPTIONAL = {"solid"} | {f.name for f in dataclasses.fields(Spacecraft)} - {"thrusters", "solids", *_REQUIRED}
@@ -33,15 +33,28 @@ class Described(NamedTuple):
 def _described(found: Any) -> Described:
     """A TOML text, a `Spacecraft` or a function that makes one, in one form."""
     if not isinstance(found, str):
-        try:
-            found = found() if callable(found) else found
-        except Exception as error:  # somebody else's code raises anything
-            raise ConfigError(f"{type(error).__name__}: {first_line(error)}.") from error
-        if not isinstance(found, Spacecraft):
-            raise ConfigError("it must be a rans.Spacecraft, a function that makes one, or a TOML file of "
-                              f"the package, got {type(found).__name__}.")
+        found = _made(found)
         found = to_toml(found)
     return Described(found, _build(read_toml(found)))
+
+
+def _made(found: Any) -> Spacecraft:
+    """A spacecraft itself, or what a function or a class of spacecraft makes; nothing else is called."""
+    is_function = callable(found) and not isinstance(found, type)
+    if is_function or _is_spacecraft_class(found):
+        try:
+            found = found()
+        except Exception as error:  # somebody else's code raises anything
+            raise ConfigError(f"{type(error).__name__}: {first_line(error)}.") from error
+    if not isinstance(found, Spacecraft):
+        got = f"the class {found.__name__}" if isinstance(found, type) else type(found).__name__
+        raise ConfigError("it must be a rans.Spacecraft, a function that makes one, or a TOML file of "
+                          f"the package, got {got}.")
+    return found
+
+
+def _is_spacecraft_class(found: Any) -> bool:
+    return isinstance(found, type) and issubclass(found, Spacecraft)
 
 
 SPACECRAFT = Registry("spacecraft", "rans.spacecraft", {
@@ -88,10 +101,7 @@ def spacecraft_text(name_or_file: str | Path) -> str:
 
 
 def _file_text(given: str) -> str:
-    try:
-        text = regular(Path(given), "the spacecraft file ").read_text("utf-8")
-    except (OSError, ValueError) as error:
-        raise ConfigError(f"cannot read the spacecraft file {given!r}: {error}.") from error
+    text = read_text(Path(given), LARGEST_TOML, "the spacecraft file ")
     return with_meshes(text, Path(given).parent)
 
 
@@ -109,6 +119,14 @@ def parse_spacecraft(text: str, source: str) -> Spacecraft:
         return _build(read_toml(text))
     except ConfigError as error:
         raise ConfigError(f"{source}: {error}") from error
+
+
+def spacecraft_label(craft: Spacecraft) -> str:
+    """What names of files tell a spacecraft by: its name, with a digest unless it comes with RANS."""
+    text = to_toml(craft)
+    if craft.name in SPACECRAFT.built_in and to_toml(SPACECRAFT[craft.name].craft) == text:
+        return craft.name
+    return distinct(craft.name, text)
 
 
 def to_toml(craft: Spacecraft) -> str:
@@ -183,7 +201,7 @@ def _check_keys(table: dict[str, Any], needed: Collection[str], optional: Collec
             raise ConfigError(f"unknown key {brief(key)} in {where}; known are {', '.join(known)}.")
     for key in needed:
         if key not in table:
-            raise ConfigError(f"{prefix}the key {key!r} is missing.")
+            raise ConfigError(f"{prefix}the key {brief(key)} is missing.")
 
 
 def _text(value: Any, key: str) -> str:

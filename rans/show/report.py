@@ -12,7 +12,7 @@ from typing import Any
 from rans.errors import ConfigError, counted
 from rans.evaluation.measure.aggregate import COLUMNS, Metrics
 from rans.evaluation.stress.outcome import WANTED
-from rans.files import number, read_json, read_json_lines, read_text
+from rans.files import inside, number, read_json, read_json_lines, read_text
 from rans.show.assure_counts import counts, is_over, verdict
 from rans.show.figures import learning_curve
 from rans.show.page import Finding, Page, Picture, Section, Table, header, named, show
@@ -35,7 +35,8 @@ def report_from_run(run: Path) -> Page:
     ``evaluation.json`` (one or several `Metrics`), ``evaluation.svg``, ``episode.svg``, the same of
     protocols and tasks, as ``evaluation-paper.json``, ``compare.json``, ``stress.json``, ``assurance.json``,
     also of tasks and conditions, as ``assurance-lab.json``, and ``sweep.json``.
-    `ConfigError` if there is no such folder or it holds no results, or a file is damaged.
+    `ConfigError` if there is no such folder or it holds no results, or a file is damaged or a link, or
+    a picture does more than to draw.
     """
     evaluations, assurances = (sorted(run.glob(f"{name}*.json"), key=lambda file: file.stem)
                                for name in ("evaluation", "assurance"))
@@ -43,7 +44,7 @@ def report_from_run(run: Path) -> Page:
         **{file.name: partial(_evaluation, file) for file in evaluations}, "compare.json": comparison_section,
         "stress.json": stress_section,
         **{file.name: partial(assurance_section, file) for file in assurances},
-        "sweep.json": partial(_sweep, run / "sweep.svg"), "metrics.jsonl": training_section,
+        "sweep.json": partial(_sweep, inside(run, "sweep.svg")), "metrics.jsonl": training_section,
         "validation.json": validation_section}
     if (run / "sweep.json").is_file():
         del builders["metrics.jsonl"]  # of all members, one after the other
@@ -57,6 +58,7 @@ def report_from_run(run: Path) -> Page:
 
 def _read(file: Path, build: Callable[[Any], Any]) -> Any:
     """What becomes of a file's content; None where there is no file or nothing in it."""
+    inside(file.parent, file.name)
     if not file.is_file():
         return None
     content = read_json_lines(file) if file.suffix == ".jsonl" else read_json(file)
@@ -105,7 +107,7 @@ def _sweep(picture: Path, sweep: Mapping[str, Any]) -> Section:
             + [f"{one['steps']:,}", f"{one['success']:.1%}"] for one in members]
     solved = f"{sum(one['solved'] for one in members)} of {counted(len(members), 'member')}"
     caption = "Success while training, and steps until solved; the best is orange."
-    pictures = [Picture.of(read_text(picture), caption)] if picture.is_file() else []
+    pictures = [_kept_picture(picture, caption)] if picture.is_file() else []
     table = Table(("member", "seed", *varied, "solved", "steps", "success"), rows)
     best = str(sweep["best"])
     return Section("Sweep", "", [table], pictures,
@@ -177,11 +179,25 @@ def _outcome(row: Mapping[str, Any]) -> str:
 
 
 def _evaluation(file: Path, found: Any) -> Section:
-    pictures = [Picture.of(read_text(picture), caption)
-                for name, caption in (("evaluation", "All episodes."), ("episode", "One episode."))
-                if (picture := file.with_name(f"{file.stem.replace('evaluation', name)}.svg")).is_file()]
+    pictures = []
+    for name, caption in (("evaluation", "All episodes."), ("episode", "One episode.")):
+        picture = inside(file.parent, f"{file.stem.replace('evaluation', name)}.svg")
+        if picture.is_file():
+            pictures.append(_kept_picture(picture, caption))
     section = evaluation_section([*_find_metrics(found)], pictures)
     return replace(section, title=_title(file))
+
+
+def _kept_picture(file: Path, caption: str) -> Picture:
+    """A figure from a run folder, perhaps a stranger's; `ConfigError` if it does more than to draw."""
+    from rans.show.svg import only_drawn
+
+    text = read_text(file)
+    try:
+        return Picture.of(only_drawn(text), caption)
+    except ConfigError as error:
+        raise ConfigError(f"the picture {file} was not put into the report: {error} Delete it to "
+                          "have the report without it.") from error
 
 
 def _find_metrics(found: Any) -> Iterator[Metrics]:

@@ -14,7 +14,7 @@ from rans.evaluation.measure.metrics import DISPLAY
 from rans.evaluation.stress.effects import Effect, Level
 from rans.evaluation.stress.outcome import WANTED, holds_to
 from rans.evaluation.stress.run import Stress
-from rans.files import environment, write_json, write_text
+from rans.files import environment, inside, write_json, write_text
 from rans.model.conditions_file import conditions_text
 from rans.show import stress_figures as figures
 from rans.show.page import Finding, Page, Picture, Section, Table, header
@@ -44,7 +44,7 @@ class StressReport:
         for level in self.stress.levels:
             if self._file(level):
                 text = f"# {level.effect}, {level.name}: see stress.html\n{conditions_text(level.conditions)}"
-                write_text(self.folder / "stress" / f"{level.name}.toml", text)
+                write_text(inside(self.folder, "stress") / f"{level.name}.toml", text)
         write_json(self.folder / "stress.json", self.to_json())
         self.page().write(self.folder / "stress.html")
 

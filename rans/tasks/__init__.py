@@ -23,7 +23,8 @@ from rans.tasks.tracking import TrackTwist, TrackVelocity, TrackVelocityHeading
 def _checked(found: Any) -> type[Any]:
     """The class itself, if it is a task: a dataclass with defaults, and all that tasks have."""
     if not (isinstance(found, type) and issubclass(found, Task) and dataclasses.is_dataclass(found)):
-        raise ConfigError(f"a task must be a dataclass derived from rans.tasks.SingleTask, got {found!r}.")
+        raise ConfigError("a task must be a dataclass derived from rans.tasks.SingleTask, got "
+                          f"{brief(found)}.")
     if missing := sorted(found.__abstractmethods__):
         raise ConfigError(f"{found.__name__} has no {', '.join(missing)}, which every task must have.")
     bare = [field.name for field in dataclasses.fields(found)

@@ -28,6 +28,14 @@ def _elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
 
 
+def test_conditions_of_one_name_have_files_apart() -> None:
+    Path("lab.toml").write_text("[body]\nmass = 1.2\n")
+    for given in ("lab", "lab.toml"):
+        assert main(["assure", AGENT, "--conditions", given, "--episodes", "8", "--worst", "0"]) == 0
+    written = Path("runs/evaluations/pretrained-go-to-pose-2d").glob("assurance*.json")
+    assert len(list(written)) == 2
+
+
 def test_numbers_a_page_and_commands_that_show_failures_again(monkeypatch: pytest.MonkeyPatch,
                                                               capsys: pytest.CaptureFixture[str]) -> None:
     command = ["assure", AGENT, *LAB, "--episodes", "60", "--worst", "1"]

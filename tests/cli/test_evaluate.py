@@ -71,6 +71,23 @@ def test_flights_too_many_to_keep_are_judged_as_they_fly(
 
 
 @pytest.mark.usefixtures("undrawn")
+def test_conditions_of_one_name_have_files_apart(run_folder: Path, tmp_path: Path) -> None:
+    """Those that come with RANS, users' files of the same name in two folders, and one called own."""
+    for name in ("a/lab", "b/lab", "own"):
+        file = tmp_path / f"{name}.toml"
+        file.parent.mkdir(exist_ok=True)
+        file.write_text(f"[body]\nmass = {1.0 + len(name) / 10 + (name[0] == 'b') / 10}\n")
+    own = [str(tmp_path / f"{name}.toml") for name in ("a/lab", "b/lab", "own")]
+    for given in ("lab", *own):
+        assert main(["evaluate", str(run_folder), "--episodes", "2", "--conditions", given]) == 0
+    assert main(["evaluate", str(run_folder), "--episodes", "2"]) == 0
+    written = sorted(file.name for file in run_folder.glob("evaluation*.json"))
+    assert len(written) == 5
+    assert {"evaluation.json", "evaluation-lab.json"} <= set(written)
+    assert len(list(run_folder.glob("episodes*.npz"))) == 5
+
+
+@pytest.mark.usefixtures("undrawn")
 def test_a_protocol_has_its_own_files(run_folder: Path) -> None:
     assert main(["evaluate", str(run_folder), "--episodes", "3", "--protocol", "original",
                  "--trajectories"]) == 0

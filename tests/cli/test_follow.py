@@ -32,12 +32,13 @@ def test_writes_table_numbers_and_figure(run: Path, tmp_path: Path,
     assert Follow(str(run), str(file), speed=0.5, flights=3).run() == 0
     printed = capsys.readouterr().out
     assert "cross-track RMS" in printed
-    assert str(run / "follow-corner.json") in printed.replace("\n", "")
-    numbers = json.loads((run / "follow-corner.json").read_text())
+    (written,) = run.glob("follow-corner-*.json")
+    assert str(written) in printed.replace("\n", "")
+    numbers = json.loads(written.read_text())
     assert (numbers["speed"], numbers["look_ahead"]) == (0.5, 0.25)
     assert numbers["length"] == pytest.approx(2.0)
     assert all(len(row["flights"]) == 3 for row in numbers["quantities"])
-    assert ET.parse(run / "follow-corner.svg").getroot().tag.endswith("svg")
+    assert ET.parse(written.with_suffix(".svg")).getroot().tag.endswith("svg")
 
 
 @pytest.mark.usefixtures("undrawn")

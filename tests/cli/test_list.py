@@ -110,6 +110,8 @@ class Own(GoToPose):
 
 
 class Bare:
+    def reset(self, count: int) -> None: ...
+
     def act(self, state: object, goal: object, observation: object) -> None: ...
 
 

@@ -4,22 +4,26 @@ from __future__ import annotations
 
 import importlib
 import inspect
+import io
 import os
 import random
 import re
 import subprocess
 import sys
 import warnings
+from contextlib import redirect_stdout
 from importlib.metadata import version
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 import torch
 from torch._inductor.exc import InductorError
 
 from rans import cli
-from rans.cli import COMMANDS, main
+from rans.cli import COMMANDS, check_count, main
 from rans.errors import ConfigError
+from rans.files import read_text, write_text
 
 MISSPELT = ["--sed", "--no-such-option", "-x", "--", "--seed=", "--=", "---"]
 OPTIONS = ["--seed", "--episodes", "--engine", "--set", "--device", "--total-timesteps", "--num-envs",
@@ -70,6 +74,59 @@ def test_what_is_no_number(option: list[str], kind: str, capsys: pytest.CaptureF
     said = " ".join(capsys.readouterr().err.replace("│", " ").split())
     assert f"it must be {kind}, got 'x1'." in said
     assert not re.search(r"literal|convert|instantiated|class|parse for", said)
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["evaluate", "--help"], ["list"], ["--version"]])
+def test_an_output_that_is_no_file(arguments: list[str]) -> None:
+    """As where a program collects what is printed."""
+    collected = io.StringIO()
+    with redirect_stdout(collected):
+        assert code_of(arguments) == 0
+    assert collected.getvalue()
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["list"]])
+def test_no_output_at_all(arguments: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "stdout", None)
+    assert code_of(arguments) == 0
+
+
+def shell(line: str, folder: Path, **environment: str) -> subprocess.CompletedProcess[bytes]:
+    """What a line of Bash does, in which $RANS is the command."""
+    known = {"RANS": f"{sys.executable} -P -m rans", "PYTHONPATH": str(Path(__file__).parents[2])}
+    return subprocess.run(["bash", "-c", line], cwd=folder, capture_output=True, check=False,
+                          env=os.environ | known | environment)
+
+
+@pytest.mark.parametrize(("line", "code"), [
+    ("$RANS --help >&-", 0), ("$RANS list >&- 2>&- <&-", 0), ("$RANS evalute >&- 2>&-", 2),
+    # Its reader waits until it has left, so that the pipe is broken when something is written.
+    ("exec 3> >(:); wait $!; $RANS --help >&3", 1)])
+def test_closed_streams(line: str, code: int, tmp_path: Path) -> None:
+    done = shell(line, tmp_path)
+    assert (done.returncode, done.stderr) == (code, b"")
+
+
+def test_a_file_does_not_take_the_place_of_the_closed_output(tmp_path: Path) -> None:
+    done = shell("$RANS list floating-platform --picture craft.svg >&-", tmp_path)
+    assert done.returncode == 0
+    assert ElementTree.parse(tmp_path / "craft.svg").getroot().tag.endswith("svg")
+
+
+def test_folders_of_other_letters_where_python_is_told_ascii(tmp_path: Path) -> None:
+    """Drake does not load there."""
+    done = shell("$RANS validate --quick --layer thrusters --output é",
+                 tmp_path, LC_ALL="C", PYTHONUTF8="0")
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert (tmp_path / "é" / "validation.html").exists()
+
+
+def test_a_folder_of_bytes_that_are_no_letters(tmp_path: Path) -> None:
+    """Pages tell their names, in UTF-8."""
+    folder = tmp_path / "b\udce9"
+    folder.mkdir()
+    write_text(folder / "page.html", f"<h1>{folder.name}</h1>")
+    assert read_text(folder / "page.html") == "<h1>b\\udce9</h1>"
 
 
 def test_nothing_typed_shows_the_help(capsys: pytest.CaptureFixture[str]) -> None:
@@ -182,7 +239,7 @@ def test_a_misspelt_option_is_told_the_near_ones(capsys: pytest.CaptureFixture[s
     (torch.OutOfMemoryError("CUDA out of memory. Tried to allocate 2 GiB."), 2,
      "rans: out of memory, fewer at once may do: CUDA out of memory. Tried to allocate 2 GiB.\n"),
     (ConfigError("\x1b[31m" + "x" * 10**7), 2,
-     "rans: \\x1b[31m" + "x" * (2000 - 11) + " ... (10,000,011 characters)\n"),
+     "rans: \\x1b[31m" + "x" * (2000 - 5) + f" ... (10,000,005 characters) ... {'x' * 2000}\n"),
     (MemoryError("no 373 GiB"), 2, "rans: out of memory, fewer at once may do: no 373 GiB.\n"),
     (InductorError(ImportError("kept/c.main.so: file too short"), None), 2,
      "rans: torch's compiler cannot load what it has kept: ImportError: kept/c.main.so: file too short. The "
@@ -282,3 +339,14 @@ def wrong_places(folder: Path) -> list[str]:
         (folder / name).write_bytes(content)
     folders = sorted(path.name for path in folder.iterdir() if path.is_dir())
     return [*contents, *folders, "nowhere", "", "/", "a\0b", "x" * 300]
+
+
+@pytest.mark.parametrize("count", [None, 1, 2**31 - 1])
+def test_counts_from_one_to_31_bits_are_taken(count: int | None) -> None:
+    check_count("--episodes", count)
+
+
+@pytest.mark.parametrize("count", [-1, 0, 2**31])
+def test_other_counts_are_refused(count: int) -> None:
+    with pytest.raises(ConfigError, match=f"--episodes must be .* got {count}"):
+        check_count("--episodes", count)

@@ -47,7 +47,7 @@ def test_a_sweep_leaves_table_figure_and_best_agent(capsys: pytest.CaptureFixtur
         assert head in captured.out
     assert "0 of 4 solved" in captured.err
     assert {file.name for file in folder.iterdir()} == {
-        "sweep.json", "sweep.svg", "metrics.jsonl", "best", "configs.json", "batches"}
+        "sweep.json", "sweep.svg", "metrics.jsonl", "best", "configs.json", "batches", ".lock"}
     told = json.loads((folder / "sweep.json").read_text())
     assert [(row["seed"], row["ppo.gamma"]) for row in told["members"]] == [
         (0, 0.9), (1, 0.9), (0, 0.98), (1, 0.98)]

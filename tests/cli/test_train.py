@@ -71,7 +71,7 @@ def test_a_run_folder_is_left(capsys: pytest.CaptureFixture[str]) -> None:
         assert part in captured.err
     assert {file.name for file in run.iterdir()} == {
         "config.json", "spacecraft.toml", "metrics.jsonl", "checkpoint.safetensors", "policy.zip",
-        "tensorboard", "learning_curve.svg"}
+        "tensorboard", "learning_curve.svg", ".lock"}
     assert (run / "learning_curve.svg").read_text().startswith("<?xml")
     assert main([*tiny(), "--total-timesteps", "1000"]) == 0
     assert Path("runs/go-to-pose-floating-platform-seed0-2").is_dir()
@@ -177,7 +177,7 @@ def test_wrong_options(capsys: pytest.CaptureFixture[str]) -> None:
         assert "give nothing else" in refused(capsys, *option, "--resume", "nowhere")
     assert "nowhere is not a run folder" in refused(capsys, "--view", "--resume", "nowhere")
     Path("file").write_text("")
-    assert "cannot write file/run/" in refused(capsys, *tiny()[1:], "--run", "file/run")
+    assert "cannot write into file/run: file is a file" in refused(capsys, *tiny()[1:], "--run", "file/run")
 
 
 @pytest.mark.usefixtures("undrawn")

@@ -88,6 +88,8 @@ def random_batches(network: Network, steps: int = 6, count: int = 50) -> list[np
     {"filters": (0.1,), "filtered_steady": (25.0,), "symmetric": True},
     {"filters": (0.01, 1.0), "filtered_steady": (0.0, 25.0), "filtered_response": (0.1, 0.0),
      "symmetric": True},
+    {"filters": (0.01,), "filtered_response": (2.0,), "filtered_gate": 5.0, "symmetric": True},
+    {"filters": (0.01,), "filtered_gate": 5.0, "symmetric": True, "memory": "history", "history": 2},
     {"memory": "commands", "history": 0, "averages": (0.5,), "symmetric": True, "filters": (0.1,)},
     {"memory": "commands", "history": 2, "averages": (0.5,)},
     {"memory": "recurrent", "recurrent_units": 12}, {"privileged_critic": True}], ids=str)

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from typing import Any
 
 import numpy as np
@@ -292,3 +293,23 @@ def test_wrong_dtype_and_seed() -> None:
         Engine(PLATFORM, NEAR, 1, dtype=torch.float16)
     with pytest.raises(ConfigError, match="64 bits"):
         Engine(PLATFORM, NEAR, 1, seed=2**64)
+
+
+@pytest.mark.parametrize("wrong", [math.nan, math.inf, -0.1, 5.0])
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_what_no_thruster_can_be_told_is_told_at_once_on_a_cpu(wrong: float, dtype: torch.dtype) -> None:
+    """And nothing has moved."""
+    engine = Engine(PLATFORM, NEAR, 4, SHORT)
+    before, action = engine.observe(), torch.zeros(4, 8, dtype=dtype)
+    action[2, 5] = wrong
+    with pytest.raises(ConfigError, match="actions must be numbers from 0"):
+        engine.step(action)
+    assert torch.equal(engine.observe(), before)
+
+
+def test_seeds_are_as_many_as_members() -> None:
+    engine = Engine(PLATFORM, NEAR, 4, SHORT, seed=[1, 2])
+    assert engine.reset([3, 4]).shape == (4, 10)
+    for wrong in ([], [1, 2, 3]):
+        with pytest.raises(ConfigError, match="2 members is reset by one seed or by one for each"):
+            engine.reset(wrong)

@@ -100,10 +100,11 @@ def test_conditions_are_flown(effect: str) -> None:
     {"history": 2, "averages": (0.5,)}, {"history": 3, "sided": False, "zoom": 4.0},
     {"averages": (0.5,), "commands_only": True, "zoom": 4.0}, {"steady": (25.0, 25.0), "sided": False},
     {"steady": (), "history": 2, "commands_only": True}, {"steady": (0.0, 25.0), "response": (0.1, 0.0)},
+    {"steady": (25.0, 25.0), "response": (2.0, 2.0), "gate": 5.0},
 ], ids=str)
 @both_crafts
 def test_a_policy_with_a_memory(craft: Spacecraft, memory: Any) -> None:
-    looked_for = {name: memory[name] for name in ("steady", "response") if name in memory}
+    looked_for = {name: memory[name] for name in ("steady", "response", "gate") if name in memory}
     kind = {name: x for name, x in memory.items() if name not in looked_for}
     if looked_for:
         kind["filters"] = Filters.of(craft, WIDE, BRIEF.control_period, (0.01, 1.0), **looked_for)

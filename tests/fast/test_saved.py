@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import io
 import json
 import math
 import os
 import shutil
+import tracemalloc
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -18,7 +20,7 @@ import torch
 from stable_baselines3.common.save_util import load_from_zip_file
 
 from rans.errors import ConfigError
-from rans.fast import saved
+from rans.fast import archives, packed, saved
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.packed import pack, unpack
 from rans.fast.policy import network_of
@@ -87,7 +89,7 @@ def test_code_is_told_and_not_run(folder: Path, tmp_path: Path, trap: Callable[[
 def test_code_that_no_list_knows_is_not_run_either(folder: Path, monkeypatch: pytest.MonkeyPatch,
                                                    tmp_path: Path) -> None:
     """Safety does not hang on finding it: with the look for it switched off, nothing runs."""
-    monkeypatch.setattr(saved, "foul", lambda _: None)
+    monkeypatch.setattr(saved, "foul", lambda *_: None)
     file, ran = folder / "policy.zip", tmp_path / "ran"
     before = opened(folder).network.tensors
     trapped(file, ran)
@@ -100,15 +102,132 @@ def test_code_that_no_list_knows_is_not_run_either(folder: Path, monkeypatch: py
     assert not ran.exists()
 
 
-def test_a_bomb_is_not_unpacked(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Much in little; here the bound is a hundredth, so that making one takes no time."""
-    monkeypatch.setattr(saved, "_LARGEST", 10 * 2**20)
-    file = folder / "policy.zip"
-    with zipfile.ZipFile(file, "a", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr("more", bytes(11 * 2**20))
-    assert file.stat().st_size < 1_000_000
-    with pytest.raises(ConfigError, match="would unpack to more than 10 MB"):
+MUCH = bytes(11 * 2**20)
+"""More than archives may unpack to in these tests, so that making it takes no time."""
+
+
+def deflated(content: bytes, name: str = "archive/data/0") -> bytes:
+    """An archive of one member, a thousandth of its size."""
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr(name, content)
+    return stream.getvalue()
+
+
+def add(file: Path, name: str, content: bytes, method: int = zipfile.ZIP_DEFLATED) -> None:
+    with zipfile.ZipFile(file, "a", method) as archive:
+        archive.writestr(name, content)
+
+
+def add_two(file: Path) -> None:
+    """Neither is too large alone."""
+    add(file, "one", MUCH[:6 * 2**20])
+    add(file, "two", MUCH[:6 * 2**20])
+
+
+BOMBS: dict[str, Callable[[Path], None]] = {
+    "member": lambda file: add(file, "more", MUCH),
+    "members": add_two,
+    "json": lambda file: rewritten(file, lambda name, old: old + b" " * 2**20 if name == "data" else old),
+    "pickle": lambda file: add(file, "any.pkl", MUCH[:2**21]),
+    "nested": lambda file: add(file, "any.pth", deflated(MUCH)),
+    "nested pickle": lambda file: add(file, "any.pth", deflated(MUCH[:2**21], "archive/data.pkl")),
+}
+
+
+@pytest.mark.parametrize("with_ours", [True, False], ids=["ours", "older"])
+@pytest.mark.parametrize("bomb", BOMBS.values(), ids=BOMBS)
+def test_a_bomb_is_not_unpacked(folder: Path, monkeypatch: pytest.MonkeyPatch,
+                                bomb: Callable[[Path], None], with_ours: bool) -> None:
+    """Much in little, on its own, within another archive, and what becomes objects of Python."""
+    monkeypatch.setattr(archives, "_LARGEST", 10 * 2**20)
+    monkeypatch.setattr(archives, "_LARGEST_TEXT", 2**20)
+    if not with_ours:
+        older(folder / "policy.zip")
+    bomb(folder / "policy.zip")
+    sentence = r"policy\.zip.* was not opened: its .* would unpack to [\d,]+ bytes, and at most [\d,]+ are"
+    with pytest.raises(ConfigError, match=sentence):
         opened(folder)
+
+
+def test_what_is_as_large_on_the_disk_is_opened(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Such an agent is large, but no bomb."""
+    monkeypatch.setattr(archives, "_LARGEST", 2**20)
+    add(folder / "policy.zip", "more", os.urandom(2**21), zipfile.ZIP_STORED)
+    opened(folder)
+
+
+def test_a_member_that_is_more_than_it_says(folder: Path) -> None:
+    """Its place in the list of members has another size; no more than a chunk of it is unpacked at once."""
+    file = folder / "policy.zip"
+    true, told = len(MUCH).to_bytes(4, "little"), (9).to_bytes(4, "little")
+    file.write_bytes(deflated(MUCH, "data").replace(true, told))
+    tracemalloc.start()
+    with pytest.raises(ConfigError, match=r"policy\.zip is damaged"):
+        is_agent(file)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < len(MUCH) // 2
+
+
+def test_members_are_packed_as_agents_are(folder: Path) -> None:
+    """How much other methods unpack at once has no bound."""
+    add(folder / "policy.zip", "more", b"", zipfile.ZIP_LZMA)
+    with pytest.raises(ConfigError, match="another method than deflation"):
+        opened(folder)
+
+
+class Room:
+    """As many bytes as it is told when it is unpickled."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return bytearray, (2**12,)
+
+
+def saved_by_torch(value: Any, **how: Any) -> bytes:
+    stream = io.BytesIO()
+    torch.save(value, stream, **how)
+    return stream.getvalue()
+
+
+@pytest.mark.parametrize(("content", "sentence"), [
+    (saved_by_torch({"steps": Room()}), "bytearray"),
+    (saved_by_torch({"steps": torch.zeros(1).expand(2**20, 2**10)}), "claim 4,294,967,296 bytes"),
+    (saved_by_torch({"steps": torch.zeros(1)}, _use_new_zipfile_serialization=False), "damaged"),
+    (deflated(MUCH), r"would unpack to 11,534,336 bytes"),
+], ids=["bytes", "view", "older", "bomb"])
+def test_an_older_checkpoint_takes_no_more_memory_than_it_has(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch, content: bytes, sentence: str) -> None:
+    monkeypatch.setattr(archives, "_LARGEST", 10 * 2**20)
+    (tmp_path / "checkpoint.pt").write_bytes(content)
+    with pytest.raises(ConfigError, match=sentence):
+        RunFolder(tmp_path).load_checkpoint("cpu")
+
+
+def test_a_header_is_not_read_that_is_larger_than_any(monkeypatch: pytest.MonkeyPatch) -> None:
+    content = pack({"steps": 1, "more": "x" * 2000})
+    assert unpack(content, "here")["steps"] == 1
+    monkeypatch.setattr(packed, "_LARGEST_HEADER", 2000)
+    with pytest.raises(ConfigError, match=r"here .*: its header has [\d,]+ bytes, and at most 2,000"):
+        unpack(content, "here")
+
+
+def test_a_checkpoint_is_not_read_that_is_larger_than_any(tmp_path: Path) -> None:
+    with (tmp_path / "checkpoint.safetensors").open("wb") as file:
+        file.truncate(2**40)  # which takes no room on the disk
+    with pytest.raises(ConfigError, match="has 1,099,511,627,776 bytes"):
+        RunFolder(tmp_path).load_checkpoint("cpu")
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, 1e300])
+def test_weights_that_are_not_finite_are_told_by_name(folder: Path, value: float) -> None:
+    """At once, or in single precision."""
+    def spoil(table: dict[str, Any]) -> None:
+        weights = table["weights"]["action_net.bias"].double()
+        weights[0] = value
+        table["weights"]["action_net.bias"] = weights
+
+    assert "the agent's tensor action_net.bias holds numbers that are not finite" in spoilt(folder, spoil)
 
 
 def test_a_pipe_is_refused_at_once(folder: Path) -> None:
@@ -147,6 +266,8 @@ _OWN = _FILTERS | {"push": [[0.1, 0.0]] * 8, "twist": [[0.1]] * 8}
     (lambda t: t["architecture"].update(thrusters=2**70), "is damaged"),
     (lambda t: t["architecture"].update(surprise=1), "is damaged"),
     (lambda t: t["architecture"]["symmetries"]["place"].fill_(99), "symmetries are of another spacecraft"),
+    (lambda t: t["architecture"].update(zoom=math.nan), "its zoom holds numbers that are not finite"),
+    (lambda t: t["architecture"].update(filters=_OWN | {"drift": [math.nan]}), "its filters holds numbers"),
     (lambda t: t["architecture"].update(filters=_FILTERS), "its filters are of another spacecraft"),
     (lambda t: t["architecture"].update(filters=_FILTERS | {"drift": "all"}), "is damaged"),
     (lambda t: t["architecture"].update(filters={"drift": [1.0]}), "is damaged"),
@@ -154,6 +275,8 @@ _OWN = _FILTERS | {"push": [[0.1, 0.0]] * 8, "twist": [[0.1]] * 8}
     (lambda t: t["architecture"].update(filters=_OWN | {"drift": [[1.0]]}), "its filters are of another"),
     (lambda t: t["architecture"].update(filters=_OWN | {"response": 1.0}), "its filters are of another"),
     (lambda t: t["architecture"].update(filters=_OWN | {"response": [1.0] * 2}), "its filters are of"),
+    (lambda t: t["architecture"].update(filters=_OWN | {"gate": [5.0]}), "its filters are of another"),
+    (lambda t: t["architecture"].update(filters=_OWN | {"gate": 1e-200}), "its filters are of another"),
     (lambda t: t["architecture"].update(filters=_OWN), "not those of the network"),
     (lambda t: t["architecture"]["layout"][0].__setitem__(0, "os.system"), "unknown kind os.system"),
     (lambda t: t["weights"].pop("value_net.bias"), "not those of the network"),

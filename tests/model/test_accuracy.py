@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import itertools
 import math
+import warnings
 from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 
 from rans.episode import World
+from rans.errors import ConfigError
 from rans.fast.engine import Engine
 from rans.model.accuracy import MOST, chosen, fastest, spin_up
 from rans.model.body import Body
@@ -177,3 +180,34 @@ def test_a_stiff_craft_is_moved_as_by_many_steps() -> None:
     angles = [float(end.attitude.to(ends[1].attitude).magnitude()[0]) for end in ends]
     assert angles[0] < 1e-6  # a hundredth of the bound, in one of 125 periods
     assert angles[2] > 1e-3  # what one step would be off
+
+
+def _scaled(craft: Spacecraft, mass: float, inertia: float) -> Spacecraft:
+    moments = tuple(tuple(inertia * x for x in row) for row in craft.inertia)
+    return replace(craft, mass=mass * craft.mass, inertia=moments)
+
+
+@pytest.mark.parametrize("craft", ["floating-platform", "free-flyer", "free-flyer-shared"])
+@pytest.mark.parametrize(("mass", "inertia", "does"), [(1e-8, 1.0, "moves"), (1.0, 1e-4, "turns")])
+@pytest.mark.parametrize("substeps", [None, 1])
+def test_a_craft_whose_state_would_be_lost_is_not_flown(craft: str, mass: float, inertia: float, does: str,
+                                                        substeps: int | None) -> None:
+    """Grams for tonnes, say: once such a training went on for good with nothing solved."""
+    wrong = _scaled(load_spacecraft(craft), mass, inertia)
+    with pytest.raises(ConfigError, match=f"one command {does} it by .* in a control period of 0.2 s"):
+        Engine(wrong, "go-to-pose", 2, Timing(substeps=substeps))
+
+
+@pytest.mark.parametrize("craft", ["floating-platform", "free-flyer"])
+def test_what_is_flown_keeps_its_state(craft: str) -> None:
+    """Just within both bounds, for some periods of random commands."""
+    light = _scaled(load_spacecraft(craft), 1e-6, 1.0)
+    quick = _scaled(load_spacecraft(craft), 1.0, spin_up(light) * 0.04 / 499.0)
+    dice = torch.Generator().manual_seed(0)
+    for wild in (light, quick):
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", "spacecraft .* can hardly be controlled")
+            engine = Engine(wild, "track-velocity", 64, seed=0)
+        for _ in range(5):
+            told = torch.randint(0, 2, (64, len(wild.thrusters)), generator=dice)
+            assert engine.step(told).final_observation.isfinite().all()

@@ -157,6 +157,52 @@ def test_a_kicked_spacecraft_is_faster_by_impulse_over_mass() -> None:
         np.testing.assert_allclose(getattr(gained, axis), expected, rtol=0, atol=1e-13)
 
 
+@BOTH
+def test_a_kick_is_felt_in_the_period_that_was_drawn(dimension: int) -> None:
+    """That of the first one too: it is the velocity after it that has changed."""
+    kicked = Conditions(disturbances=DisturbanceConditions(kicks=1, kick=0.5))
+    world, own, now = begun(kicked, dimension, 1000)
+    drawn = np.asarray(now.case.kicks[0].step)  # type: ignore[union-attr]
+    shut = tuple(np.zeros((len(world.craft.thrusters), 1000)))
+    still = np.zeros(1000)
+    for _ in range(125):
+        now = step(world, now, shut, own).episode
+        still += np.asarray(now.state.v.norm()) == 0.0
+    assert np.array_equal(still, drawn)
+    assert drawn.min() == 0.0
+
+
+@pytest.mark.parametrize("periods", [1, 5])
+def test_a_swing_is_felt_from_the_first_period_on(periods: int) -> None:
+    """By hand: after t the momentum is A (cos(phase) - cos(rate t + phase)) / rate, here of 10 s."""
+    swinging = Conditions(disturbances=DisturbanceConditions(slow_force=0.4, slow_period=10.0))
+    world, own, now = begun(swinging, count=50)
+    swing: Any = now.case.swing  # type: ignore[union-attr]
+    for _ in range(periods):
+        now = step(world, now, tuple(np.zeros((8, 50))), own).episode
+    rate, time = math.tau / 10.0, 0.2 * periods
+    waves = (np.cos(swing.phase) - np.cos(rate * time + swing.phase)) / rate
+    for axis in ("x", "y"):
+        # The sine is taken at the middle of 0.2 s: (rate 0.2 s)^2 / 24 = 7e-4 of 0.08 N s a period.
+        np.testing.assert_allclose(PLATFORM.mass * getattr(now.state.v, axis),
+                                   getattr(swing.amplitude.force, axis) * waves, rtol=0,
+                                   atol=1e-4 * periods)
+
+
+def test_a_fault_is_felt_from_its_moment_on() -> None:
+    """A thruster that sticks open at 1 s, which ends the fifth period, pushes from the sixth on."""
+    stuck = Conditions(faults=FaultConditions(count=1.0, kinds=("stuck-open",), time=1.0))
+    world, own, now = begun(stuck, count=20)
+    speeds = [np.zeros(20)]
+    for _ in range(8):
+        now = step(world, now, tuple(np.zeros((8, 20))), own).episode
+        speeds.append(np.asarray(now.state.v.norm()))
+    np.testing.assert_allclose(speeds[:6], 0.0, atol=1e-12)  # 1.0 s less 0.8 s is 4e-17 short of a period
+    # 1 N for 0.2 s on 5.32 kg; meanwhile it turns by less than 0.05 rad, which leaves all but 1e-4.
+    np.testing.assert_allclose(speeds[6], 0.2 / 5.32, rtol=1e-3)
+    assert (np.diff(speeds[5:], axis=0) > 0.0).all()
+
+
 def test_moments_of_kicks_are_any_period_of_the_episode() -> None:
     found = case(Conditions(disturbances=DisturbanceConditions(kicks=1, kick=1.0)))
     seen = np.bincount(found.kicks[0].step.astype(int))

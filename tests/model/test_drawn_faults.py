@@ -12,6 +12,8 @@ from scipy import stats
 
 from rans.episode import Episode, World
 from rans.errors import ConfigError
+from rans.model.body import Body
+from rans.model.case import draw
 from rans.model.conditions import Conditions, FaultConditions, ThrusterConditions
 from rans.model.faults import fault_sets
 from rans.scenario import draws
@@ -114,3 +116,27 @@ def test_who_does_not_fail_keeps_the_thrust_it_drew() -> None:
     whole = np.array(failed.gain) + np.array(failed.leak)
     np.testing.assert_allclose(whole, np.array(sound.gain), rtol=1e-15)
     assert ((np.array(failed.leak) > 0.0).sum(axis=0) == 1).all()
+
+
+def test_where_one_or_two_fail_one_alone_is_any_of_those_that_may() -> None:
+    """Not the first of two, which is seldom one of the last thrusters."""
+    faults = FaultConditions(count=(1.0, 2.0), kinds=("dead",), among="recoverable")
+    gains, _ = health(faults)
+    lost = gains == 0.0
+    single = lost.sum(axis=0) == 1
+    assert stats.binomtest(int(single.sum()), COUNT).pvalue > LIKELY
+    may = [one.thrusters[0] for one in fault_sets(PLATFORM, 1, "dead") if one.recoverable]
+    seen = lost[:, single].sum(axis=1)
+    assert seen.sum() == seen[may].sum()
+    assert stats.chisquare(seen[may]).pvalue > LIKELY
+
+
+def test_the_strongest_body_gives_what_leaks_as_thrust() -> None:
+    """By hand: nozzles that leak 0.2 give 1.2 before; stuck at 0.5 one would give less, stuck open 1."""
+    leaking = replace(Body.of(PLATFORM), gain=(1.0,) * 8, leak=(0.2,) * 8)
+    own = draws(5, 4)
+    for share in (0.5, 1.0):
+        stuck = Conditions(faults=FaultConditions(count=1.0, kinds=("stuck",), share=share))
+        strongest = draw(stuck, PLATFORM, leaking, 125, own.first, own).strongest()
+        assert np.allclose(strongest.gain, 1.2)
+        assert not np.any(strongest.leak)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy import stats
+from scipy.spatial.transform import Rotation
 
 from rans.errors import ConfigError
 from rans.model.random import Random, generator, seed_words
@@ -37,3 +40,14 @@ def test_generators_take_every_seed_that_scenarios_take() -> None:
     for wrong in (2**64, -(2**63) - 1, 1.0):
         with pytest.raises(ConfigError, match="the seed must be a whole number of at most 64 bits"):
             generator(wrong)  # type: ignore[arg-type]
+
+
+def test_attitudes_in_space_are_uniform_over_all_rotations() -> None:
+    """Every column of a rotation's matrix is a point of the sphere (Archimedes); angles follow."""
+    q: Any = random(3).attitude()
+    matrices = Rotation.from_quat(np.stack([q.x, q.y, q.z, q.w], axis=1)).as_matrix()
+    np.testing.assert_allclose(np.linalg.norm([q.w, q.x, q.y, q.z], axis=0), 1.0, rtol=1e-12)
+    for entry in matrices.reshape(COUNT, 9).T:
+        assert stats.kstest(entry, stats.uniform(-1.0, 2.0).cdf).pvalue > FALSE_ALARM
+    angle = np.arccos(np.clip(0.5 * (np.trace(matrices, axis1=1, axis2=2) - 1.0), -1.0, 1.0))
+    assert stats.kstest((angle - np.sin(angle)) / np.pi, "uniform").pvalue > FALSE_ALARM

@@ -7,12 +7,16 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import pytest
 from scipy import stats
+from scipy.spatial.transform import Rotation
 
 from rans.episode import Episode, World, step
+from rans.errors import ConfigError
 from rans.model.conditions import Conditions, SensorConditions, SensorsConditions
-from rans.model.fields import leaves
+from rans.model.fields import Quat, leaves
 from rans.model.random import Draws
+from rans.model.timing import Timing
 from tests.model.cases import BOTH, COUNT, LIKELY, begun
 
 
@@ -50,6 +54,41 @@ def test_noise_is_normal_and_new_in_every_component_and_period(dimension: int) -
 
 
 @BOTH
+def test_noise_repeats_in_no_later_period(dimension: int) -> None:
+    """No component with itself or another, one to three periods later."""
+    sizes = (0.02, 0.01, 0.03, 0.04)
+    world, own, now = begun(Conditions(sensors=sensors("noise", sizes)), dimension, 2000)
+    told = [np.vstack(errors(world, own, replace(now, clock=now.clock + k))) for k in range(8)]
+    components = len(told[0])
+    for lag in (1, 2, 3):
+        before, after = (np.concatenate(part, axis=1) for part in (told[:-lag], told[lag:]))
+        across = np.corrcoef(before, after)[:components, components:]
+        assert np.abs(across).max() < 5 / math.sqrt(before.shape[1])
+
+
+def test_attitudes_err_about_the_axes_of_the_body() -> None:
+    """R_told = R_true exp(error): a bias as it was drawn, and noise as that of a craft that is upright."""
+    def rotations(attitude: Any) -> Rotation:
+        parts = np.broadcast_arrays(attitude.x, attitude.y, attitude.z, attitude.w)
+        return Rotation.from_quat(np.stack(parts, axis=1))
+
+    for what in ("bias", "noise"):
+        world, own, now = begun(Conditions(sensors=sensors(what, (0.0, 0.3, 0.0, 0.0))), 3, 50)
+        whole = np.ones(50)
+        upright = Quat(whole, 0.0 * whole, 0.0 * whole, 0.0 * whole)
+        level = replace(now, state=replace(now.state, attitude=upright))
+        error = rotations(world.sensed(level, own).attitude)
+        if what == "bias":
+            drawn: Any = now.case.sensors.bias[1]  # type: ignore[index, union-attr]
+            expected = np.stack(drawn.columns(), axis=1)
+            np.testing.assert_allclose(error.as_rotvec(), expected, rtol=0, atol=1e-12)
+        told = rotations(world.sensed(now, own).attitude)
+        true = rotations(now.state.attitude)
+        # Rounding; in W the error would be turned by the attitude, some 0.3 rad away.
+        np.testing.assert_allclose((told.inv() * true * error).magnitude(), 0.0, atol=1e-12)
+
+
+@BOTH
 def test_a_bias_is_the_same_in_every_period(dimension: int) -> None:
     sizes = (0.1, 0.02, 0.2, 0.3)
     world, own, now = begun(Conditions(sensors=sensors("bias", sizes)), dimension, 20)
@@ -59,6 +98,38 @@ def test_a_bias_is_the_same_in_every_period(dimension: int) -> None:
     for size, a, b in zip(sizes, first, errors(world, own, now), strict=True):
         np.testing.assert_allclose(np.linalg.norm(a, axis=0), size, rtol=1e-4)  # 2 sin(0.01) is 0.02 - 3e-7
         np.testing.assert_allclose(b, a, rtol=0, atol=1e-12)
+
+
+@BOTH
+def test_all_readings_stand_while_sensors_have_stopped(dimension: int) -> None:
+    """For 0.5 s in every 2 s, from another moment on in every episode; in between they are of this period."""
+    noise = sensors("noise", (0.02, 0.01, 0.03, 0.04))
+    stopping = replace(noise, outage=0.5, outage_every=2.0)
+    world, own, now = begun(Conditions(sensors=stopping), dimension, 200)
+    world = replace(world, timing=Timing(control_period=0.1))
+    before, stopped = world.sensed(now, own), []
+    for _ in range(40):
+        now = step(world, now, tuple(np.ones((len(world.craft.thrusters), 200))), own).episode
+        told = world.sensed(now, own)
+        same = [np.asarray(a == b) for a, b in zip(leaves(told), leaves(before), strict=True)]
+        assert all(np.array_equal(one, same[0]) for one in same), "all of them or none"
+        new = ~same[0]
+        assert np.abs(told.p.x - now.state.p.x)[new].max() < 0.12  # six standard deviations
+        stopped.append(same[0])
+        before = told
+    gone = np.array(stopped)
+    assert (gone[:20].sum(axis=0) == 5).all()
+    assert np.array_equal(gone[:20], gone[20:])
+    begins = np.argmax(gone[:20] & ~np.roll(gone[:20], 1, axis=0), axis=0)
+    assert stats.chisquare(np.bincount(begins, minlength=20)).pvalue > LIKELY
+
+
+@pytest.mark.parametrize("wrong", [
+    {"outage": 5.0}, {"outage": (0.0, 2.0), "outage_every": (2.0, 4.0)}, {"outage_every": 0.0},
+    {"outage": -1.0}])
+def test_outages_end_before_the_next_begins(wrong: dict[str, Any]) -> None:
+    with pytest.raises(ConfigError, match=r"sensors\.outage"):
+        Conditions(sensors=SensorsConditions(**wrong))
 
 
 @BOTH

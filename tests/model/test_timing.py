@@ -35,3 +35,16 @@ def test_an_episode_is_no_longer_than_a_clock_can_count() -> None:
     assert Timing(episode_steps=2**20 - 1).episode_steps == 1_048_575
     with pytest.raises(ConfigError, match=r"episode_steps must be <= 1,048,575, got 1,048,576\."):
         Timing(episode_steps=2**20)
+
+
+@pytest.mark.parametrize("steps", [1, 3, 4, 125])
+def test_a_clock_counts_periods_and_episodes(steps: int) -> None:
+    """Wherever an episode ends, the next one begins at its period 0."""
+    timing = Timing(episode_steps=steps)
+    clock = 0
+    for episode in range(3):
+        assert (timing.episode(clock), timing.step(clock)) == (episode, 0)
+        for ran in range(steps + 1):
+            assert (timing.episode(clock + ran), timing.step(clock + ran)) == (episode, ran)
+            assert timing.next_episode(clock + ran) == timing.next_episode(clock)
+        clock = timing.next_episode(clock)

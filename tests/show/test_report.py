@@ -3,6 +3,7 @@ from __future__ import annotations
 import io
 import json
 import os
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from rans.errors import ConfigError
 from rans.evaluation.measure.aggregate import measure
 from rans.show.page import Finding, Page, Section, Table
 from rans.show.report import (
+    SOLVED_SHARE,
     assurance_section,
     comparison_section,
     evaluation_section,
@@ -148,6 +150,15 @@ def test_what_is_missing_is_left_out(run: Path, kept: str) -> None:
     assert page.tags.count("section") == 1
 
 
+@pytest.mark.parametrize(("share", "passed"), [
+    (100.0, True), (SOLVED_SHARE, True), (SOLVED_SHARE - 0.01, False), (0.0, False)])
+def test_as_many_solved_as_are_wanted_are_enough(share: float, passed: bool) -> None:
+    measured = measure(two_episodes())
+    rows = tuple(replace(row, value=share) if row.name == "solved" else row for row in measured.rows)
+    finding, = evaluation_section([replace(measured, rows=rows)]).findings
+    assert finding.passed is passed
+
+
 def test_no_results_is_an_error(tmp_path: Path) -> None:
     (tmp_path / "config.json").write_text("{}")
     with pytest.raises(ConfigError, match="holds no results"):
@@ -271,3 +282,11 @@ def test_a_failed_write_keeps_the_old_report(tmp_path: Path, monkeypatch: pytest
         Page("new", []).write(path)
     assert [file.name for file in tmp_path.iterdir()] == ["report.html"]
     assert path.read_text() == "old"
+
+
+@pytest.mark.parametrize("picture", ["no picture", '<svg xmlns="http://www.w3.org/2000/svg"><script/></svg>'])
+def test_a_picture_that_is_none_is_one_sentence(run: Path, picture: str) -> None:
+    """Or one that brings a script along."""
+    (run / "episode.svg").write_text(picture)
+    with pytest.raises(ConfigError, match=r"the picture .*episode\.svg was not put into the report: it "):
+        report_from_run(run)

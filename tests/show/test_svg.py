@@ -5,12 +5,14 @@ from __future__ import annotations
 import re
 import xml.etree.ElementTree as ET
 
+import pytest
 from matplotlib.figure import Figure
 
+from rans.errors import ConfigError
 from rans.show.figures import evaluation_figure, styled
 from rans.show.page import Picture
 from rans.show.panels import legend_beside
-from rans.show.svg import panels, svg
+from rans.show.svg import only_drawn, panels, svg
 from tests.evaluation.flights import two_episodes
 
 PATH = "{http://www.w3.org/2000/svg}path"
@@ -69,3 +71,55 @@ def test_other_pictures_stay_as_they_are() -> None:
     figure.subplots()
     whole = svg(figure)
     assert panels(whole) == [whole]
+
+
+PLAIN = '<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink">{}</svg>'
+
+
+def test_our_own_pictures_only_draw() -> None:
+    text = svg(two_panels())
+    assert panels(only_drawn(text)) == panels(text)
+
+
+@pytest.mark.parametrize(("picture", "sentence"), [
+    ("no picture", "it is no SVG"),
+    ("<html/>", "begins with the element"),
+    (PLAIN.format("<script>alert(1)</script>"), "holds the element '.*script'"),
+    (PLAIN.format('<foreignObject><p xmlns="http://www.w3.org/1999/xhtml"/></foreignObject>'),
+     "foreignObject"),
+    (PLAIN.format('<g><animate attributeName="href" to="javascript:alert(1)"/></g>'), "animate"),
+    (PLAIN.format('<a href="http://example.org"/>'), "the element '.*a'"),
+    (PLAIN.format('<rect onclick="alert(1)"/>'), "onclick"),
+    (PLAIN.format('<rect onLoad="alert(1)"/>'), "onload"),
+    (PLAIN.format('<use xlink:href="http://example.org/a.svg#b"/>'), "fetch something"),
+    (PLAIN.format('<image href="file:///etc/passwd"/>'), "fetch something"),
+    (PLAIN.format('<image href="data:image/svg+xml;base64,AAAA"/>'), "fetch something"),
+    (PLAIN.format('<rect style="fill: url( http://example.org )"/>'), "fetch something"),
+    (PLAIN.format('<rect fill="url(\'http://example.org\')"/>'), "fetch something"),
+    (PLAIN.format("<style>@import 'http://example.org';</style>"), "style could fetch"),
+    (PLAIN.format("<style>*{fill: u\\72l(http://example.org)}</style>"), "style could fetch"),
+    ('<!DOCTYPE svg [<!ENTITY a "aaaa">]>' + PLAIN.format("&a;"), "declares entities"),
+    (PLAIN.format("<g>" * 3000 + "</g>" * 3000), "it is no SVG"),
+])
+def test_pictures_that_do_more_than_to_draw_are_refused(picture: str, sentence: str) -> None:
+    with pytest.raises(ConfigError, match=sentence):
+        only_drawn(picture)
+
+
+def test_nothing_is_left_but_the_drawing() -> None:
+    """Instructions to a browser go, and links within the picture stay."""
+    told = ('<?xml version="1.0"?><?xml-stylesheet href="http://example.org/a.css"?><!-- note -->'
+            + PLAIN.format('<metadata><any xmlns="http://example.org"/></metadata><defs><path id="a"/></defs>'
+                           '<use xlink:href="#a" clip-path="url(#b)"/>'))
+    kept = only_drawn(told)
+    assert "example.org" not in kept
+    assert "note" not in kept
+    assert 'href="#a"' in kept
+    assert "url(#b)" in kept
+
+
+def test_panels_are_counted() -> None:
+    """Within each other, each would repeat all that it holds."""
+    group = '<g id="panel 0 0 1 1">'
+    many = PLAIN.format(group * 200 + "</g>" * 200)
+    assert panels(many) == [many]

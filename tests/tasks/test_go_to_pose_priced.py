@@ -51,6 +51,10 @@ def test_every_episode_is_go_to_pose_at_its_own_price(spacecraft: str) -> None:
     np.testing.assert_allclose(terms["thrust"], -0.1 * price * command.sum(axis=0), rtol=1e-12)  # rounding
     unpriced: Any = GoToPose().reward(Transition(states, plain.goal, tuple(command), tuple(before)))
     np.testing.assert_array_equal(terms["approach"], unpriced["approach"])
+    weighed: Any = GoToPose(spin_weight=0.2, misaligned_weight=1.0).reward(
+        Transition(states, plain.goal, tuple(command), tuple(before)))
+    for name in ("misaligned", "spin"):
+        np.testing.assert_allclose(terms[name], price * weighed[name], rtol=1e-12)
     seen = observation(TASK, states, priced.goal)
     np.testing.assert_array_equal(seen[:-1], observation(GoToPose(), states, plain.goal))
     np.testing.assert_array_equal(seen[-1], knob)

@@ -22,6 +22,7 @@ from rans.fast.learn.run_folder import read_config
 from rans.fast.step import Step
 from rans.model.conditions_file import load_conditions
 from rans.model.spacecraft_file import load_spacecraft, spacecraft_text
+from rans.model.timing import Timing
 from validation.breaking import __main__ as campaign
 from validation.breaking import steps, training, trial
 from validation.breaking.__main__ import Breaking, Tally
@@ -240,11 +241,23 @@ def test_extreme_craft_are_allowed_ones() -> None:
 def test_bodies_are_as_extreme_and_each_another() -> None:
     craft = load_spacecraft("free-flyer")
     with pytest.warns(UserWarning, match="can hardly be controlled"):
-        engine = Engine(craft, "go-to-pose", 500, body=steps.bodies(craft, 500, 1))  # which must be rigid
+        # Which must be rigid, and none of them moved further in a period than is flown.
+        engine = Engine(craft, "go-to-pose", 500, body=steps.bodies(craft, 500, 1, 0.2))
     masses = np.asarray(engine.body.mass)
     assert masses.min() < 1e-3
     assert masses.max() > 1e6
     assert len(np.unique(masses)) > 200
+
+
+@pytest.mark.filterwarnings("ignore:spacecraft '.*' can hardly be controlled")
+@pytest.mark.parametrize("craft", ["floating-platform", "free-flyer", "floating-platform-shared", "atmos"])
+@pytest.mark.parametrize("period", [1e-3, 0.2, 5.0])
+def test_no_world_of_extreme_bodies_is_refused(craft: str, period: float) -> None:
+    """Else a campaign would look for one without an end."""
+    known = load_spacecraft(craft)
+    for seed in range(5):
+        extreme_ones = steps.bodies(known, 500, seed, period)
+        assert Engine(known, "go-to-pose", 500, Timing(period, substeps=1), body=extreme_ones).num_envs == 500
 
 
 def test_another_agent_is_seen(tmp_path: Path) -> None:

@@ -45,6 +45,13 @@ def test_a_failed_check_is_on_top_and_the_closest(value: float) -> None:
     assert "1 of 2 checks within tolerance." in shown.findings[1].text
 
 
+def test_of_what_must_be_exact_any_fault_is_the_closest() -> None:
+    shown = page(study_of(check("way 1", 9e-4, 1e-3), check("way 2", 0.0, 0.0)), "x")
+    assert shown.sections[0].tables[0].rows[0][:2] == ("way 1", "9.0e-01")
+    shown = page(study_of(check("way 1", 9e-4, 1e-3), check("way 2", 1e-9, 0.0)), "x")
+    assert shown.sections[0].tables[0].rows[0][:2] == ("way 2", "inf")
+
+
 def test_figures_show_their_points() -> None:
     curve = Curve("error of one control period", "ours", (0.2, 0.1), (1e-6, 1e-8))
     shown = page(Study("x", (check("way 1", 0.0, 1.0),), SETTINGS, (), (curve,)), "x")

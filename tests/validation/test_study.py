@@ -8,6 +8,7 @@ import pytest
 
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
+from rans.tasks import TASKS
 from validation import engines, flights, oracles
 from validation.checks import Check, Curve, Skipped
 from validation.study import FULL_LAYERS, LAYERS, Scope, study
@@ -31,13 +32,43 @@ BOTH = {
     **four(**{"one control period": 1e-9, "disturbed period": 1e-9, "world turned": 1e-12,
               "engine, NumPy float64": 1e-11, "engine, torch float64": 1e-11, "engine, float32": 1e-3}),
 }
-PLANE = BOTH | {
+SHARED = {
+    **{f"draws: {name}": (8.0, "decades") for name in (
+        "start", "body and thrust", "valves", "pushes", "sensors", "delay of readings", "number of faults",
+        "thruster that fails", "kind of fault", "time and share of faults", "each beside the others",
+        "each beside the episode before", "each beside another seed")},
+    "draws: an effect alone and among others": (0.0, "SI"),
+    **{f"readings: {name}": (8.0, "decades") for name in (
+        "size of biases", "dropouts of different periods", "first outage",
+        *(f"noise of {name}" for name in QUANTITIES),
+        *(f"dropouts of {name}" for name in QUANTITIES), *(f"{name} after a dropout" for name in QUANTITIES),
+        *(f"noise of different {what}" for what in ("components", "periods", "episodes")))},
+    "readings: control periods of an outage": (0.0, "periods"),
+    "readings: quantities that stop alone": (0.0, "periods"),
+    "readings: change of a bias": (1e-12, "SI"), "readings: two control periods old": (0.0, "SI"),
+    **{f"onsets: {name}": (0.0, "periods") for name in (
+        "a fault at 2 s", "a valve 0.3 s late", "open for 0.5 s at least", "shut for 0.3 s at least")},
+    "onsets: speed of a steady force": (1e-12, "m/s"), "onsets: way of a steady force": (1e-12, "m"),
+    "onsets: angular momentum of a steady torque": (1e-7, "s"),
+    "onsets: momentum of a swinging force": (5e-3, "relative"),
+    "onsets: kicks of an episode less one": (0.0, "-"),
+    "onsets: control period of a kick": (8.0, "decades"), "onsets: speed of a kick": (8.0, "decades"),
+    **{f"tasks: {name}": (1e-12, "-") for name in (
+        "prices", "reward where sensors err", *(f"reward of {task}" for task in TASKS))},
+    "tasks: observations": (1e-12, "SI"),
+    **{f"tasks: {name}": (0.0, "-") for name in (
+        "failing beyond 8 m", "reached within 5 cm", "tracking fails beyond 6 rad/s",
+        "cut off after 125 control periods")},
+}
+"""Of what Drake is given by our code, and judges nothing of."""
+PLANE = BOTH | SHARED | {
+    "draws: torques to the left": (8.0, "decades"),
     "coasting: angular momentum": (1e-12, "relative"), "coasting: energy": (1e-12, "relative"),
     "work less energy gained": (1e-10, "relative"), "one substep against eight": (1e-10, "SI"),
     **four(**{"Fresnel integrals": 1e-9, "DOP853": 1e-9, "25 s": 1e-9, "bang-bang": 1e-9}),
     "Drake's own error: position": (1e-10, "m"), "Drake's own error: attitude": (1e-10, "rad"),
 }
-SPACE = BOTH | {
+SPACE = BOTH | SHARED | {
     "coasting: angular momentum": (1e-9, "relative"), "coasting: energy": (1e-9, "relative"),
     "work less energy gained": (1e-8, "relative"), "order of integration short of 6": (0.3, "-"),
     "asymmetric top: spin": (1e-9, "rad/s"),

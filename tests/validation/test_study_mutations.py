@@ -19,8 +19,9 @@ import validation.flights
 import validation.oracles
 import validation.sampling
 from rans.model.spacecraft import Spacecraft
+from rans.model.spacecraft_file import load_spacecraft
 from rans.reference.plant import Plant
-from tests.validation.mutations import MUTATIONS, PLANE, SHARING, SPACE, Patch
+from tests.validation.mutations import MUTATIONS, PLANE, SHARED, SHARING, SPACE, Patch
 from validation.checks import Check
 from validation.study import LAYERS, Scope
 
@@ -40,6 +41,15 @@ def failures(craft: Spacecraft) -> Iterator[tuple[str, str]]:
         yield from ((name, c.name) for c in look(scope) if isinstance(c, Check) and not c.passed)
 
 
+SHARED_LAYERS = ("draws", "readings", "onsets", "tasks")
+
+
+def found_in_what_is_shared(scope: Scope) -> Iterator[tuple[str, Check]]:
+    """Layer and check of everything that is found in what Drake is given by our code, in order."""
+    for layer in SHARED_LAYERS:
+        yield from ((layer, c) for c in LAYERS[layer](scope) if isinstance(c, Check) and not c.passed)
+
+
 def name(value: Any) -> str:
     return getattr(value, "name", None) or getattr(value, "__name__", str(value))
 
@@ -48,6 +58,23 @@ def name(value: Any) -> str:
 def test_found_where_it_lies(craft: Spacecraft, patch: Patch, layer: str, monkeypatch: Any) -> None:
     patch(monkeypatch)
     assert next(failures(craft), ("nowhere", ""))[0] == layer
+
+
+@pytest.mark.parametrize(("craft", "patch", "layer"), SHARED, ids=name)
+def test_found_although_drake_shares_it(craft: Spacecraft, patch: Patch, layer: str,
+                                        monkeypatch: pytest.MonkeyPatch) -> None:
+    patch(monkeypatch)
+    scope = Scope(craft, seed=1, states=8, flights=1)
+    assert next(found_in_what_is_shared(scope), ("nowhere", None))[0] == layer
+
+
+@pytest.mark.filterwarnings("ignore:spacecraft 'nasty-planar'. its 1 thrusters cannot push")
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("craft", ["atmos", "free-flyer-shared", "one thruster"])
+def test_what_is_shared_is_right_for_any_valves_and_seed(craft: str, seed: int) -> None:
+    alone = replace(PLANE, thrusters=PLANE.thrusters[:1])
+    scope = Scope(alone if craft == "one thruster" else load_spacecraft(craft), seed, states=8, flights=1)
+    assert list(found_in_what_is_shared(scope)) == []
 
 
 @pytest.mark.parametrize("craft", [PLANE, SHARING, SPACE], ids=name)

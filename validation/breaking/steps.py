@@ -14,6 +14,7 @@ import torch
 from rans.errors import ConfigError
 from rans.fast.engine import Engine
 from rans.fast.step import Step
+from rans.model.accuracy import FARTHEST, WILDEST
 from rans.model.body import Body
 from rans.model.conditions import Conditions
 from rans.model.conditions_file import load_conditions
@@ -63,8 +64,12 @@ def extreme(chance: random.Random) -> Spacecraft:
     return replace(craft, mass=bound(craft.mass * heavier, 1e-9), thrusters=thrusters, inertia=inertia)
 
 
-def bodies(craft: Spacecraft, count: int, seed: int) -> Body:
-    """Of so many differently extreme ones: mass, inertia, centre of mass and force of the thrusters."""
+def bodies(craft: Spacecraft, count: int, seed: int, period: float) -> Body:
+    """Of so many differently extreme ones: mass, inertia, centre of mass and force of the thrusters.
+
+    Where one command of a period (s) would move or turn one further than is flown (`rans.model.accuracy`),
+    its thrusters are as much weaker: a world that holds one of those is refused as a whole.
+    """
     chance = np.random.default_rng(seed)
 
     def size() -> np.ndarray:
@@ -72,8 +77,23 @@ def bodies(craft: Spacecraft, count: int, seed: int) -> Body:
 
     usual, heavier, stiffer, stronger = Body.of(craft), size(), np.clip(size(), 1e-7, 1e8), size()
     away = tuple(size() * chance.normal(size=count) for _ in usual.centre)
-    return replace(usual, mass=usual.mass * heavier, inertia=tuple(x * stiffer for x in usual.inertia),
-                   centre=away, gain=tuple(stronger for _ in usual.gain))
+    found = replace(usual, mass=usual.mass * heavier, inertia=tuple(x * stiffer for x in usual.inertia),
+                    centre=away)
+    weaker = stronger * np.minimum(1.0, _flyable(craft, found, stiffer, stronger, period))
+    return replace(found, gain=tuple(weaker for _ in usual.gain))
+
+
+def _flyable(craft: Spacecraft, body: Body, stiffer: np.ndarray, stronger: np.ndarray,
+             period: float) -> np.ndarray:
+    """Of each body, by how much thrusters so strong may be stronger and one command can still be flown."""
+    table, tensor = np.array(craft.wrench_map), np.array(craft.inertia)
+    force = np.linalg.norm(table[:, :craft.dimension], axis=1).sum()
+    torque = np.linalg.norm(table[:, craft.dimension:], axis=1).sum()
+    moment = tensor[2, 2] if craft.dimension == 2 else np.linalg.eigvalsh(tensor)[0]
+    lever = np.linalg.norm(np.array(body.centre), axis=0)
+    way = 0.5 * force * stronger / np.asarray(body.mass) * period**2
+    turn = (torque + lever * force) * stronger / (moment * stiffer) * period**2
+    return np.minimum(FARTHEST / way, WILDEST / turn) * (1.0 - 1e-9)  # rounded towards what is flown
 
 
 def seen(step: Step) -> tuple[int, int]:
@@ -103,7 +123,8 @@ def compiled(number: int, count: int = _BATCH, steps: int = _BATCHES, under: Seq
     chance = random.Random(f"world {number}")
     craft, task = load_spacecraft(_KNOWN[number % len(_KNOWN)]), _any_task(chance)
     timing = Timing(_period(chance, under), substeps=1, episode_steps=16)
-    engine = Engine(craft, task, count, timing, seed=number, body=bodies(craft, count, number), compiled=True,
+    engine = Engine(craft, task, count, timing, seed=number, compiled=True,
+                    body=bodies(craft, count, number, timing.control_period),
                     conditions=_conditions(number, under))
     return _stepped(engine, number, steps, count)
 

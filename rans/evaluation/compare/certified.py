@@ -12,7 +12,7 @@ from typing import Any
 from rans.errors import ConfigError
 from rans.evaluation.compare.bounds import Bound, Event, Question, bounds, question
 from rans.evaluation.compare.contest import Contest
-from rans.files import number, read_json, write_json
+from rans.files import number, one_at_a_time, read_json, write_json
 from rans.model.spacecraft_file import to_toml
 from rans.optimal.certificate.certificate import Effort
 from rans.scenario import each
@@ -42,7 +42,7 @@ def certify_each(contest: Contest, wanted: Iterable[tuple[int, Event]], effort: 
         contest: gives the starts.
         wanted: numbers of starts, and what is bounded.
         effort: for each.
-        cache: JSON file that keeps the bounds for the next time.
+        cache: JSON file that keeps the bounds for the next time; others may add theirs meanwhile.
         workers: see `bounds`.
         progress: called once per bound.
     """
@@ -60,10 +60,16 @@ def certify_each(contest: Contest, wanted: Iterable[tuple[int, Event]], effort: 
             asked.append((key, start, one))
     keys, starts, questions = zip(*asked, strict=True) if asked else ((), (), ())
     for k, answer in bounds(questions, starts, workers, progress):
-        known[keys[k]] = answer
         if cache:
-            write_json(cache, {key: asdict(one) for key, one in known.items()})
+            _add(cache, keys[k], answer)
         yield answer
+
+
+def _add(cache: Path, key: str, found: Bound) -> None:
+    """Keep one more bound beside those that are there by now, also from other processes."""
+    with one_at_a_time(cache.parent):
+        known = _read(cache) if cache.exists() else {}
+        write_json(cache, {kept: asdict(one) for kept, one in (known | {key: found}).items()})
 
 
 def _revived(row: dict[str, Any]) -> Bound:

@@ -18,7 +18,7 @@ from rans.evaluation.fly.knob import without_knob
 from rans.evaluation.fly.lookahead import PREFIX
 from rans.evaluation.fly.tuned import tuned
 from rans.fast.learn.run_folder import RunFolder
-from rans.files import read_json
+from rans.files import inside, read_json
 from rans.flight import Controller, Setup
 from rans.model.conditions import Conditions
 from rans.model.random import seed_words
@@ -153,7 +153,7 @@ def _tuning(spec: str) -> str:
     if is_user_policy(spec):
         return _UNKNOWN
     folder = agent_folder(spec.removeprefix(f"{PREFIX}:"))
-    card, run = folder / "card.json", RunFolder(folder)
+    card, run = inside(folder, "card.json"), RunFolder(folder)
     if card.exists():
         training = read_json(card)["training"]
     elif rows := run.metrics():

@@ -40,7 +40,12 @@ class Agent:
 
     @torch.no_grad()
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        """See `rans.flight.Controller`; looks at the observation only, and at what it remembers."""
+        """See `rans.flight.Controller`; looks at the observation only, and at what it remembers.
+
+        Raises:
+            ConfigError: the observation has another width than those that it was trained on.
+        """
+        self.network.architecture.check_width(self.name, observation)
         command, self._memory = likeliest(self.network, torch.from_numpy(observation), self._memory)
         return command.numpy()
 

@@ -13,11 +13,12 @@ from rans.evaluation.fly.agent import Agent, LoadedRun, load_agent
 from rans.evaluation.fly.controllers import CONTROLLERS, controller, is_user_policy, user_policy
 from rans.evaluation.fly.lookahead import PREFIX, Lookahead, looking_ahead
 from rans.evaluation.fly.protocols import ProtocolName, under_protocol
+from rans.files import distinct
 from rans.flight import Setup
 from rans.model.spacecraft_file import USUAL, load_spacecraft
 from rans.model.timing import Timing
 from rans.pretrained import pretrained_folder, pretrained_names
-from rans.registry import from_here
+from rans.registry import look_here_too
 from rans.tasks import TASKS, Task, registered_name
 
 FORMS = (f"a run folder, pretrained:NAME, either after {PREFIX}:, "
@@ -111,7 +112,10 @@ def judged_separately(spec: str) -> list[str]:
 def output_folder(spec: str) -> Path:
     """Where the results of a contestant go: into its run folder, or a folder of `EVALUATIONS`."""
     kind, name, _ = _parse(spec)
-    return EVALUATIONS / re.sub(r"[^\w.-]+", "-", f"{kind}-{name}") if kind else Path(name)
+    if not kind:
+        return Path(name)
+    parts = re.split("[:@]+", f"{kind}:{name}")
+    return EVALUATIONS / "-".join(map(distinct, parts))
 
 
 def controller_name(spec: str) -> str:
@@ -139,13 +143,30 @@ def _is_controller(spec: str) -> bool:
     if spec in CONTROLLERS:
         return True
     module, _, name = spec.partition(":")
-    others = module in ("pretrained", PREFIX, *CONTROLLERS) or is_user_policy(spec) or Path(spec).exists()
+    others = module in ("pretrained", PREFIX, *CONTROLLERS) or is_user_policy(spec) or _exists(spec)
     dotted = all(part.isidentifier() for part in f"{module}.{name}".split("."))
-    return dotted and not others and find_spec(from_here(module).partition(".")[0]) is not None
+    if others or not dotted:
+        return False
+    look_here_too()
+    return find_spec(module.partition(".")[0]) is not None
+
+
+_LONGEST_NAME = 4096
+"""Characters; no path has more on Linux."""
+
+
+def _exists(name: str) -> bool:
+    """Whether there is a file or folder of this name, which may be one that none can have."""
+    try:
+        return Path(name).exists()
+    except (OSError, ValueError):
+        return False
 
 
 def _parse(spec: str) -> tuple[str, str, str]:
     """Kind, name and picked task; a run folder has no kind."""
+    if len(spec) > _LONGEST_NAME:
+        raise ConfigError(f"there is no contestant {brief(spec)}; known are {FORMS}.")
     spec, _, part = spec.partition("#")
     kind, _, name = spec.partition(":")
     kinds = "pretrained", PREFIX, *CONTROLLERS
@@ -153,16 +174,16 @@ def _parse(spec: str) -> tuple[str, str, str]:
         return kind, name, part
     if spec == f"{kind}:":
         raise ConfigError(f"{spec} names nobody after its colon; known are {FORMS}.")
-    if ":" in spec and not Path(spec).exists():
+    if ":" in spec and not _exists(spec):
         module, (own, _, name) = kind, name.partition(":")
         if own and name:
             return f"{module}:{own}", name, part
         if _is_controller(spec):
             raise ConfigError(f"{spec} knows no task; add one, as in {spec}:go-to-pose-2d.")
         raise ConfigError(f"there is no contestant {brief(spec)}{meant(kind, kinds)}; known are {FORMS}.")
-    if spec in pretrained_names() and not Path(spec).exists():
+    if spec in pretrained_names() and not _exists(spec):
         return "pretrained", spec, part
-    if not Path(spec).exists() and (near := meant(spec, (*CONTROLLERS, *pretrained_names()))):
+    if not _exists(spec) and (near := meant(spec, (*CONTROLLERS, *pretrained_names()))):
         raise ConfigError(f"{spec} knows no task; add one, as in {spec}:go-to-pose-2d." if spec in CONTROLLERS
                           else f"{spec} is not a run folder, and no agent or controller{near}.")
     return "", spec, part
@@ -173,11 +194,12 @@ def _named_setup(kind: str, name: str, spec: str) -> Setup:
     name, _, spacecraft = name.partition("@")
     task, _, dimension = name.rpartition("-")
     if dimension not in ("2d", "3d"):
-        raise ConfigError(f"{spec!r} must say in how many dimensions, as in {kind}:go-to-pose-2d or -3d.")
+        raise ConfigError(f"{brief(spec)} must say in how many dimensions, as in {kind}:go-to-pose-2d or "
+                          "-3d.")
     axes = int(dimension[0])
     craft = load_spacecraft(spacecraft or USUAL[axes])
     if craft.dimension != axes:
-        raise ConfigError(f"{spec!r} asks for {dimension}, but {craft.name} moves in {craft.dimension} "
+        raise ConfigError(f"{brief(spec)} asks for {dimension}, but {craft.name} moves in {craft.dimension} "
                           "dimensions.")
     return Setup(craft, TASKS[task](), Timing())
 
@@ -186,6 +208,6 @@ def _picked(setup: Setup, part: str, spec: str) -> Setup:
     """The setup with one of the tasks of a multi-task."""
     parts = setup.task.parts()
     if part and part not in parts:
-        raise ConfigError(f"{spec!r} picks the task {part!r}, but there is only "
+        raise ConfigError(f"{brief(spec)} picks the task {brief(part)}, but there is only "
                           f"{', '.join(parts) or 'one task'}.")
     return setup._replace(task=parts[part]) if part else setup

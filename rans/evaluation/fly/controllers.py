@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from rans.errors import ConfigError, RansError
+from rans.errors import ConfigError, RansError, brief
 from rans.evaluation.fly.tuned import arguments, tuned
 from rans.files import first_line
 from rans.flight import Controller, Setup
 from rans.model.actuators import ON_OFF
 from rans.model.spacecraft import Spacecraft
-from rans.registry import Registry, from_here, resolve
+from rans.registry import Registry, resolve_typed
 from rans.tasks import Task, observation_width
 
 Maker = Callable[..., Controller]
@@ -28,9 +28,18 @@ Maker = Callable[..., Controller]
 def _checked(found: Any) -> Maker:
     if not callable(found):
         raise ConfigError("a controller must be a class or function of spacecraft, task and timing, got "
-                          f"{found!r}.")
+                          f"{brief(found)}.")
+    if isinstance(found, type):  # refused before it is called: a spacecraft or a task is a class too
+        _check_methods(f"the class {found.__name__}", found)
     maker: Any = found
     return maker
+
+
+def _check_methods(who: str, found: object) -> None:
+    missing = [need for need in ("reset", "act") if not callable(getattr(found, need, None))]
+    if missing:
+        raise ConfigError(f"{who} is no controller: it has no {' and no '.join(missing)}; see "
+                          "rans.flight.Controller.")
 
 
 CONTROLLERS: Registry[Maker] = Registry("controller", "rans.controllers", {
@@ -59,7 +68,7 @@ class Guarded:
 
     def __init__(self, name: str, setup: Setup, maker: Maker) -> None:
         self._craft, package = setup.craft, CONTROLLERS.package(name)
-        self._who = f"the controller {name!r}" + (f" of the package {package}" if package else "")
+        self._who = f"the controller {brief(name)}" + (f" of the package {package}" if package else "")
         try:
             self._made = maker(*setup[:3])
             self.name, self.slow = self._made.name, getattr(self._made, "slow", False)
@@ -68,10 +77,7 @@ class Guarded:
         except Exception as error:  # somebody else's code raises anything
             raise ConfigError(f"{self._who} cannot be made: {type(error).__name__}: {first_line(error)}."
                               ) from error
-        missing = [need for need in ("reset", "act") if not callable(getattr(self._made, need, None))]
-        if missing:
-            raise ConfigError(f"{self._who} is no controller: it has no {' and no '.join(missing)}; see "
-                              "rans.flight.Controller.")
+        _check_methods(self._who, self._made)
 
     @property
     def failures(self) -> int:
@@ -151,7 +157,7 @@ def user_policy(spec: str, craft: Spacecraft, task: Task, trust: bool = False) -
     """
     kind, _, name = spec.partition(":")
     if not is_user_policy(spec) or not name:
-        raise ConfigError(f"there is no policy {spec!r}; known are {USER_POLICIES}.")
+        raise ConfigError(f"there is no policy {brief(spec)}; known are {USER_POLICIES}.")
     return UserPolicy(spec, _LOADERS[kind](name, craft, task, trust), craft, task, trust)
 
 
@@ -252,7 +258,7 @@ def _python(name: str, *_: object) -> Policy:
     if not module or not colon or not function:
         raise ConfigError(f"python:{name} must name a module and a function, as python:my_policy:act.")
     try:
-        policy = resolve(from_here(name))
+        policy = resolve_typed(name)
     except ConfigError as error:
         raise ConfigError(f"python:{name} cannot be imported: {error}") from error
     if not callable(policy):

@@ -12,7 +12,7 @@ from pathlib import Path as FilePath
 import numpy as np
 
 from rans.errors import ConfigError, brief, meant
-from rans.files import regular
+from rans.files import LARGEST_TEXT, distinct, read_bytes
 
 SPACING = 0.005
 """Largest distance along a path between neighbouring points, m: a fiftieth of the paper's look-ahead. A
@@ -33,6 +33,13 @@ class Path:
     points: np.ndarray
     """(P, 2) or (P, 3) in W, m. A closed path does not repeat its first point."""
     closed: bool
+
+    @property
+    def label(self) -> str:
+        """What names of files tell it by: its name, with a digest of its points if it is a user's."""
+        if self.name in PATHS and np.array_equal(PATHS[self.name]().points, self.points):
+            return self.name
+        return distinct(self.name, f"{self.closed} {self.points.tolist()}")
 
     @classmethod
     def through(cls, name: str, points: np.ndarray, closed: bool) -> Path:
@@ -142,10 +149,10 @@ def read_path(file: FilePath) -> Path:
     file cannot be read or holds no path, a `ConfigError` names the line.
     """
     try:
-        rows = list(csv.reader(regular(file).read_text("utf-8-sig").splitlines()))
+        rows = list(csv.reader(read_bytes(file, LARGEST_TEXT).decode("utf-8-sig").splitlines()))
     except UnicodeDecodeError as error:
         raise ConfigError(f"cannot read {file}: it is not text in UTF-8.") from error
-    except (OSError, csv.Error) as error:
+    except csv.Error as error:
         raise ConfigError(f"cannot read {file}: {error}.") from error
     numbered = [(line, row) for line, row in enumerate(rows, start=1) if any(map(str.strip, row))]
     if numbered and not any(_is_number(cell) for cell in numbered[0][1]):

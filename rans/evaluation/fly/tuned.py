@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from rans.errors import ConfigError, is_finite
-from rans.files import read_json, write_json
+from rans.files import distinct, read_json, write_json
 from rans.flight import Setup
 from rans.model.spacecraft import Spacecraft
-from rans.model.spacecraft_file import to_toml
+from rans.model.spacecraft_file import spacecraft_label, to_toml
 from rans.tasks import Task, registered_name
 
 SHIPPED = Path(__file__).parents[2] / "data" / "controllers"
@@ -85,14 +85,20 @@ class Tuned:
 
 
 def tuned(name: str, setup: Setup) -> Tuned | None:
-    """What was tuned for this controller in this setup, own files before those that come with RANS."""
-    files = (file for folder in (OWN, SHIPPED) for file in sorted(folder.glob("*.json")))
-    return next((found for found in map(Tuned.read, files) if found.fits(name, setup)), None)
+    """What was tuned for this controller in this setup, own files before those that come with RANS.
+
+    Of own files the newest that fits: older versions wrote them by other names.
+    """
+    own = sorted(OWN.glob("*.json"), key=lambda file: file.lstat().st_mtime, reverse=True)
+    shipped = sorted(SHIPPED.glob("*.json"))
+    read = map(Tuned.read, [*own, *shipped])
+    return next((found for found in read if found.fits(name, setup)), None)
 
 
 def file_name(name: str, craft: Spacecraft, task: Task) -> str:
-    """Of the file for these."""
-    return re.sub(r"[^\w.-]+", "-", f"{name}-{task_name(task)}-{craft.name}") + ".json"
+    """Of the file for these; spacecraft of the same name have one each."""
+    parts = *re.split(":+", name), *re.split(":+", task_name(task))
+    return f"{'-'.join(map(distinct, parts))}-{spacecraft_label(craft)}.json"
 
 
 def task_name(task: Task) -> str:

@@ -10,6 +10,7 @@ from math import radians
 
 import numpy as np
 
+from rans.files import distinct
 from rans.model.conditions import (
     Conditions,
     FaultConditions,
@@ -33,7 +34,9 @@ class Level:
 
     @property
     def name(self) -> str:
-        """Also that of its file."""
+        """Also that of its file; other files of conditions have other ones."""
+        if self.effect.endswith(".toml"):
+            return distinct(self.effect).strip("-")
         words = re.sub(r"[^\w.]+", "-", self.effect).strip("-")
         return words if self.size is None else f"{words}-{self.size:g}"
 

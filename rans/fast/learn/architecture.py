@@ -7,9 +7,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import accumulate, pairwise
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 
+from rans.errors import ConfigError
 from rans.fast import screen
 from rans.fast.engine import Engine
 from rans.fast.filter import Filter
@@ -96,6 +98,14 @@ class Architecture:
             privileged=engine.known.width if settings.privileged_critic else 0,
             nominal=engine.known.nominal if settings.privileged_critic else (),
             bounds=example(engine.task, craft.dimension).bounds())
+
+    def check_width(self, who: str, observation: np.ndarray) -> None:
+        """Refuse (`ConfigError`) observations (..., width) of another width than the network's."""
+        width, given = self.layout.width, np.shape(observation)
+        if given[-1:] != (width,):
+            shown = given[-1] if given else "one"
+            raise ConfigError(f"{who} observes {width} numbers, but was shown {shown}: it was trained "
+                              "for another task or for the other dimension.")
 
     @property
     def seen(self) -> int:

@@ -97,10 +97,10 @@ class PPOSettings:
     period late, in units of the readings' noise over what the strongest thruster gives a velocity in a
     period. 0, or without: they give what they are designed to."""
     filtered_gate: float = 0.0
-    """Innovation, in units of what the strongest thruster gives a velocity in a control period, at which a
-    reading counts half in filters; a repeated reading, which a sensor missed, does not count, and what
-    filters expect is observed in its place. Above 0, 10 suits noise of a tenth of that. 0: all readings
-    count in full."""
+    """Above 0 what filters expect is observed in place of readings that a sensor missed, so that they repeat
+    the last one, and of those that err by more than this: in units of the velocity that all thrusters which
+    push along one axis give in a control period, of poses the same number in m and rad. 0: every reading
+    counts as it came."""
     recurrent_units: int = 64
     """Of that unit."""
     privileged_critic: bool = False
@@ -118,7 +118,8 @@ class PPOSettings:
         _require(self, "finite and > 0", lambda x: 0 < x < math.inf,
                  "learning_rate", "max_learning_rate", "clip_range", "max_grad_norm", "reward_scale")
         _require(self, "finite and >= 0", lambda x: 0 <= x < math.inf,
-                 "ent_coef", "vf_coef", "zoom", "filtered_gate")
+                 "ent_coef", "vf_coef", "zoom")
+        _require(self, ">= 1e-6 and <= 1e6, or 0", lambda x: x == 0 or 1e-6 <= x <= 1e6, "filtered_gate")
         _require(self, "between 0 and 1", lambda x: 0 < x < 1, "initial_duty")
         _require(self, "between 0 and 1", lambda x: 0 <= x <= 1, "anneal")
         _require(self, "in (0, 1]", lambda x: 0 < x <= 1, "gamma", "gae_lambda")

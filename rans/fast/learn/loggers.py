@@ -9,7 +9,7 @@ from typing import Any, Literal, Protocol
 
 from rans.errors import ConfigError
 from rans.fast.learn.config import TrainConfig, to_table
-from rans.files import first_line
+from rans.files import first_line, inside, inside_for_others
 from rans.structure import entries
 
 LoggerName = Literal["hparams", "wandb", "mlflow"]
@@ -49,7 +49,8 @@ def loggers(names: Sequence[LoggerName], config: TrainConfig, run: Path) -> list
 
 class _Hparams:
     def __init__(self, settings: dict[str, Any], run: Path) -> None:
-        self._settings, self._folder = settings, str(run / "tensorboard")
+        self._settings = settings
+        self._folder = str(inside_for_others(run, "tensorboard"))
         self._last: dict[str, float] = {}
 
     def write(self, row: dict[str, Any]) -> None:
@@ -66,6 +67,7 @@ class _Hparams:
 
 class _WandB:
     def __init__(self, settings: dict[str, Any], run: Path) -> None:
+        inside(run, "wandb")  # where it writes; links among its own files it makes itself
         self._run = _library("wandb").init(project="rans", name=run.name, config=settings, dir=str(run))
 
     def write(self, row: dict[str, Any]) -> None:

@@ -284,6 +284,7 @@ def training(task: str, spacecraft: str = "floating-platform", device: str | Non
                           f"{meant(task, [*TASKS, *RECIPES])}; tasks are {', '.join(TASKS)}; "
                           f"recipes are {', '.join(RECIPES)}.")
     settings, craft = TASKS[task](), load_spacecraft(spacecraft)
+    TASKS.vouch_for(task)  # typed or given as an object: what is trained with it can be opened here
     return TrainConfig(task, settings, spacecraft, preset(task, craft.dimension, device), device=device)
 
 

@@ -17,6 +17,8 @@ from rans.tasks import TASKS
 
 CHECKPOINT = "checkpoint.safetensors"
 """What continues a training; older versions wrote ``checkpoint.pt``."""
+_LARGEST_CHECKPOINT = 2**33
+"""Bytes: several times what a million environments take."""
 _COUNTS = "steps", "seconds", "success"
 """What every row of metrics has, besides what its task reports."""
 
@@ -30,32 +32,48 @@ class RunFolder:
 
     Args:
         path: the folder; need not exist.
+
+    Raises:
+        ConfigError: one of these files is a symbolic link, see `rans.files.inside`.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.config_file, self.spacecraft_file = path / "config.json", path / "spacecraft.toml"
-        self.metrics_file, self.checkpoint_file = path / "metrics.jsonl", path / CHECKPOINT
-        self.policy_file = path / "policy.zip"
-        self._older_checkpoint = path / "checkpoint.pt"
-        self._lock = files.Lock(self.spacecraft_file)  # which nobody writes once training has begun
+        self.config_file = files.inside(path, "config.json")
+        self.spacecraft_file = files.inside(path, "spacecraft.toml")
+        self.metrics_file = files.inside(path, "metrics.jsonl")
+        self.checkpoint_file = files.inside(path, CHECKPOINT)
+        self.policy_file = files.inside(path, "policy.zip")
+        self._older_checkpoint = files.inside(path, "checkpoint.pt")
+        self._lock = files.Lock(files.inside(path, files.LOCK))
 
     def begin(self, config: TrainConfig, command: str, craft: str = "") -> None:
         """Write what is known before training; ConfigError where the folder holds another one already.
 
-        Without a TOML text the spacecraft is the one that the config names.
+        Without a TOML text the spacecraft is the one that the config names. Of two that begin at once one
+        writes everything, and the other is refused.
         """
+        text = craft or spacecraft_text(config.spacecraft)
+        self._check_new(text)  # a folder that is refused stays as it is, without a lock file
+        held_before = self._lock.is_held
+        self.lock()
+        try:
+            self._check_new(text)  # another process may have begun in between
+            files.write_text(self.spacecraft_file, text)
+            about = {"command": command, "environment": files.environment()}
+            files.write_json(self.config_file, to_table(config) | {"about": about})
+        finally:
+            if not held_before:
+                self.release()
+
+    def _check_new(self, spacecraft: str) -> None:
         if self.config_file.exists():
             raise ConfigError(
                 f"{self.path} holds a training already; continue it with --resume {self.path}, or "
                 "choose another folder with --output.")
-        text = craft or spacecraft_text(config.spacecraft)
-        if self.spacecraft_file.exists() and files.read_text(self.spacecraft_file) != text:
+        if self.spacecraft_file.exists() and files.read_text(self.spacecraft_file) != spacecraft:
             raise ConfigError(f"{self.spacecraft_file} is a file already, and of another spacecraft than the "
                               "one to be trained; choose another folder with --output.")
-        files.write_text(self.spacecraft_file, text)
-        about = {"command": command, "environment": files.environment()}
-        files.write_json(self.config_file, to_table(config) | {"about": about})
 
     def lock(self) -> None:
         """Keep other trainings out until `release`; ConfigError where one is at work here already."""
@@ -82,11 +100,7 @@ class RunFolder:
 
     def append_metrics(self, row: dict[str, Any]) -> None:
         """Add one row to ``metrics.jsonl``; ConfigError where the disk refuses."""
-        try:
-            with self.metrics_file.open("a", encoding="utf-8") as file:
-                file.write(json.dumps(row) + "\n")
-        except OSError as error:
-            raise ConfigError(f"cannot write {self.metrics_file}: {error}; is the disk full?") from error
+        files.append_text(self.metrics_file, json.dumps(row) + "\n")
 
     def metrics(self) -> list[dict[str, Any]]:
         """Rows so far; a row cut off in the middle of writing is left out.
@@ -120,7 +134,7 @@ class RunFolder:
     def load_checkpoint(self, device: str) -> dict[str, Any]:
         """The latest checkpoint; ConfigError where it cannot be read, is damaged or holds code."""
         if self.checkpoint_file.exists():
-            content = files.regular(self.checkpoint_file).read_bytes()
+            content = files.read_bytes(self.checkpoint_file, _LARGEST_CHECKPOINT)
             return unpack(content, self.checkpoint_file, device)
         return read_tensors(self._older_checkpoint, device)
 

@@ -21,7 +21,7 @@ from rans.fast.learn.member import Member, check_sizes
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.trainer import Trainer, check_device
 from rans.fast.policy import write_policy
-from rans.files import read_json, write_json
+from rans.files import LOCK, Lock, inside, read_json, write_json
 from rans.model.spacecraft_file import SPACECRAFT, load_spacecraft
 from rans.structure import entries
 from rans.tasks import TASKS
@@ -64,14 +64,34 @@ class Sweep:
               stop: Callable[[], bool] = lambda: False) -> None:
         """Train until every member is solved or out of steps, or told to stop, see `Trainer.train`.
 
-        After that every process knows of all members. WorkerLost where another one is gone.
+        After that every process knows of all members. WorkerLost where another one is gone; ConfigError
+        where another sweep is at work in the folder, or was, or a part of it is a symbolic link.
         """
+        lock = Lock(inside(self.path, LOCK))
+        inside(self.path, "best")  # told before the work, not after it
         if self.processes.is_first:
-            configs = [to_table(member.config) for member in self.members]
-            write_json(self.path / "configs.json", {
-                "command": self.command, "parts": self._parts, "configs": configs})
+            lock.take(f"{self.path} is being trained by another sweep; wait for its end, or stop it.")
+        try:
+            if self.processes.is_first:
+                self._begin()
+            self._train_all(report, stop)
+        finally:
+            lock.release()
+
+    def _begin(self) -> None:
+        """Write what goes on with this sweep; ConfigError where the folder holds another one."""
+        file = inside(self.path, "configs.json")
+        members = [member.config for member in self.members]
+        if file.exists() and read_configs(self.path)[0] != members:
+            raise ConfigError(f"{self.path} holds another sweep already; choose another folder with "
+                              "--output.")
+        write_json(file, {"command": self.command, "parts": self._parts,
+                          "configs": [to_table(config) for config in members]})
+
+    def _train_all(self, report: Callable[[Sequence[Member]], object],
+                   stop: Callable[[], bool]) -> None:
         for place, batch in self.processes.mine(list(enumerate(self._batches))):
-            run = RunFolder(self.path / "batches" / str(place))
+            run = RunFolder(inside(self.path, "batches", str(place)))
             if not stop() or run.has_checkpoint:
                 if place > 0:
                     gc.collect()  # the device's memory of the batch before hangs in reference cycles
@@ -140,7 +160,7 @@ class Sweep:
 
 def read_configs(path: Path) -> tuple[list[TrainConfig], str, int]:
     """What the sweep that left this folder trains, what began it, and in how many parts; or a ConfigError."""
-    file = path / "configs.json"
+    file = inside(path, "configs.json")
     if not file.exists():
         raise ConfigError(f"{path} is not a sweep's folder: it has no configs.json.")
     table = read_json(file)

@@ -23,7 +23,7 @@ from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.selection import Selection
 from rans.fast.packed import pack
 from rans.fast.step import field_dtype
-from rans.files import replace_file
+from rans.files import inside_for_others, replace_file
 from rans.model.spacecraft import Spacecraft
 
 _COMPILING = 30.0
@@ -116,9 +116,11 @@ class Trainer:
 
     def _train(self, report: Callable[[Sequence[Member]], object], stop: Callable[[], bool]) -> None:
         if self.processes.is_first and not self._events:
-            folder, many = self.run.path / "tensorboard", len(self.members) > 1
-            self._events = [TensorBoardOutputFormat(str(folder / str(number) if many else folder))
-                            for number in range(len(self.members))]
+            folders = [inside_for_others(self.run.path, "tensorboard")]
+            if len(self.members) > 1:
+                folders = [inside_for_others(self.run.path, "tensorboard", str(number))
+                           for number in range(len(self.members))]
+            self._events = [TensorBoardOutputFormat(str(folder)) for folder in folders]
         self._begun, stopped = (self.steps, self.seconds), False
         if not self.config.compiled:
             with as_written():

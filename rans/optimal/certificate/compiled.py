@@ -6,6 +6,7 @@ Raises:
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from typing import Any
 
@@ -13,9 +14,22 @@ from rans.errors import ConfigError
 
 try:
     from numba import njit
-except ImportError as error:
+    from numba.core import config
+except Exception as error:  # also a wrong value in a file of settings
     raise ConfigError(f"on/off certificates need the package numba, which could not be loaded ({error}); "
                       "install it with: pip install numba") from None
+
+
+def _settings_of_the_environment_alone() -> None:
+    """Have numba not take settings from ``.numba_config.yaml`` of the current folder, maybe a stranger's.
+
+    They say where its cache is, whose files are pickles, and which classes it imports to find that.
+    """
+    config._config_fname = os.devnull  # which is no file
+    config.reload_config()
+
+
+_settings_of_the_environment_alone()
 
 
 def compiled(function: Callable[..., Any]) -> Any:

@@ -93,10 +93,11 @@ def _frontier(thrust: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, np.nda
 
 def least_time(craft: Spacecraft, aims: Collection[str], start: State, goal: State,
                goal_set: GoalSet, health: Health | None = None) -> float:
-    """A time before which nothing can have arrived, s, of a start and a goal of floats.
+    """A time before which nothing can have arrived, s; infinite where nothing ever does.
 
-    What must be in the goal set is named by the aims, see `rans.optimal.trajectory.arrival.aims`. Thrusters
-    are sound by default; what fails later than at the start can have arrived no sooner than a sound craft.
+    Start and goal are of floats. What must be in the goal set is named by the aims, see
+    `rans.optimal.trajectory.arrival.aims`. Thrusters are sound by default; what fails later than at
+    the start can have arrived no sooner than a sound craft.
 
     Raises:
         ConfigError: the start or the goal is not finite.
@@ -139,9 +140,12 @@ def settling_set(craft: Spacecraft, tolerance: float, angle: float, period: floa
 def staying_time(craft: Spacecraft, within: GoalSet, period: float, health: Health | None = None) -> float:
     """How long all must be watched who are outside that set, until they are seen to leave, s.
 
+    Infinite where no thruster is left: who is as slow as you like leaves as late.
     The farthest point of the proof of `settling_set` is v / a ahead, and the next look half a period later.
     """
     reach = Reach.of(craft, health)
+    if reach.most == 0:
+        return math.inf
     braking = within.velocity * craft.mass / float(reach.force.max())
     return max(braking, within.spin * craft.inertia[2][2] / reach.torque) + 0.5 * period
 
@@ -154,7 +158,12 @@ def least_settling(craft: Spacecraft, start: State, goal: State, tolerance: floa
 
 
 def _least_time(way: float, before: float, after: float, change: float, push: float) -> float:
-    """Least T with push T >= change and way <= integral of min(before + push t, after + push (T - t))."""
+    """Least T with push T >= change and way <= integral of min(before + push t, after + push (T - t)).
+
+    Infinite where there is none, which takes a push of zero.
+    """
+    if push == 0:
+        return _drifting_time(way, min(before, after), change)
     first = change / push
     if not math.isfinite(way):
         return first
@@ -166,6 +175,13 @@ def _least_time(way: float, before: float, after: float, change: float, push: fl
         if _covered(time, before, after, push) >= way - 1e-9 * abs(way):
             return time
     return first  # pragma: no cover - the last root always covers the way
+
+
+def _drifting_time(way: float, speed: float, change: float) -> float:
+    """`_least_time` of those whom nothing pushes: they keep their speed."""
+    if change > 0 or (way > 0 and speed <= 0):
+        return math.inf
+    return way / speed if way > 0 else 0.0
 
 
 def _roots(a: float, b: float, c: float) -> list[float]:

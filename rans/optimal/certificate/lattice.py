@@ -18,7 +18,7 @@ from functools import cached_property
 
 import numpy as np
 
-from rans.errors import ConfigError
+from rans.errors import ConfigError, is_finite
 from rans.model.actuators import ON_OFF
 from rans.model.dynamics import PlanarState, State
 from rans.model.fields import leaves, wrap
@@ -181,7 +181,7 @@ def check_finite(start: State, goal: State) -> None:
 
 def check_period(period: float) -> None:
     """Refuse (`ConfigError`) a time for which no command can be held."""
-    if not (math.isfinite(period) and period > 0):
+    if not (is_finite(period) and period > 0):
         raise ConfigError(f"a bound needs a finite control period > 0 s, got {period!r}.")
 
 

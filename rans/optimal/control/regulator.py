@@ -113,6 +113,11 @@ class ModelBased:
     def __repr__(self) -> str:
         return f"<{self.name}: {type(self._task).__name__} for {self._craft.name}>"
 
+    @property
+    def craft(self) -> Spacecraft:
+        """What it knows the equations of."""
+        return self._craft
+
 
 @dataclass(frozen=True)
 class Axis:

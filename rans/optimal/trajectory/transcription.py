@@ -55,7 +55,7 @@ class Trajectory:
     """The solver's word for how it ended, "Solve_Succeeded" when all went well."""
     solved: bool
     cost: float
-    """In the objective's unit."""
+    """In the objective's unit; NaN where nothing was solved."""
     states: Any
     """`State` whose fields are float64 arrays (T + 1,); headings are not wrapped."""
     commands: np.ndarray
@@ -178,9 +178,10 @@ class Transcription:
         table, (nozzles, forces, _) = variables[:-1].reshape(self._objective.intervals, -1), self._rows
         states = unflatten(self._like, np.vstack([leaves(start), table[:, nozzles + forces:]]).T)
         commands = np.clip(table[:, :nozzles], 0.0, 1.0)  # interior point methods leave bounds by up to 1e-8
-        return Trajectory(self._objective.name, statistics["return_status"], statistics["success"],
-                          float(self._cost(variables, leaves(goal))), states, commands, float(variables[-1]),
-                          statistics["iter_count"], seconds)
+        solved = statistics["success"]
+        cost = float(self._cost(variables, leaves(goal))) if solved else math.nan
+        return Trajectory(self._objective.name, statistics["return_status"], solved, cost, states, commands,
+                          float(variables[-1]), statistics["iter_count"], seconds)
 
     def _bounds_and_guess(self, start: State, goal: State, number: int) -> dict[str, np.ndarray]:
         count, (_, forces, width) = self._objective.intervals, self._rows

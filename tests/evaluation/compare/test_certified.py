@@ -65,6 +65,17 @@ def test_what_is_kept_comes_back_whole(asked: list[Question], tmp_path: Path) ->
     assert len(asked) == 4
 
 
+@pytest.mark.usefixtures("asked")
+def test_two_comparisons_at_once_lose_no_bounds(tmp_path: Path) -> None:
+    """Each reads what is kept when it begins, and adds to what is there when it has found something."""
+    cache = tmp_path / "bounds.json"
+    slow, quick = certify(CONTEST, 2, [Event()], cache), certify(CONTEST, 1, [Event("settling")], cache)
+    next(slow)
+    list(quick)
+    list(slow)
+    assert len(json.loads(cache.read_text())) == 3
+
+
 def test_other_questions_and_older_proofs_are_searched_anew(asked: list[Question], tmp_path: Path,
                                                             monkeypatch: pytest.MonkeyPatch) -> None:
     cache = tmp_path / "bounds.json"

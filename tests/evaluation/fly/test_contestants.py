@@ -93,8 +93,12 @@ def test_an_agent_by_its_bare_name_where_no_folder_has_it(tmp_path: Path,
 
 
 def test_results_stay_inside_their_folder() -> None:
-    assert output_folder("lqr:go-to-pose-2d@../own craft.toml") == Path(
-        "runs/evaluations/lqr-go-to-pose-2d-..-own-craft.toml")
+    """And apart: files that differ in their folder only have one each."""
+    places = [output_folder(f"lqr:go-to-pose-2d@{file}") for file in
+              ("../own craft.toml", "a/own.toml", "a-own.toml", "own.toml")]
+    assert {place.parent for place in places} == {Path("runs/evaluations")}
+    assert len({place.name for place in places}) == 4
+    assert output_folder("lqr:go-to-pose-2d@atmos").name == "lqr-go-to-pose-2d-atmos"
 
 
 @pytest.mark.parametrize(("spec", "said"), [

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -28,7 +29,7 @@ def test_what_ships_fits_what_it_was_tuned_for(file: Path) -> None:
     craft, task = parse_spacecraft(found.spacecraft, file.name), TASKS[found.task]()
     setup = Setup(load_spacecraft(craft.name), task, Timing(found.control_period))
     assert tuned(found.controller, setup) == found
-    assert file.name == file_name(found.controller, craft, task)
+    assert file.name == file_name(found.controller, setup.craft, task)
     assert found.costs["tuned"] < found.costs["default"]
     assert (found.seed, found.starts) == (TUNING_SEED, 256)
     controller(found.controller, setup)
@@ -60,6 +61,29 @@ def test_a_damaged_file_is_named_with_what_helps(tmp_path: Path, monkeypatch: py
     (OWN / "lqr.json").write_text("{")
     with pytest.raises(ConfigError, match=r"lqr.json is damaged, .* Delete it: what comes with RANS serves"):
         tuned("lqr", SETUP)
+
+
+def test_spacecraft_of_one_name_have_files_apart() -> None:
+    """The name is whatever a user's file says, also a path."""
+    task, known = TASKS["go-to-pose"](), load_spacecraft("floating-platform")
+    crafts = [known, replace(known, mass=7.0), replace(known, mass=8.0), replace(known, name="../../x")]
+    names = [file_name("lqr", craft, task) for craft in crafts]
+    assert names[0] == "lqr-go-to-pose-floating-platform.json"
+    assert len(set(names)) == len(names)
+    assert not any("/" in name for name in names)
+
+
+def test_of_own_ones_the_newest_serves(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An older version wrote the same by another name."""
+    monkeypatch.chdir(tmp_path)
+    shipped = tuned("lqr", SETUP)
+    assert shipped is not None
+    for age, name in ((0, "z"), (60, "a")):
+        replace(shipped, settings={"weights.position": 1.0 + age}).write(OWN / f"{name}.json")
+        os.utime(OWN / f"{name}.json", (1e9 - age, 1e9 - age))
+    found = tuned("lqr", SETUP)
+    assert found is not None
+    assert found.settings == {"weights.position": 1.0}
 
 
 def test_own_goes_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

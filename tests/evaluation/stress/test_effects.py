@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rans.evaluation.fly.controllers import UserPolicy
-from rans.evaluation.stress.effects import Effect, effects, failures
+from rans.evaluation.stress.effects import Effect, Level, effects, failures
 from rans.flight import fly
 from rans.model.conditions import Conditions
 from rans.model.fields import leaves
@@ -54,7 +54,10 @@ def test_nothing_at_the_nominal_size_and_always_more(effect: Effect) -> None:
 
 
 def test_names_of_worlds_are_files_apart() -> None:
+    """Also of users' files in folders."""
     names = [level.name for effect in FOUND.values() for level in effect.levels()]
+    given = "lab", "lab.toml", "a/lab.toml", "a-lab.toml"
+    names += [Level(name_or_file, None, Conditions()).name for name_or_file in given]
     names += [level.name for level in failures()]
     assert len(set(names)) == len(names)
     assert all(name.replace("-", "").replace(".", "").isalnum() for name in names)

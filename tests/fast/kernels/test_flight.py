@@ -83,11 +83,14 @@ def test_a_history_of_a_throttled_craft_under_conditions_in_six_products(tmp_pat
 
 @needs_compiler
 @pytest.mark.parametrize(("looked_for", "settings"), [
-    ((), {}), (((25.0, 25.0),), {"history": 2, "zoom": 2.0}),
-    (((0.0, 25.0), (0.0, 1.0)), {"history": 1, "averages": (0.5,), "commands_only": True})],
-    ids=["alone", "beside a history, with steady accelerations", "beside commands alone, one with responses"])
-def test_filters_in_noise(looked_for: tuple[tuple[float, ...], ...], settings: Any, tmp_path: Path) -> None:
-    bank = Filters.of(PLATFORM, WIDE, BRIEF.control_period, (0.01, 1.0), *looked_for)
+    ({}, {}), ({"steady": (25.0, 25.0)}, {"history": 2, "zoom": 2.0}),
+    ({"steady": (0.0, 25.0), "response": (0.0, 1.0)},
+     {"history": 1, "averages": (0.5,), "commands_only": True}),
+    ({"response": (2.0, 2.0), "gate": 5.0}, {})],
+    ids=["alone", "beside a history, with steady accelerations", "beside commands alone, one with responses",
+         "without wild readings"])
+def test_filters_in_noise(looked_for: Any, settings: Any, tmp_path: Path) -> None:
+    bank = Filters.of(PLATFORM, WIDE, BRIEF.control_period, (0.01, 1.0), **looked_for)
     network = policy(PLATFORM, filters=bank, **settings)
     kernel, stepped = both(network, setup(PLATFORM, conditions=EFFECTS["sensors"]), tmp_path,
                            products="bf16x6")

@@ -160,6 +160,8 @@ def test_wrong_averages(averages: tuple[float, ...]) -> None:
     ({"filters": (1.0,), "filtered_steady": (-1.0,)}, "filtered_steady must be numbers >= 1e-6 and <= 1e6"),
     ({"filtered_response": (1.0,)}, "filtered_response has 1 numbers, of 0 filters: give one of each"),
     ({"filters": (1.0,), "filtered_response": (-1.0,)}, "filtered_response must be numbers >= 1e-6"),
+    ({"filtered_gate": 1e-200}, "filtered_gate must be >= 1e-6 and <= 1e6, or 0, got 1e-200"),
+    ({"filtered_gate": -5.0}, "filtered_gate must be >= 1e-6 and <= 1e6, or 0, got -5.0"),
     ({"filters": 0.5}, "filters must be numbers >= 1e-6 and <= 1e6, got 0.5"),
     ({"filters": (1.0,), "memory": "recurrent", "symmetric": False}, "not beside memory 'recurrent'"),
     ({"gamma": "x"}, r"gamma must be in \(0, 1\], got 'x'"),

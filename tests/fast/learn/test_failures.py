@@ -88,6 +88,39 @@ def test_a_share_of_the_environments_begins_there_in_turns(tmp_path: Path) -> No
         trainer.learner.collect()
 
 
+def test_looks_are_spread_evenly_over_what_is_left(tmp_path: Path) -> None:
+    """Three from a quarter on: after a quarter, a half and three quarters of all steps."""
+    failures = tiny_trainer(tmp_path / "run", LOOKING).failures
+    due = []
+    for looks in range(3):
+        failures._looks = looks
+        due.append(failures._next_look() / LOOKING.total_timesteps)
+    assert due == pytest.approx([0.25, 0.5, 0.75])
+
+
+def test_the_newest_starts_are_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    trainer = tiny_trainer(tmp_path / "run", LOOKING)
+    failures = trainer.failures
+    failures._look()
+    found = len(failures._starts[0][0])
+    failures._starts[0] = [torch.full_like(column, 99) for column in failures._starts[0]]
+    monkeypatch.setattr("rans.fast.learn.failures._KEPT", found // 2)
+    failures._look()
+    assert len(failures._starts[0][0]) == found // 2
+    assert not (failures._starts[0][0] == 99).any()
+
+
+def test_who_begins_where_others_failed_remembers_nothing(tmp_path: Path) -> None:
+    config = replace(LOOKING, ppo=replace(LOOKING.ppo, memory="history"))
+    trainer = tiny_trainer(tmp_path / "run", config)
+    trainer.failures._look()
+    memory: Any = trainer.learner.rollout.memory
+    memory.fill_(1.0)
+    trainer.failures.begin(0)
+    assert [row for row in range(16) if not memory[row].any()] == [0, 3, 6]
+    assert memory.sum() == 13 * memory.shape[1]
+
+
 @pytest.mark.parametrize("stop_at", [5, 9])
 def test_a_resumed_training_begins_where_it_would_have(tmp_path: Path, stop_at: int) -> None:
     """Stopped after the first look, at 512 steps, and after the second, at 1,024; the third is later."""

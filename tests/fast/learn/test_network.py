@@ -35,7 +35,8 @@ def test_many_members_say_what_each_says_alone() -> None:
         {"zoom": 20.0, "continuous": True}, {"zoom": 20.0, "filters": BANK},
         {"history": 2, "filters": BANK._replace(steady=(0.0, 25.0))},
         {"averages": (0.5,), "commands_only": True, "filters": BANK},
-        {"zoom": 20.0, "filters": BANK._replace(response=(0.1, 0.0))}]
+        {"zoom": 20.0, "filters": BANK._replace(response=(0.1, 0.0))},
+        {"filters": BANK._replace(response=(0.1, 0.0), gate=5.0)}]
     for kind in kinds:
         alone = [make_network(PLATFORM, **kind) for _ in range(3)]
         for number, network in enumerate(alone):

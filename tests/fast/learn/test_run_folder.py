@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import os
 from dataclasses import replace
 from importlib import resources
 from pathlib import Path
@@ -11,7 +12,9 @@ import torch
 
 from rans.errors import ConfigError
 from rans.fast.learn.run_folder import RunFolder, read_config
+from rans.files import LOCK
 from tests.fast.training import CONFIG
+from tests.processes import PATIENCE, ROOT, python
 
 
 @pytest.fixture
@@ -45,6 +48,53 @@ def test_a_run_is_not_begun_twice(run: RunFolder) -> None:
     with pytest.raises(ConfigError, match=r"holds a training already; continue it with --resume .*run, or"):
         run.begin(replace(CONFIG, seed=1), "rans train")
     assert run.config_file.read_bytes() == before
+
+
+BEGINNERS = """
+import os, sys, time
+from dataclasses import replace
+from pathlib import Path
+from rans.errors import ConfigError
+from rans.fast.learn.run_folder import RunFolder
+from tests.fast.training import CONFIG
+runs = [RunFolder(Path(name)) for name in sys.argv[1:]]
+begin = time.time() + 0.2
+other = os.fork()  # from here on there are two
+config = replace(CONFIG, spacecraft="floating-platform" if other else "floating-platform-shared")
+for number, run in enumerate(runs):
+    time.sleep(max(0.0, begin + 0.1 * number - time.time()))
+    try:
+        run.begin(config, "rans train")
+        print(config.spacecraft, run.path, flush=True)
+    except ConfigError:
+        pass
+if other:
+    os.waitpid(other, 0)
+"""
+
+
+def test_of_two_that_begin_at_once_one_writes_everything(tmp_path: Path) -> None:
+    """The other is refused; what each of the folders holds is of one training."""
+    folders = [str(tmp_path / str(number)) for number in range(6)]
+    with python("-c", BEGINNERS, *folders, env=os.environ | {"PYTHONPATH": str(ROOT)}) as beginners:
+        told, _ = beginners.communicate(timeout=PATIENCE)
+    begun = [line.split(" ", 1) for line in told.splitlines()]
+    assert sorted(folder for _, folder in begun) == folders
+    for craft, folder in begun:
+        run = RunFolder(Path(folder))
+        assert run.config().spacecraft == craft
+        assert run.spacecraft().name == craft
+
+
+def test_a_folder_where_somebody_trains_is_not_begun(tmp_path: Path) -> None:
+    """Not even before the other has written anything."""
+    first = RunFolder(tmp_path / "run")
+    first.lock()
+    with pytest.raises(ConfigError, match="is being trained by another process"):
+        RunFolder(tmp_path / "run").begin(CONFIG, "rans train")
+    first.begin(CONFIG, "rans train")
+    with pytest.raises(ConfigError, match="is being trained by another process"):
+        RunFolder(tmp_path / "run").lock()  # who held it before it began goes on holding it
 
 
 def test_what_is_no_run(tmp_path: Path) -> None:
@@ -121,4 +171,4 @@ def test_a_checkpoint_is_whole_or_the_one_before(run: RunFolder, monkeypatch: py
     loaded = run.load_checkpoint("cpu")
     assert loaded["steps"] == 1
     assert loaded["weights"].tolist() == [0, 1, 2, 3, 4]
-    assert not list(run.path.glob(".*"))
+    assert [file.name for file in run.path.glob(".*")] == [LOCK]

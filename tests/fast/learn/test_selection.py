@@ -63,6 +63,31 @@ def test_mean_errors_of_the_last_fifth(craft: Any) -> None:
         assert errors[name] == pytest.approx(error[-5:-1].mean(), rel=1e-3)  # as above
 
 
+def test_an_episode_that_follows_a_failure_remembers_nothing_of_it() -> None:
+    network = scatter(tiny_learner(memory="history").network)
+    selection = Selection(network, PLATFORM, [LENIENT], SHORT, torch.device("cpu"))
+    engine = selection._engines[""]
+    act, move = selection._act, engine.step
+    remembered: list[Any] = []
+    ended: list[Any] = []
+
+    def watched_act(network: Network, observation: Any, memory: Any) -> Any:
+        remembered.append(memory.any(dim=1))
+        return act(network, observation, memory)
+
+    def watched_step(command: Any) -> Any:
+        result = move(command)
+        ended.append((result.terminated | result.truncated).clone())
+        return result
+
+    selection._act, engine.step = watched_act, watched_step  # type: ignore[method-assign]
+    selection.judge()
+    assert not remembered[0].any()
+    for before, now in zip(ended[:-1], remembered[1:], strict=True):
+        assert torch.equal(now, ~before)
+    assert sum(int(some.sum()) for some in ended[:-1]) > 50
+
+
 def test_it_always_judges_the_same_flights() -> None:
     network = scatter(tiny_learner().network)
     selection = Selection(network, PLATFORM, [LENIENT], SHORT, torch.device("cpu"))

@@ -271,6 +271,26 @@ def test_a_resumed_sweep_ends_as_if_never_stopped(tmp_path: Path) -> None:
             assert torch.equal(ours.weights[name], weight), name
 
 
+def test_two_sweeps_in_one_folder(tmp_path: Path) -> None:
+    """The second is refused, and the first's configs stay: while it trains, and after that."""
+    def sweep(seed: int) -> Sweep:
+        return Sweep([replace(CONFIG, seed=seed, total_timesteps=128)], tmp_path)
+
+    refused: list[str] = []
+
+    def meanwhile(_: Any) -> None:
+        with pytest.raises(ConfigError) as caught:
+            sweep(7).train(ignore)
+        refused.append(str(caught.value))
+
+    sweep(0).train(meanwhile)
+    assert refused
+    assert all("is being trained by another sweep" in sentence for sentence in refused)
+    with pytest.raises(ConfigError, match="holds another sweep already"):
+        sweep(7).train(ignore)
+    assert [config.seed for config in read_configs(tmp_path)[0]] == [0]
+
+
 def test_a_folder_without_a_sweep(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"is not a sweep's folder: it has no configs\.json"):
         read_configs(tmp_path)

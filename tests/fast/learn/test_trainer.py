@@ -47,7 +47,7 @@ def test_what_a_run_holds(tmp_path: Path) -> None:
         assert np.isfinite(rows[1][key]), key
     names = {file.name for file in (tmp_path / "run").iterdir()}
     assert names == {"config.json", "spacecraft.toml", "metrics.jsonl", "checkpoint.safetensors",
-                     "policy.zip", "tensorboard"}
+                     "policy.zip", "tensorboard", ".lock"}
     assert len(list((tmp_path / "run" / "tensorboard").iterdir())) == 1
 
 

@@ -14,6 +14,7 @@ import torch
 from rans.errors import ConfigError, NonFiniteState
 from rans.fast.packed import pack, unpack
 from rans.fast.straight_step import ArrayStep
+from rans.files import LOCK
 from rans.tasks import GoToPose
 from tests.fast.training import after, ignore, resumed, tiny_trainer
 
@@ -46,25 +47,26 @@ def test_a_full_disk(tmp_path: Path, failing: str, monkeypatch: pytest.MonkeyPat
     trainer = tiny_trainer(tmp_path / "run")
     trainer.train(ignore, after(2))
     before = {file.name: file.read_bytes() for file in tmp_path.joinpath("run").glob("*.*")}
-    real_replace, real_open = os.replace, Path.open
+    real_replace, real_open = os.replace, os.open
 
     def replace_(source: Any, target: Any) -> None:
         if Path(target).name == failing:
             raise OSError(28, "No space left on device")
         real_replace(source, target)
 
-    def open_(path: Path, *args: Any, **kwargs: Any) -> Any:
-        if path.name == failing and "a" in args:
+    def open_(path: Any, flags: int, *rest: Any, **named: Any) -> int:
+        if Path(path).name == failing and flags & os.O_APPEND:
             raise OSError(28, "No space left on device")
-        return real_open(path, *args, **kwargs)
+        return real_open(path, flags, *rest, **named)
 
     with monkeypatch.context() as patch:
         patch.setattr(os, "replace", replace_)
-        patch.setattr(Path, "open", open_)
+        patch.setattr(os, "open", open_)
         with pytest.raises(ConfigError, match=rf"cannot write .*{failing}: .*No space left"):
             trainer.train(ignore)
     assert tmp_path.joinpath("run", failing).read_bytes() == before[failing]
-    assert not list(tmp_path.joinpath("run").glob(".*"))  # no half-written file is left over
+    hidden = [file.name for file in tmp_path.joinpath("run").glob(".*")]
+    assert hidden == [LOCK], "no half-written file is left over"
     again = resumed(tmp_path / "run")
     again.train(ignore)
     assert again.steps == 2048

@@ -31,6 +31,7 @@ from rans.scenario import scenario, scenarios
 from rans.tasks import GoToPose, GoToPosition, Task, TrackTwist, TrackVelocity, TrackVelocityHeading
 from rans.tasks.goal_set import aims
 from tests.crafts import nasty_planar, nasty_spatial, random_states, spacecraft
+from tests.optimal.problems import spatial
 from tests.optimal.tiny import fly_everything, lopsided
 
 PLATFORM, FLYER = load_spacecraft("floating-platform"), load_spacecraft("free-flyer")
@@ -292,3 +293,20 @@ def test_many_thrusters_are_bounded_by_their_sum() -> None:
     start = scenario(GoToPose().for_evaluation(), 3, 3, 0)
     tight, loose = (hull.least_time(c, POSE, start.start, start.goal, EXACT) for c in (FLYER, doubled))
     assert 0 < loose < tight
+
+
+@pytest.mark.parametrize("craft", [PLATFORM, SHARED, nasty_spatial()], ids=lambda c: c.name)
+def test_who_has_no_thruster_left_never_arrives_unless_drifting(craft: Spacecraft) -> None:
+    """At 0.5 m/s it is 5.9 s away from the set of 5 cm around a goal 3 m ahead."""
+    count = len(craft.thrusters)
+    dead = hull.Health((0.0,) * count, (0.0,) * count)
+    at = planar if craft.dimension == 2 else spatial
+    goal, aimed = at(), ("position", "velocity", "attitude", "spin")
+    exact, loose = hull.GoalSet(0.05, 0.0, 0.1, 0.0), hull.GoalSet(0.05, 1.0, 0.1, 0.0)
+    assert hull.least_time(craft, aimed, at(-3.0), goal, exact, dead) == math.inf
+    assert hull.least_time(craft, aimed, goal, goal, exact, dead) == 0.0
+    moving = replace(at(-3.0), v=replace(goal.v, x=0.5))
+    assert hull.least_time(craft, aimed, moving, goal, exact, dead) == math.inf
+    assert hull.least_time(craft, aimed, moving, goal, loose, dead) == pytest.approx(2.95 / 0.5)
+    assert hull.least_settling(craft, at(-3.0), goal, 0.05, 0.1, 0.2, dead) == math.inf
+    assert hull.staying_time(craft, exact, 0.2, dead) == math.inf

@@ -150,6 +150,7 @@ def test_too_short_a_horizon_is_a_status(craft: Spacecraft) -> None:
     assert not trajectory.solved
     assert trajectory.status == "Infeasible_Problem_Detected"
     assert trajectory.attempts == 2  # one guess was asked for, one more tried
+    assert math.isnan(trajectory.cost)  # what it ended with reaches no goal, so it would be cheap
 
 
 def test_more_guesses_are_never_worse_and_turn_both_ways() -> None:

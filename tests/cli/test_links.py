@@ -1,0 +1,112 @@
+"""A folder of a stranger with symbolic links in it: nothing outside is written, and a sentence says why."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from pathlib import Path
+
+import pytest
+
+from rans.cli import main
+from rans.fast.learn.config import to_table
+from rans.files import write_json
+from tests.fast.training import CONFIG, after, ignore, tiny_trainer
+
+FLOWN = "--episodes", "2", "--seed", "1"
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("runs") / "first"
+    tiny_trainer(path).train(ignore, after(2))
+    return path
+
+
+@pytest.fixture
+def run(trained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A copy in the current folder, and a sweep whose first batch it is."""
+    monkeypatch.chdir(tmp_path)
+    folder = Path(shutil.copytree(trained, "run"))
+    shutil.copytree(folder, "sweep/batches/0")
+    write_json(Path("sweep/configs.json"), {"command": "", "configs": [to_table(CONFIG)]})
+    return folder
+
+
+@pytest.mark.parametrize(("command", "place"), [
+    *(("evaluate run --episodes 2", name) for name in ("config.json", "spacecraft.toml", "policy.zip",
+                                                   "evaluation.json")),
+    *(("train --resume run", name) for name in ("metrics.jsonl", "checkpoint.safetensors", "checkpoint.pt",
+                                                ".lock")),
+    ("compare run --with --certified 0 --episodes 2", "compare-bounds.json"),
+    ("assure run --episodes 8", "assurance.json"),
+    ("export run --output shipped", "metrics.jsonl"),
+    ("report run", "evaluation-of-a-stranger.json"),
+    ("report run", "sweep.svg"),
+    ("sweep --resume sweep", "../sweep/configs.json"),
+    ("sweep --resume sweep", "../sweep/.lock"),
+    ("sweep --resume sweep", "../sweep/batches/0/metrics.jsonl"),
+])
+def test_a_file_that_is_a_link_is_refused(run: Path, command: str, place: str,
+                                          capsys: pytest.CaptureFixture[str]) -> None:
+    """Before anything is read from it or added to it; a copy would do what the link does, if it could."""
+    link, outside = run / place, Path("outside")
+    shutil.copy(link, outside) if link.exists() else outside.write_text("mine")
+    before = outside.read_bytes()
+    link.unlink(missing_ok=True)
+    link.symlink_to(outside.absolute())
+    assert main(command.split()) == 2
+    told = " ".join(capsys.readouterr().err.split())
+    assert f"{os.path.normpath(link)} is a symbolic link" in told
+    assert outside.read_bytes() == before
+
+
+@pytest.mark.parametrize(("command", "place"), [
+    ("train --resume run", "tensorboard"),
+    ("sweep --resume sweep", "../sweep/batches"),
+    ("sweep --resume sweep", "../sweep/batches/0"),
+    ("sweep --resume sweep", "../sweep/batches/0/tensorboard"),
+    ("sweep --resume sweep", "../sweep/best"),
+    ("stress run --episodes 2 --only latency", "stress"),
+])
+def test_a_folder_that_is_a_link_is_refused(run: Path, command: str, place: str,
+                                            capsys: pytest.CaptureFixture[str]) -> None:
+    outside = Path("outside")
+    outside.mkdir()
+    link = run / place
+    shutil.rmtree(link, ignore_errors=True)
+    link.symlink_to(outside.absolute())
+    assert main(command.split()) == 2
+    assert f"{os.path.normpath(link)} is a symbolic link" in " ".join(capsys.readouterr().err.split())
+    assert not list(outside.iterdir())
+
+
+def test_a_link_among_the_events_is_refused(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """TensorBoard's writer opens files by names that can be foreseen."""
+    (run / "tensorboard" / "events.out.tfevents.1.host.2.0").symlink_to(Path("outside").absolute())
+    assert main(["train", "--resume", "run"]) == 2
+    assert "is a symbolic link" in capsys.readouterr().err
+    assert not Path("outside").exists()
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_a_folder_full_of_links_has_nothing_written_elsewhere(run: Path) -> None:
+    """By the names that drafts had; and links in the place of results are replaced, not followed."""
+    outside = Path("outside")
+    outside.write_text("mine")
+    results = "evaluation.json", "episodes.npz", "evaluation.svg", "episode.svg"
+    for name in results:
+        (run / f".{os.getpid()}.{name}").symlink_to(outside.absolute())
+    for name in results[1:]:
+        (run / name).symlink_to(outside.absolute())
+    assert main(["evaluate", "run", *FLOWN]) == 0
+    assert outside.read_text() == "mine"
+    assert not any((run / name).is_symlink() for name in results)
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_a_run_folder_may_be_a_link_itself(run: Path) -> None:
+    """Somebody typed its name."""
+    Path("short").symlink_to(run.absolute())
+    assert main(["evaluate", "short", *FLOWN]) == 0
+    assert (run / "evaluation.json").exists()

@@ -1,0 +1,98 @@
+"""A folder that a stranger filled: nothing in it is imported only because a command runs there."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Sequence
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+TRAP = """
+import builtins
+with builtins.open({!r}, "a") as file:
+    file.write(__name__ + " ")
+raise ImportError("a stranger's module was imported")
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """It holds a module of the name of every one of Python's library, and of packages that RANS imports."""
+    made = tmp_path / "strangers"
+    made.mkdir()
+    others = "torch", "numpy", "gymnasium", "cloudpickle", "cattrs", "rich", "tyro", "matplotlib", "pydrake"
+    library = (name for name in sys.stdlib_module_names if find_spec(name))  # without other systems' parts
+    for name in (*library, *others):
+        (made / f"{name}.py").write_text(TRAP.format(str(tmp_path / "imported")))
+    return made
+
+
+def imported_in(folder: Path, command: Sequence[str | Path]) -> str:
+    """Names of the modules of the folder that a command, which must go well, imported there."""
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False,
+                          env=os.environ | {"PYTHONPATH": str(ROOT)})
+    marker = folder.parent / "imported"
+    names = marker.read_text() if marker.exists() else ""
+    assert (names, done.returncode) == ("", 0), done.stderr
+    return done.stdout
+
+
+def test_python_m_rans(folder: Path) -> None:
+    """Except for what Python itself imports to find RANS, which nobody but ``python -P`` can help."""
+    needed = subprocess.run([sys.executable, "-P", "-c", "import runpy, sys; print(*sys.modules)"],
+                            capture_output=True, text=True, check=True)
+    for name in needed.stdout.split():
+        (folder / f"{name}.py").unlink(missing_ok=True)
+    assert "floating-platform" in imported_in(folder, [sys.executable, "-m", "rans", "list", "SPACECRAFT"])
+
+
+WORKERS = """
+import sys
+from rans.processes import beside, submitted
+with beside(print, "beside"), submitted(int, [("7",)], 1, dict, ()) as futures:
+    print(futures[0].result())
+"""
+
+
+def test_worker_processes(folder: Path, tmp_path: Path) -> None:
+    """Nor does the process that multiprocessing starts to keep account of what is shared."""
+    script = tmp_path / "script.py"
+    script.write_text(WORKERS)
+    assert "7" in imported_in(folder, [sys.executable, script])
+
+
+TYPED = """
+from rans.processes import submitted
+from rans.registry import resolve_typed
+act = resolve_typed("my_plugin:act")
+with submitted(act, [(1,)], 1, dict, ()) as futures:
+    print(futures[0].result())
+"""
+
+
+def test_a_module_of_the_folder_that_was_typed_works_in_workers_too(folder: Path, tmp_path: Path) -> None:
+    (folder / "my_plugin.py").write_text("import random\n\ndef act(number):\n    return number + 41\n")
+    script = tmp_path / "script.py"
+    script.write_text(TYPED)
+    assert imported_in(folder, [sys.executable, script]) == "42\n"
+
+
+def test_machine_code_of_the_folder(folder: Path, tmp_path: Path) -> None:
+    """Its settings would have numba take functions from a cache of the folder, whose files are pickles."""
+    (folder / ".numba_config.yaml").write_text("cache_dir: kept\n")
+    script = tmp_path / "script.py"
+    script.write_text("""
+from rans.optimal.certificate.compiled import compiled
+
+def double(number):
+    return 2 * number
+
+print(compiled(double)(21))
+""")
+    assert imported_in(folder, [sys.executable, script]) == "42\n"
+    assert not (folder / "kept").exists()

@@ -1,0 +1,57 @@
+"""TOML that would keep its reader busy for minutes: one sentence at once."""
+
+from __future__ import annotations
+
+import json
+import time
+from pathlib import Path
+
+import pytest
+
+from rans.errors import ConfigError
+from rans.model.solids import MOST_SOLIDS, with_meshes
+from rans.structure import read_toml
+
+PARTS = "a." * 20_000 + "b = 1"
+
+
+@pytest.mark.parametrize(("text", "sentence"), [
+    (PARTS, "at most 16 parts"),
+    ('"a" . ' * 20_000 + "b = 1", "at most 16 parts"),
+    (f"x = {{ y = 1, {PARTS} }}", "at most 16 parts"),
+    # The fourth quote belongs to the text; taken for the beginning of another it would hide the key.
+    (f'x = {{ y = """z"""", {PARTS}, w = "" }}', "at most 16 parts"),
+    (f"x = {{ y = '''z'''', {PARTS}, w = '' }}", "at most 16 parts"),
+    ("".join(f"[{'a.' * 800}b{k}]\n" for k in range(600)), "at most 16 parts"),
+    ("".join(f"[{'a.' * 800}b{k}]\n" for k in range(3000)), "at most 1,048,576 characters beside"),
+    ("x = " + "[" * 200 + "]" * 200, "at most 64 deep"),
+    ("# " + "x" * 2**24, "at most 16,777,216 characters"),
+], ids=["key", "quoted", "inline", "quotes", "literal", "tables", "long", "deep", "comment"])
+def test_what_takes_long_is_told_at_once(text: str, sentence: str) -> None:
+    """A second is ten times what any takes; without bounds the first takes one, the sixth minutes."""
+    begun = time.perf_counter()
+    with pytest.raises(ConfigError, match=sentence):
+        read_toml(text)
+    assert time.perf_counter() - begun < 1.0
+
+
+def test_dots_elsewhere_are_no_keys() -> None:
+    numbers = [k + 0.5 for k in range(100)]
+    dots = json.dumps("v 0.1 0.2 0.3\\n" * 1000 + "." * 100)
+    table = read_toml(f"x = {numbers}\ny = {dots}  # {'.' * 100}\nz = '{'.' * 100}'\na.b.c = 1\n")
+    assert table["x"] == numbers
+    assert table["y"] == json.loads(dots)
+    assert table["a"]["b"]["c"] == 1
+
+
+def test_names_of_meshes_are_found_at_once(tmp_path: Path) -> None:
+    """Among blank lines, of which each once began a search through all that follow."""
+    begun = time.perf_counter()
+    with_meshes("\n" * 200_000, tmp_path)
+    assert time.perf_counter() - begun < 1.0
+
+
+def test_a_mesh_is_not_read_as_often_as_one_likes(tmp_path: Path) -> None:
+    (tmp_path / "a.obj").write_text("v 0 0 0\n")
+    with pytest.raises(ConfigError, match=f"at most {MOST_SOLIDS} meshes, got 201"):
+        with_meshes('mesh = "a.obj"\n' * (MOST_SOLIDS + 1), tmp_path)
