@@ -7,7 +7,7 @@ Drivers differ in who moves the spacecraft (our equations, or Drake) and who beg
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -17,14 +17,14 @@ from rans.model.accuracy import chosen
 from rans.model.body import Body
 from rans.model.case import Case, Influences, draw, examples
 from rans.model.conditions import Conditions
-from rans.model.dynamics import NODES, held
+from rans.model.dynamics import NODES, Piece, at_once, held
 from rans.model.fields import Field, finite, leaves, map_leaves, where
 from rans.model.memory import Memory
 from rans.model.random import Draws
 from rans.model.sensors import reading
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
-from rans.model.valves import pieces
+from rans.model.valves import failing, pieces
 from rans.tasks.base import Task, observation
 from rans.tasks.derived import watches_switching
 from rans.tasks.rewards import Transition
@@ -109,10 +109,20 @@ class World:
 
     def move(self, state: Any, influences: Influences) -> Any:
         """The state one control period later, by our equations."""
-        body, commands, period = influences.body, influences.commands, self.timing.control_period
-        late = influences.lag and pieces(self.craft, body, commands, influences.lag, period)
-        return held(state, self.craft, body, commands[0], self.timing, self.task.drift, self.nodes,
-                    influences.disturbance, late)
+        thrust = self._thrust(influences, influences.body)
+        fails = influences.failing
+        if fails is not None:
+            failed = self._thrust(influences, fails.body)
+            thrust = failing(thrust, failed, fails.instant, self.timing.control_period)
+        return held(state, self.craft, influences.body, influences.commands[0], self.timing, self.task.drift,
+                    self.nodes, influences.disturbance, thrust)
+
+    def _thrust(self, influences: Influences, body: Body) -> Iterator[Piece]:
+        """What the thrusters of a body give in the control period, in pieces."""
+        commands, lag, period = influences.commands, influences.lag, self.timing.control_period
+        if lag is None:
+            return at_once(self.craft, body, commands[0], period)
+        return pieces(self.craft, body, commands, lag, period)
 
     def observe(self, episode: Episode, draws: Draws | None = None) -> tuple[Field, ...]:
         """What a policy sees now."""
@@ -172,8 +182,9 @@ class World:
             return Influences(episode.body or Body.of(self.craft), (command,))
         step = draws.real(self.timing.step(episode.clock))
         earlier = (tuple(map(draws.real, told)) for told in episode.commands[:self._memory.felt])
-        return Influences(case.body_at(step * period), (command, *earlier), case.lag,
-                          case.disturbance(step, period))
+        fails = case.failing(step * period)
+        body = case.body_at(step * period) if fails is None else case.body
+        return Influences(body, (command, *earlier), case.lag, case.disturbance(step, period), fails)
 
     def sensed(self, episode: Episode, draws: Draws | None) -> Any:
         """The state as sensors tell it."""

@@ -83,16 +83,29 @@ class Kick:
 
 
 @dataclass(frozen=True)
+class Failing:
+    """Thrusters that fail at an instant."""
+
+    instant: Field
+    """s from the start of the control period; negative: they failed before; longer than it: not yet."""
+    body: Body
+    """What flies from then on; but for gain and leak it is that of before."""
+
+
+@dataclass(frozen=True)
 class Influences:
     """What moves a spacecraft in one control period."""
 
     body: Body
+    """What flies, until thrusters fail."""
     commands: tuple[tuple[Field, ...], ...]
     """This period's, and earlier ones that may still be felt, the newest first."""
     lag: Lag | None = None
     """None: valves obey at once."""
     disturbance: Wrench | None = None
     """Constant in W."""
+    failing: Failing | None = None
+    """None: no thruster fails meanwhile."""
 
 
 @dataclass(frozen=True)
@@ -113,13 +126,23 @@ class Case:
     sensors: Sensors | None
 
     def body_at(self, time: Field) -> Body:
-        """What flies so long after the start (s)."""
+        """What flies at an instant, s after the start."""
         if self.fault is None:
             return self.body
         failed = time >= self.fault.begins
         choose = lambda broken, sound: where(failed, broken, sound)  # noqa: E731
         return replace(self.body, gain=tuple(map(choose, self.fault.gain, self.body.gain)),
                        leak=tuple(map(choose, self.fault.leak, self.body.leak)))
+
+    def failing(self, time: Field) -> Failing | None:
+        """How thrusters fail, seen from a control period that starts so long after the start, s.
+
+        None: none fails later than at the start, and `body_at` is what flies.
+        """
+        if self.fault is None or self.fault.latest <= 0.0:
+            return None
+        failed = replace(self.body, gain=self.fault.gain, leak=self.fault.leak)
+        return Failing(self.fault.begins - time, failed)
 
     def strongest(self) -> Body:
         """What flies, with thrusters that are always as strong as before or after their fault."""
