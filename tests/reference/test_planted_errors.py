@@ -72,6 +72,12 @@ def fault_on_the_next_nozzle(monkeypatch: pytest.MonkeyPatch) -> None:
         body, gain=(*body.gain[1:], body.gain[0]), leak=(*body.leak[1:], body.leak[0])))
 
 
+def faults_begin_with_the_next_period(monkeypatch: pytest.MonkeyPatch) -> None:
+    true = rans.episode.failing
+    monkeypatch.setattr(rans.episode, "failing", lambda sound, failed, instant, period: true(
+        sound, failed, np.ceil(instant / period) * period, period))
+
+
 def supply_never_gives_way(monkeypatch: pytest.MonkeyPatch) -> None:
     change_thrust(monkeypatch, "thrust", lambda body: replace(body, droop=0.0))
 
@@ -127,6 +133,7 @@ LATE = {"latency", "rise", "fall", "all"}
     (swapped, {"fall", "all"}, "motion"),
     (earlier_commands_in_the_wrong_order, {"latency", "all"}, "motion"),
     (fault_on_the_next_nozzle, {"thrust", "faults", "recoverable", "all"}, "motion"),
+    (faults_begin_with_the_next_period, {"faults", "recoverable", "all"}, "motion"),
     (supply_never_gives_way, {"thrust", "all"}, "motion"),
     (centre_to_the_other_side, {"body", "all"}, "motion"),
     (noise_in_the_reward, ALL_EFFECTS, "reward"),
