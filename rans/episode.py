@@ -7,7 +7,7 @@ Drivers differ in who moves the spacecraft (our equations, or Drake) and who beg
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -17,14 +17,13 @@ from rans.model.accuracy import chosen
 from rans.model.body import Body
 from rans.model.case import Case, Influences, draw, examples
 from rans.model.conditions import Conditions
-from rans.model.dynamics import NODES, Piece, at_once, held
+from rans.model.dynamics import NODES, held
 from rans.model.fields import Field, finite, leaves, map_leaves, where
 from rans.model.memory import Memory
 from rans.model.random import Draws
 from rans.model.sensors import reading
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
-from rans.model.valves import failing, pieces
 from rans.tasks.base import Task, observation
 from rans.tasks.derived import watches_switching
 from rans.tasks.rewards import Transition
@@ -109,20 +108,9 @@ class World:
 
     def move(self, state: Any, influences: Influences) -> Any:
         """The state one control period later, by our equations."""
-        thrust = self._thrust(influences, influences.body)
-        fails = influences.failing
-        if fails is not None:
-            failed = self._thrust(influences, fails.body)
-            thrust = failing(thrust, failed, fails.instant, self.timing.control_period)
-        return held(state, self.craft, influences.body, influences.commands[0], self.timing, self.task.drift,
-                    self.nodes, influences.disturbance, thrust)
-
-    def _thrust(self, influences: Influences, body: Body) -> Iterator[Piece]:
-        """What the thrusters of a body give in the control period, in pieces."""
-        commands, lag, period = influences.commands, influences.lag, self.timing.control_period
-        if lag is None:
-            return at_once(self.craft, body, commands[0], period)
-        return pieces(self.craft, body, commands, lag, period)
+        body, command = influences.body, influences.commands[0]
+        return held(state, self.craft, body, command, self.timing, self.task.drift, self.nodes,
+                    influences.disturbance, influences.pieces(self.craft, self.timing.control_period))
 
     def observe(self, episode: Episode, draws: Draws | None = None) -> tuple[Field, ...]:
         """What a policy sees now."""
@@ -182,8 +170,7 @@ class World:
             return Influences(episode.body or Body.of(self.craft), (command,))
         step = draws.real(self.timing.step(episode.clock))
         earlier = (tuple(map(draws.real, told)) for told in episode.commands[:self._memory.felt])
-        fails = case.failing(step * period)
-        body = case.body_at(step * period) if fails is None else case.body
+        body, fails = case.flying(step * period)
         return Influences(body, (command, *earlier), case.lag, case.disturbance(step, period), fails)
 
     def sensed(self, episode: Episode, draws: Draws | None) -> Any:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import operator
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
 
@@ -18,12 +18,12 @@ from rans.errors import ConfigError, brief
 from rans.model.body import Body
 from rans.model.conditions import Conditions, Range, largest
 from rans.model.drawn_faults import Fault, drawn_fault
-from rans.model.dynamics import Wrench
+from rans.model.dynamics import Piece, Wrench, at_once
 from rans.model.fields import Field, floor, map_leaves, sin, where
 from rans.model.random import Draws, Random
 from rans.model.sensors import Sensors, drawn_sensors
 from rans.model.spacecraft import Spacecraft
-from rans.model.valves import Lag
+from rans.model.valves import Lag, failing, pieces
 
 
 @dataclass(frozen=True)
@@ -107,6 +107,19 @@ class Influences:
     failing: Failing | None = None
     """None: no thruster fails meanwhile."""
 
+    def pieces(self, craft: Spacecraft, period: float) -> Iterator[Piece]:
+        """What the thrusters give in the control period, s, of a craft."""
+        if self.failing is None:
+            return self._with(self.body, craft, period)
+        sound, failed = (self._with(body, craft, period) for body in (self.body, self.failing.body))
+        return failing(sound, failed, self.failing.instant)
+
+    def _with(self, body: Body, craft: Spacecraft, period: float) -> Iterator[Piece]:
+        """The same of thrusters that stay as a body has them."""
+        if self.lag is None:
+            return at_once(craft, body, self.commands[0], period)
+        return pieces(craft, body, self.commands, self.lag, period)
+
 
 @dataclass(frozen=True)
 class Case:
@@ -134,15 +147,15 @@ class Case:
         return replace(self.body, gain=tuple(map(choose, self.fault.gain, self.body.gain)),
                        leak=tuple(map(choose, self.fault.leak, self.body.leak)))
 
-    def failing(self, time: Field) -> Failing | None:
-        """How thrusters fail, seen from a control period that starts so long after the start, s.
+    def flying(self, time: Field) -> tuple[Body, Failing | None]:
+        """What flies in a control period that begins so long after the start, s; and how thrusters fail.
 
-        None: none fails later than at the start, and `body_at` is what flies.
+        None: no fault begins later than at the start.
         """
         if self.fault is None or self.fault.latest <= 0.0:
-            return None
+            return self.body_at(time), None
         failed = replace(self.body, gain=self.fault.gain, leak=self.fault.leak)
-        return Failing(self.fault.begins - time, failed)
+        return self.body, Failing(self.fault.begins - time, failed)
 
     def strongest(self) -> Body:
         """What flies, with thrusters that are always as strong as before or after their fault."""

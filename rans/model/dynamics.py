@@ -139,15 +139,10 @@ straight line over time between (None: it stays), and how long it may last at mo
 
 
 def at_once(craft: Spacecraft, body: Body, command: Sequence[Field], period: float) -> Iterator[Piece]:
-    """The pieces of a control period, s, whose command is obeyed at once: a field of 0 to 1 per thruster."""
+    """What thrusters make of a command that they obey at once, for a control period, s."""
     for share, part in craft.actuators.pulses(command):
-        yield share * period, wrench(craft, part, body), None, period
-
-
-def longest(piece: Piece, period: float) -> float:
-    """How long a piece of the period may last at most, s, as far as that is known beforehand."""
-    duration, _, _, bound = piece
-    return min(duration if type(duration) is float else bound, period)  # a float, not one of NumPy
+        longest = share * period if type(share) is float else period
+        yield share * period, wrench(craft, part, body), None, longest
 
 
 def held(state: AnyState, craft: Spacecraft, body: Body, command: Sequence[Field], timing: Timing,
@@ -156,17 +151,15 @@ def held(state: AnyState, craft: Spacecraft, body: Body, command: Sequence[Field
     """The state after a command was held for one control period, heading or quaternion normalised.
 
     The craft's actuators say how they take commands, one field of 0 to 1 per thruster; ``pieces`` are instead
-    what valves that answer late (`rans.model.valves.pieces`) or thrusters that fail meanwhile
-    (`rans.model.valves.failing`) make of it. A piece takes the share of the substeps that is its share of the
-    period at most; the rest is as for `advance`.
+    what late valves and failing thrusters make of it (`rans.model.case.Influences.pieces`). Each takes the
+    share of the substeps that is its share of the period at most; the rest is as for `advance`.
     """
     substeps, period = timing.substeps or chosen(craft, timing).substeps or 1, timing.control_period
-    for piece in at_once(craft, body, command, period) if pieces is None else pieces:
-        duration, first, last, _ = piece
-        most = longest(piece, period)
-        steps = max(1, math.ceil(most / period * substeps - 1e-9))
+    for duration, first, last, longest in at_once(craft, body, command, period) if pieces is None else pieces:
+        longest = min(duration if type(duration) is float else longest, period)  # a float, not one of NumPy
+        steps = max(1, math.ceil(longest / period * substeps - 1e-9))
         # Half as long a step needs one node less at the angles that `NODES` is for.
-        few = nodes - (2.0 * most * substeps <= period * steps)
+        few = nodes - (2.0 * longest * substeps <= period * steps)
         state = advance(state, first, body, duration, steps, few, disturbance, drift, last)
     return state.normalised()
 

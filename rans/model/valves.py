@@ -18,7 +18,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 from rans.model.body import Body
-from rans.model.dynamics import Piece, Wrench, longest, thrust, wrench_of
+from rans.model.dynamics import Piece, Wrench, thrust, wrench_of
 from rans.model.fields import Field, ascending, at_least, map_leaves, where
 from rans.model.spacecraft import Spacecraft
 
@@ -79,8 +79,7 @@ def pieces(craft: Spacecraft, body: Body, commands: Sequence[Sequence[Field]], l
         yield end - begin, first, last, period
 
 
-def failing(sound: Iterable[Piece], failed: Iterable[Piece], instant: Field,
-            period: float) -> Iterator[Piece]:
+def failing(sound: Iterable[Piece], failed: Iterable[Piece], instant: Field) -> Iterator[Piece]:
     """The pieces of a control period in which thrusters fail: first sound ones, then failed ones.
 
     Both are of the same commands and end at the same times, so that the instant divides one of them and there
@@ -92,7 +91,6 @@ def failing(sound: Iterable[Piece], failed: Iterable[Piece], instant: Field,
         failed: pieces with the thrusters after.
         instant: s from the start of the period; before it (all is failed) and after its end (all is sound)
             too.
-        period: s.
     """
     begin: Field = 0.0
     rest: Piece | None = None
@@ -100,7 +98,7 @@ def failing(sound: Iterable[Piece], failed: Iterable[Piece], instant: Field,
         duration = healthy[0]
         gone = _share(instant - begin, duration)
         until = _until(healthy, gone)
-        yield until if rest is None else _either(instant >= begin, until, rest, period)
+        yield until if rest is None else _either(instant >= begin, until, rest)
         rest = _from(broken, gone)
         begin = begin + duration
     if rest is not None:
@@ -112,7 +110,7 @@ def _until(piece: Piece, share: Field) -> Piece:
     duration, first, last, most = piece
     if last is not None:
         last = _between(first, last, share)
-    return duration * share, first, last, longest(piece, most)
+    return duration * share, first, last, most
 
 
 def _from(piece: Piece, share: Field) -> Piece:
@@ -120,14 +118,14 @@ def _from(piece: Piece, share: Field) -> Piece:
     duration, first, last, most = piece
     if last is not None:
         first = _between(first, last, share)
-    return duration * (1.0 - share), first, last, longest(piece, most)
+    return duration * (1.0 - share), first, last, most
 
 
 def _between(first: Wrench, last: Wrench, share: Field) -> Wrench:
     return map_leaves(lambda a, b: a + (b - a) * share, first, last)
 
 
-def _either(condition: Field, one: Piece, other: Piece, period: float) -> Piece:
+def _either(condition: Field, one: Piece, other: Piece) -> Piece:
     """One piece where the condition holds, else the other."""
     def choose(a: Field, b: Field) -> Field:
         return where(condition, a, b)
@@ -135,8 +133,8 @@ def _either(condition: Field, one: Piece, other: Piece, period: float) -> Piece:
     last = None
     if one[2] is not None or other[2] is not None:
         last = map_leaves(choose, one[2] or one[1], other[2] or other[1])
-    return (choose(one[0], other[0]), map_leaves(choose, one[1], other[1]), last,
-            max(longest(one, period), longest(other, period)))
+    first = map_leaves(choose, one[1], other[1])
+    return choose(one[0], other[0]), first, last, max(one[3], other[3])
 
 
 def _once(before: Wrench, jump: Jump, lag: Lag, period: float) -> Iterator[Piece]:

@@ -94,7 +94,7 @@ def test_pieces_fill_the_period_and_none_is_longer_than_it_says(counts: int, dut
     craft = replace(CRAFTS[2], actuators=Pulsed(counts))
     body, when = Body.of(craft), np.array([instant])
     sound, failed = (at_once(craft, body, duties, PERIOD) for _ in range(2))
-    pieces = list(failing(sound, failed, when, PERIOD))
+    pieces = list(failing(sound, failed, when))
     durations = np.array([np.broadcast_to(piece[0], 1)[0] for piece in pieces])
     assert durations.sum() == pytest.approx(PERIOD, abs=1e-15)
     assert (durations >= 0.0).all()

@@ -29,7 +29,7 @@ SEED = 7
 NEITHER = ThrusterConditions()
 
 
-def craft(dimension: int, kind: Any, arm: float) -> Spacecraft:
+def craft(dimension: Any, kind: Any, arm: float) -> Spacecraft:
     """One thruster that pushes along x, so far beside the middle that it turns about z."""
     nozzle = Thruster((0.0, -arm, 0.0), (1.0, 0.0, 0.0), FORCE)
     inertia = ((MOMENT, 0.0, 0.0), (0.0, 5.0, 0.0), (0.0, 0.0, MOMENT))
@@ -53,13 +53,12 @@ class Told:
 
 def in_torch(one: Spacecraft, task: Any, pilot: Told, starts: Any, timing: Timing, conditions: Conditions,
              draws: Any) -> Any:
-    """The states of a torch engine, operation by operation."""
+    """The rows of a torch engine's states, which begins as the others do: operation by operation."""
     engine = Engine(one, task, 1, timing, seed=SEED, dtype=torch.float64, compiled=False,
                     conditions=conditions)
     rows = [np.array([np.asarray(x) for x in leaves(engine.state)])]
     for _ in range(2):
-        pilot_command = pilot.act(None, None, np.zeros(0))
-        engine.step(torch.from_numpy(pilot_command))
+        engine.step(torch.from_numpy(pilot.act(None, None, np.zeros(0))))
         rows.append(np.array([np.asarray(x) for x in leaves(engine.state)]))
     return rows
 

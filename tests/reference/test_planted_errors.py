@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import rans.episode
+import rans.model.case
 import rans.model.dynamics
 import rans.model.valves
 from rans.flight import Flight
@@ -41,8 +42,8 @@ def disturbance_in_body(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def change_lag(change: Callable[[Lag], Lag]) -> Callable[[pytest.MonkeyPatch], None]:
     def patch(monkeypatch: pytest.MonkeyPatch) -> None:
-        true = rans.episode.pieces
-        monkeypatch.setattr(rans.episode, "pieces", lambda craft, body, commands, lag, period: true(
+        true = rans.model.case.pieces
+        monkeypatch.setattr(rans.model.case, "pieces", lambda craft, body, commands, lag, period: true(
             craft, body, commands, change(lag), period))
 
     return patch
@@ -55,8 +56,8 @@ swapped.__name__ = "rise_and_fall_exchanged"
 
 
 def earlier_commands_in_the_wrong_order(monkeypatch: pytest.MonkeyPatch) -> None:
-    true = rans.episode.pieces
-    monkeypatch.setattr(rans.episode, "pieces", lambda craft, body, commands, *rest: true(
+    true = rans.model.case.pieces
+    monkeypatch.setattr(rans.model.case, "pieces", lambda craft, body, commands, *rest: true(
         craft, body, (commands[0], *reversed(commands[1:])), *rest))
 
 
@@ -73,9 +74,9 @@ def fault_on_the_next_nozzle(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def faults_begin_with_the_next_period(monkeypatch: pytest.MonkeyPatch) -> None:
-    true = rans.episode.failing
-    monkeypatch.setattr(rans.episode, "failing", lambda sound, failed, instant, period: true(
-        sound, failed, np.ceil(instant / period) * period, period))
+    true, period = rans.model.case.failing, 0.2
+    monkeypatch.setattr(rans.model.case, "failing", lambda sound, failed, instant: true(
+        sound, failed, np.ceil(instant / period) * period))
 
 
 def supply_never_gives_way(monkeypatch: pytest.MonkeyPatch) -> None:
