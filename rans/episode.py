@@ -24,7 +24,6 @@ from rans.model.random import Draws
 from rans.model.sensors import reading
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
-from rans.model.valves import pieces
 from rans.tasks.base import Task, observation
 from rans.tasks.derived import watches_switching
 from rans.tasks.rewards import Transition
@@ -109,10 +108,9 @@ class World:
 
     def move(self, state: Any, influences: Influences) -> Any:
         """The state one control period later, by our equations."""
-        body, commands, period = influences.body, influences.commands, self.timing.control_period
-        late = influences.lag and pieces(self.craft, body, commands, influences.lag, period)
-        return held(state, self.craft, body, commands[0], self.timing, self.task.drift, self.nodes,
-                    influences.disturbance, late)
+        body, command = influences.body, influences.commands[0]
+        return held(state, self.craft, body, command, self.timing, self.task.drift, self.nodes,
+                    influences.disturbance, influences.pieces(self.craft, self.timing.control_period))
 
     def observe(self, episode: Episode, draws: Draws | None = None) -> tuple[Field, ...]:
         """What a policy sees now."""
@@ -172,8 +170,8 @@ class World:
             return Influences(episode.body or Body.of(self.craft), (command,))
         step = draws.real(self.timing.step(episode.clock))
         earlier = (tuple(map(draws.real, told)) for told in episode.commands[:self._memory.felt])
-        return Influences(case.body_at(step * period), (command, *earlier), case.lag,
-                          case.disturbance(step, period))
+        body, fails = case.flying(step * period)
+        return Influences(body, (command, *earlier), case.lag, case.disturbance(step, period), fails)
 
     def sensed(self, episode: Episode, draws: Draws | None) -> Any:
         """The state as sensors tell it."""

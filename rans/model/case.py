@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import operator
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
 
@@ -18,12 +18,12 @@ from rans.errors import ConfigError, brief
 from rans.model.body import Body
 from rans.model.conditions import Conditions, Range, largest
 from rans.model.drawn_faults import Fault, drawn_fault
-from rans.model.dynamics import Wrench
+from rans.model.dynamics import Piece, Wrench, at_once
 from rans.model.fields import Field, floor, map_leaves, sin, where
 from rans.model.random import Draws, Random
 from rans.model.sensors import Sensors, drawn_sensors
 from rans.model.spacecraft import Spacecraft
-from rans.model.valves import Lag
+from rans.model.valves import Lag, failing, pieces
 
 
 @dataclass(frozen=True)
@@ -83,16 +83,42 @@ class Kick:
 
 
 @dataclass(frozen=True)
+class Failing:
+    """Thrusters that fail at an instant."""
+
+    instant: Field
+    """s from the start of the control period; negative: they failed before; longer than it: not yet."""
+    body: Body
+    """What flies from then on; but for gain and leak it is that of before."""
+
+
+@dataclass(frozen=True)
 class Influences:
     """What moves a spacecraft in one control period."""
 
     body: Body
+    """What flies, until thrusters fail."""
     commands: tuple[tuple[Field, ...], ...]
     """This period's, and earlier ones that may still be felt, the newest first."""
     lag: Lag | None = None
     """None: valves obey at once."""
     disturbance: Wrench | None = None
     """Constant in W."""
+    failing: Failing | None = None
+    """None: no thruster fails meanwhile."""
+
+    def pieces(self, craft: Spacecraft, period: float) -> Iterator[Piece]:
+        """What the thrusters give in the control period, s, of a craft."""
+        if self.failing is None:
+            return self._with(self.body, craft, period)
+        sound, failed = (self._with(body, craft, period) for body in (self.body, self.failing.body))
+        return failing(sound, failed, self.failing.instant)
+
+    def _with(self, body: Body, craft: Spacecraft, period: float) -> Iterator[Piece]:
+        """The same of thrusters that stay as a body has them."""
+        if self.lag is None:
+            return at_once(craft, body, self.commands[0], period)
+        return pieces(craft, body, self.commands, self.lag, period)
 
 
 @dataclass(frozen=True)
@@ -113,13 +139,23 @@ class Case:
     sensors: Sensors | None
 
     def body_at(self, time: Field) -> Body:
-        """What flies so long after the start (s)."""
+        """What flies at an instant, s after the start."""
         if self.fault is None:
             return self.body
         failed = time >= self.fault.begins
         choose = lambda broken, sound: where(failed, broken, sound)  # noqa: E731
         return replace(self.body, gain=tuple(map(choose, self.fault.gain, self.body.gain)),
                        leak=tuple(map(choose, self.fault.leak, self.body.leak)))
+
+    def flying(self, time: Field) -> tuple[Body, Failing | None]:
+        """What flies in a control period that begins so long after the start, s; and how thrusters fail.
+
+        None: no fault begins later than at the start.
+        """
+        if self.fault is None or self.fault.latest <= 0.0:
+            return self.body_at(time), None
+        failed = replace(self.body, gain=self.fault.gain, leak=self.fault.leak)
+        return self.body, Failing(self.fault.begins - time, failed)
 
     def strongest(self) -> Body:
         """What flies, with thrusters that are always as strong as before or after their fault."""

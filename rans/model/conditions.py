@@ -94,7 +94,7 @@ class FaultConditions(Settings):
     share: Range = (0.3, 1.0)
     """Of "stuck" and "weak" thrusters."""
     time: Range = 0.0
-    """When, s from the start of the episode."""
+    """When, s from the start of the episode, to the instant: within a control period too."""
     among: FaultChoice = "any"
     """Which."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -21,6 +22,8 @@ class Fault:
     """s from the start of the episode."""
     gain: tuple[Field, ...]
     leak: tuple[Field, ...]
+    latest: float = math.inf
+    """No fault begins later, s; 0: all are there from the start on."""
 
 
 def drawn_fault(given: FaultConditions, craft: Spacecraft, body: Body, random: Random) -> Fault | None:
@@ -37,7 +40,7 @@ def drawn_fault(given: FaultConditions, craft: Spacecraft, body: Body, random: R
             hit = (place == float(i)) & (count > float(slot))
             gain[i] = where(hit, fault_gain * body.gain[i], gain[i])
             leak[i] = where(hit, fault_leak * body.gain[i], leak[i])
-    return Fault(begins, tuple(gain), tuple(leak))
+    return Fault(begins, tuple(gain), tuple(leak), largest(given.time))
 
 
 Lost = list[tuple[Field, tuple[Field, Field]]]

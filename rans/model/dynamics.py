@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import operator
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Self, TypeVar
 
@@ -138,19 +138,24 @@ Piece = tuple[Field, Wrench, Wrench | None, float]
 straight line over time between (None: it stays), and how long it may last at most, s."""
 
 
+def at_once(craft: Spacecraft, body: Body, command: Sequence[Field], period: float) -> Iterator[Piece]:
+    """What thrusters make of a command that they obey at once, for a control period, s."""
+    for share, part in craft.actuators.pulses(command):
+        longest = share * period if type(share) is float else period
+        yield share * period, wrench(craft, part, body), None, longest
+
+
 def held(state: AnyState, craft: Spacecraft, body: Body, command: Sequence[Field], timing: Timing,
          drift: Drift = FREE, nodes: int = NODES, disturbance: Wrench | None = None,
-         late: Iterable[Piece] | None = None) -> AnyState:
+         pieces: Iterable[Piece] | None = None) -> AnyState:
     """The state after a command was held for one control period, heading or quaternion normalised.
 
-    The craft's actuators say how they take commands, one field of 0 to 1 per thruster; ``late`` is instead
-    what valves that answer late make of it (`rans.model.valves.pieces`). A piece takes the share of the
-    substeps that is its share of the period at most; the rest is as for `advance`.
+    The craft's actuators say how they take commands, one field of 0 to 1 per thruster; ``pieces`` are instead
+    what late valves and failing thrusters make of it (`rans.model.case.Influences.pieces`). Each takes the
+    share of the substeps that is its share of the period at most; the rest is as for `advance`.
     """
     substeps, period = timing.substeps or chosen(craft, timing).substeps or 1, timing.control_period
-    at_once = ((share * period, wrench(craft, part, body), None, period)
-               for share, part in craft.actuators.pulses(command))
-    for duration, first, last, longest in at_once if late is None else late:
+    for duration, first, last, longest in at_once(craft, body, command, period) if pieces is None else pieces:
         longest = min(duration if type(duration) is float else longest, period)  # a float, not one of NumPy
         steps = max(1, math.ceil(longest / period * substeps - 1e-9))
         # Half as long a step needs one node less at the angles that `NODES` is for.

@@ -1,15 +1,18 @@
-"""Valves that answer late and gradually: the thrust of a control period as straight pieces.
+"""Valves that answer late, thrusters that fail: the thrust of a control period as straight pieces.
 
 A command is felt ``latency`` after it was given; then the thrust goes steadily from what the last command
 gave to what this one gives, up within ``rise``, down within ``fall``. Wrenches are sums over nozzles, so
 whole wrenches are ramped, not nozzles.
+
+A thruster fails at once, at any instant of a period and wherever its valve is: what its nozzle gives jumps
+from what a sound thruster gives then to what a failed one gives.
 """
 
 from __future__ import annotations
 
 import math
 import operator
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
@@ -74,6 +77,64 @@ def pieces(craft: Spacecraft, body: Body, commands: Sequence[Sequence[Field]], l
         a, b = (_at(begin + share * (end - begin), before, jumps, lag) for share in (0.25, 0.75))
         first, last = (map_leaves(lambda x, y: 1.5 * x - 0.5 * y, *ends) for ends in ((a, b), (b, a)))
         yield end - begin, first, last, period
+
+
+def failing(sound: Iterable[Piece], failed: Iterable[Piece], instant: Field) -> Iterator[Piece]:
+    """The pieces of a control period in which thrusters fail: first sound ones, then failed ones.
+
+    Both are of the same commands and end at the same times, so that the instant divides one of them and there
+    is one piece more. Each is a piece of the sound thrusters if that begins before the instant, and else the
+    piece before it of the failed ones.
+
+    Args:
+        sound: pieces with the thrusters before.
+        failed: pieces with the thrusters after.
+        instant: s from the start of the period; before it (all is failed) and after its end (all is sound)
+            too.
+    """
+    begin: Field = 0.0
+    rest: Piece | None = None
+    for healthy, broken in zip(sound, failed, strict=True):
+        duration = healthy[0]
+        gone = _share(instant - begin, duration)
+        until = _until(healthy, gone)
+        yield until if rest is None else _either(instant >= begin, until, rest)
+        rest = _from(broken, gone)
+        begin = begin + duration
+    if rest is not None:
+        yield rest
+
+
+def _until(piece: Piece, share: Field) -> Piece:
+    """The first share of a piece."""
+    duration, first, last, most = piece
+    if last is not None:
+        last = _between(first, last, share)
+    return duration * share, first, last, most
+
+
+def _from(piece: Piece, share: Field) -> Piece:
+    """What is left of a piece after its first share."""
+    duration, first, last, most = piece
+    if last is not None:
+        first = _between(first, last, share)
+    return duration * (1.0 - share), first, last, most
+
+
+def _between(first: Wrench, last: Wrench, share: Field) -> Wrench:
+    return map_leaves(lambda a, b: a + (b - a) * share, first, last)
+
+
+def _either(condition: Field, one: Piece, other: Piece) -> Piece:
+    """One piece where the condition holds, else the other."""
+    def choose(a: Field, b: Field) -> Field:
+        return where(condition, a, b)
+
+    last = None
+    if one[2] is not None or other[2] is not None:
+        last = map_leaves(choose, one[2] or one[1], other[2] or other[1])
+    first = map_leaves(choose, one[1], other[1])
+    return choose(one[0], other[0]), first, last, max(one[3], other[3])
 
 
 def _once(before: Wrench, jump: Jump, lag: Lag, period: float) -> Iterator[Piece]:

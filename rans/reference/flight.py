@@ -20,7 +20,7 @@ from rans.model.random import Draws
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.model.valves import Lag
-from rans.reference.nozzles import Nozzles
+from rans.reference.nozzles import Failure, Nozzles
 from rans.reference.parts import designed
 from rans.reference.plant import Plant
 from rans.scenario import Scenario
@@ -54,12 +54,17 @@ class DrakeMover:
     def __call__(self, state: Any, influences: Influences) -> Any:
         """The state one control period later."""
         rows, body, disturbance = rows_from_states(state), influences.body, influences.disturbance
+        late, fails = _lateness(influences.lag), influences.failing
         many = np.atleast_2d(rows)
         command, *earlier = (_columns(told, len(many)) for told in influences.commands)
+        failure = None
+        if fails is not None:
+            failure = Failure(_columns([fails.instant], len(many)),
+                              Nozzles.of(self._craft, fails.body, len(many), *late))
         moved = self._plant_for(body, len(many)).advance(
             many, command, self._timing.control_period,
             None if disturbance is None else _columns(leaves(disturbance), len(many)),
-            Nozzles.of(self._craft, body, len(many), *_lateness(influences.lag)), earlier)
+            Nozzles.of(self._craft, body, len(many), *late), earlier, failure)
         return states_from_rows(moved.reshape(rows.shape), state).normalised()
 
     def _plant_for(self, body: Body, count: int) -> Plant:

@@ -65,30 +65,37 @@ class Nozzles:
         flowing = self.gain * opened + self.leak
         return flowing / (1.0 + self.droop * np.maximum(flowing.sum(axis=1, keepdims=True) - 1.0, 0.0))
 
-    def segments(self, actuators: Actuators, commands: Sequence[np.ndarray],
-                 duration: float) -> Iterator[Segment]:
+    def segments(self, actuators: Actuators, commands: Sequence[np.ndarray], duration: float,
+                 failure: Failure | None = None) -> Iterator[Segment]:
         """The thrust in a control period: a new segment where any nozzle's begins or ends to change.
 
         The commands, (N, t) of 0 to 1 each, are this period's and those of the periods before, the newest
-        first; the oldest one's beginning is felt in full when the period starts.
+        first; the oldest one's beginning is felt in full when the period starts. A failure, if there is one,
+        is at once in every nozzle's thrust.
         """
+        sound = self._flow(actuators, commands, duration)
+        failed = None if failure is None else failure.nozzles._flow(actuators, commands, duration)
+        kinks = sound.kinks()
+        if failure is not None and failed is not None:
+            kinks = np.concatenate([kinks, failed.kinks(), failure.instant.ravel()])
+        ends = np.unique(np.append(kinks[(kinks > 0.0) & (kinks < duration)], duration))
+        for begin, end in pairwise([0.0, *ends]):
+            thrust, rate = sound.within(begin, end)
+            if failure is not None and failed is not None:
+                broken = failure.instant <= begin
+                other_thrust, other_rate = failed.within(begin, end)
+                thrust = np.where(broken, other_thrust, thrust)
+                rate = np.where(broken, other_rate, rate)
+            yield Segment(end, thrust, rate)
+
+    def _flow(self, actuators: Actuators, commands: Sequence[np.ndarray], duration: float) -> _Flow:
+        """What comes of the commands over the control period; arguments as `segments`."""
         patterns = [(begin - age * duration, self.given(opened))
                     for age, command in reversed(list(enumerate(commands)))
                     for begin, opened in told(actuators, command, duration)]
         first = patterns[0][1]
         changes = [self._change(time, old, new) for (_, old), (time, new) in pairwise(patterns)]
-        row, column, size, start, ramp = map(np.concatenate, zip(_nothing(), *changes, strict=True))
-        kinks = np.concatenate([start, start + ramp])
-        ends = np.unique(np.append(kinks[(kinks > 0.0) & (kinks < duration)], duration))
-        for begin, end in pairwise([0.0, *ends]):
-            # In the middle, as nothing begins or ends there.
-            gone = 0.5 * (begin + end) - start
-            moving = (gone > 0.0) & (gone < ramp)
-            thrust, rate, slope = first.copy(), np.zeros_like(first), np.zeros_like(size)
-            np.divide(size, ramp, out=slope, where=moving)
-            np.add.at(thrust, (row, column), np.where(moving, slope * (begin - start), size * (gone >= ramp)))
-            np.add.at(rate, (row, column), slope)
-            yield Segment(end, thrust, rate)
+        return _Flow(first, *map(np.concatenate, zip(_nothing(), *changes, strict=True)))
 
     def _change(self, time: float, old: np.ndarray, new: np.ndarray) -> tuple[np.ndarray, ...]:
         """Of each nozzle whose thrust changes: row, column, by how much, from when on, for how long (s)."""
@@ -96,6 +103,51 @@ class Nozzles:
         size = (new - old)[row, column]
         ramp = np.where(size > 0.0, self.rise[row, 0], self.fall[row, 0])
         return row, column, size, time + self.latency[row, 0], ramp
+
+
+@dataclass(frozen=True)
+class Failure:
+    """Thrusters that fail while a command is held."""
+
+    instant: np.ndarray
+    """(N, 1): when, s from the start of the control period; not after zero: all of it; not before its end:
+    none of it."""
+    nozzles: Nozzles
+    """From then on."""
+
+
+@dataclass(frozen=True)
+class _Flow:
+    """The thrust of every nozzle over a control period: what it is at first, and every change of it."""
+
+    first: np.ndarray
+    """(N, thrusters), as shares of full force."""
+    row: np.ndarray
+    """Whose thrust changes, (changes,) like all that follow."""
+    column: np.ndarray
+    """Of which nozzle."""
+    size: np.ndarray
+    """By which share of full force."""
+    start: np.ndarray
+    """From when on, s from the start of the control period."""
+    ramp: np.ndarray
+    """For how long, s."""
+
+    def kinks(self) -> np.ndarray:
+        """When any thrust begins or ends to change, s."""
+        return np.concatenate([self.start, self.start + self.ramp])
+
+    def within(self, begin: float, end: float) -> tuple[np.ndarray, np.ndarray]:
+        """The thrust at the beginning of a time without kinks, s, and its rate, 1/s: (N, thrusters) each."""
+        # In the middle, as nothing begins or ends there.
+        gone = 0.5 * (begin + end) - self.start
+        moving = (gone > 0.0) & (gone < self.ramp)
+        thrust, rate, slope = self.first.copy(), np.zeros_like(self.first), np.zeros_like(self.size)
+        np.divide(self.size, self.ramp, out=slope, where=moving)
+        there = np.where(moving, slope * (begin - self.start), self.size * (gone >= self.ramp))
+        np.add.at(thrust, (self.row, self.column), there)
+        np.add.at(rate, (self.row, self.column), slope)
+        return thrust, rate
 
 
 def told(actuators: Actuators, commands: np.ndarray, duration: float) -> list[tuple[float, np.ndarray]]:

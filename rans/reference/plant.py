@@ -28,7 +28,7 @@ from pydrake.systems.primitives import Integrator
 from rans.model.body import Body
 from rans.model.drift import FREE, ClohessyWiltshire, Drift
 from rans.model.spacecraft import Spacecraft
-from rans.reference.nozzles import Nozzles
+from rans.reference.nozzles import Failure, Nozzles
 from rans.reference.parts import Orbit, designed, gravity, pose, spatial_inertia
 
 
@@ -38,7 +38,8 @@ class Plant:
     Each is a rigid body in the author's frame G; its mass sits off G's origin through its `SpatialInertia`,
     so that the shift to the centre of mass is Drake's work, not ours. One `Propeller` holds all thrusters.
     How far each nozzle's thrust has grown is a state of Drake's too, which moves at a rate of its own.
-    Integration steps end where a valve switches, and where a thrust begins or ends to grow.
+    Integration steps end where a valve switches, where a thruster fails, and where a thrust begins or ends to
+    grow.
 
     Motion is integrated with Runge-Kutta of order five at a *fixed* step: under error control Drake 1.51.1
     continues from stale kinematics after a rejected step, and a discrete plant is a first-order Euler scheme
@@ -131,7 +132,7 @@ class Plant:
 
     def advance(self, states: np.ndarray, commands: np.ndarray, duration: float,
                 disturbances: np.ndarray | None = None, nozzles: Nozzles | None = None,
-                earlier: Sequence[np.ndarray] = ()) -> np.ndarray:
+                earlier: Sequence[np.ndarray] = (), failure: Failure | None = None) -> np.ndarray:
         """States after the commands were held for a duration.
 
         Args:
@@ -142,13 +143,15 @@ class Plant:
                 as in `wrenches`; N and N m. None: nothing but the thrusters acts.
             nozzles: what becomes of commands in this period; None: as the body says, and at once.
             earlier: commands of the periods before that may still be felt, the last one first.
+            failure: thrusters that fail in this period; None: the nozzles stay as they are.
         """
         nozzles = nozzles or self._nozzles
         self._set(states, commands)
         self._disturb(np.zeros(self._velocity.shape) if disturbances is None else disturbances)
         self._context.SetTime(0.0)
         self._simulator.Initialize()
-        for end, thrust, rate in nozzles.segments(self.craft.actuators, [commands, *earlier], duration):
+        told = [commands, *earlier]
+        for end, thrust, rate in nozzles.segments(self.craft.actuators, told, duration, failure):
             self._open(thrust, rate)
             self._simulator.AdvanceTo(end)
         return self._get()

@@ -101,7 +101,7 @@ def test_kinds_with_sets_of_their_own_keep_them() -> None:
     assert stats.chisquare(dead.sum(axis=1)).pvalue > LIKELY
 
 
-def test_a_fault_begins_with_the_period_in_which_its_time_has_come() -> None:
+def test_a_fault_is_there_from_its_time_on() -> None:
     faults = FaultConditions(count=1.0, kinds=("dead",), time=1.0)
     for time, many in ((0.0, 0), (0.8, 0), (1.0, 20), (1.2, 20), (24.8, 20)):
         assert (health(faults, time, 20)[0] == 0.0).sum() == many

@@ -28,7 +28,7 @@ def after(start: PlanarState, craft: Spacecraft, lag: Lag, newest: Any, earlier:
     """The state one period after a start, with earlier commands on their way."""
     body = Body.of(craft)
     late = pieces(craft, body, (newest, *earlier), lag, PERIOD)
-    return held(start, craft, body, newest, Timing(PERIOD), disturbance=disturbance, late=late)
+    return held(start, craft, body, newest, Timing(PERIOD), disturbance=disturbance, pieces=late)
 
 
 def nozzle(told: list[tuple[float, float]], lag: Lag, t: float) -> float:

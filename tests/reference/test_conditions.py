@@ -53,13 +53,13 @@ def test_and_in_space(effect: str, steps: int) -> None:
     fly_alike(SPACE, EFFECTS[effect], steps=steps)
 
 
-@pytest.mark.parametrize("effect", LAGS)
+@pytest.mark.parametrize("effect", [*LAGS, "faults"])
 @pytest.mark.parametrize("kind", [Pulsed(4), Throttle()], ids=str)
-def test_slow_valves_of_every_kind(kind: Any, effect: str) -> None:
+def test_slow_valves_and_faults_of_every_kind(kind: Any, effect: str) -> None:
     fly_alike(replace(PLANE, actuators=kind), without_least_times(EFFECTS[effect]), steps=15)
 
 
-@pytest.mark.parametrize("effect", LAGS)
+@pytest.mark.parametrize("effect", [*LAGS, "faults"])
 def test_pulses_that_end_at_any_time(effect: str) -> None:
     fly_alike(replace(PLANE, actuators=Pulsed(10_000, 40)), without_least_times(EFFECTS[effect]), steps=15)
 

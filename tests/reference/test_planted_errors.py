@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import rans.episode
+import rans.model.case
 import rans.model.dynamics
 import rans.model.valves
 from rans.flight import Flight
@@ -41,8 +42,8 @@ def disturbance_in_body(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def change_lag(change: Callable[[Lag], Lag]) -> Callable[[pytest.MonkeyPatch], None]:
     def patch(monkeypatch: pytest.MonkeyPatch) -> None:
-        true = rans.episode.pieces
-        monkeypatch.setattr(rans.episode, "pieces", lambda craft, body, commands, lag, period: true(
+        true = rans.model.case.pieces
+        monkeypatch.setattr(rans.model.case, "pieces", lambda craft, body, commands, lag, period: true(
             craft, body, commands, change(lag), period))
 
     return patch
@@ -55,8 +56,8 @@ swapped.__name__ = "rise_and_fall_exchanged"
 
 
 def earlier_commands_in_the_wrong_order(monkeypatch: pytest.MonkeyPatch) -> None:
-    true = rans.episode.pieces
-    monkeypatch.setattr(rans.episode, "pieces", lambda craft, body, commands, *rest: true(
+    true = rans.model.case.pieces
+    monkeypatch.setattr(rans.model.case, "pieces", lambda craft, body, commands, *rest: true(
         craft, body, (commands[0], *reversed(commands[1:])), *rest))
 
 
@@ -70,6 +71,12 @@ def change_thrust(monkeypatch: pytest.MonkeyPatch, name: str, change: Callable[[
 def fault_on_the_next_nozzle(monkeypatch: pytest.MonkeyPatch) -> None:
     change_thrust(monkeypatch, "thrust", lambda body: replace(
         body, gain=(*body.gain[1:], body.gain[0]), leak=(*body.leak[1:], body.leak[0])))
+
+
+def faults_begin_with_the_next_period(monkeypatch: pytest.MonkeyPatch) -> None:
+    true, period = rans.model.case.failing, 0.2
+    monkeypatch.setattr(rans.model.case, "failing", lambda sound, failed, instant: true(
+        sound, failed, np.ceil(instant / period) * period))
 
 
 def supply_never_gives_way(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -127,6 +134,7 @@ LATE = {"latency", "rise", "fall", "all"}
     (swapped, {"fall", "all"}, "motion"),
     (earlier_commands_in_the_wrong_order, {"latency", "all"}, "motion"),
     (fault_on_the_next_nozzle, {"thrust", "faults", "recoverable", "all"}, "motion"),
+    (faults_begin_with_the_next_period, {"faults", "recoverable", "all"}, "motion"),
     (supply_never_gives_way, {"thrust", "all"}, "motion"),
     (centre_to_the_other_side, {"body", "all"}, "motion"),
     (noise_in_the_reward, ALL_EFFECTS, "reward"),

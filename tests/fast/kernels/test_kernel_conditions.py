@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from rans.fast.engine import Engine
-from rans.model.conditions import Conditions, ThrusterConditions
+from rans.model.conditions import Conditions, FaultConditions, ThrusterConditions
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.tasks import GoToPose
@@ -32,10 +32,13 @@ def test_every_condition_is_drawn_and_flown_as_on_numpy(on_host: Any, effect: st
     assert compare(ours, theirs, 13) > 8
 
 
-@pytest.mark.parametrize("thrusters", [
-    ThrusterConditions(latency=0.2), ThrusterConditions(latency=0.33, rise=0.4, fall=0.1)], ids=str)
-def test_conditions_without_ranges_are_programs_too(on_host: Any, thrusters: ThrusterConditions) -> None:
+@pytest.mark.parametrize("conditions", [
+    Conditions(thrusters=ThrusterConditions(latency=0.2)),
+    Conditions(thrusters=ThrusterConditions(latency=0.33, rise=0.4, fall=0.1)),
+    Conditions(faults=FaultConditions(count=1.0, time=0.67)),
+], ids=["late", "late and gradual", "fault"])
+def test_conditions_without_ranges_are_programs_too(on_host: Any, conditions: Conditions) -> None:
     """Where a period is cut is then known before; pieces of it come and go."""
-    how: Any = {"seed": SEED, "dtype": torch.float64, "conditions": Conditions(thrusters=thrusters)}
+    how: Any = {"seed": SEED, "dtype": torch.float64, "conditions": conditions}
     made: Any = (PLATFORM, GoToPose(), 8, Timing(episode_steps=12))
     assert compare(Engine(*made, **how), on_host(*made, **how)) > 8
