@@ -7,7 +7,7 @@ the LQR beside them. ``python -m validation.figures`` then writes the table of d
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import asdict, dataclass, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,8 @@ from tyro.conf import Positional
 
 from rans.evaluation.fly.controllers import controller
 from rans.evaluation.measure.metrics import settling_times, solved
+from rans.evaluation.measure.statistics import share
+from rans.fast.flights import Flights
 from rans.fast.learn.network import Network
 from rans.fast.learn.troubles import TROUBLES
 from rans.fast.verdicts import last_fifth
@@ -24,7 +26,7 @@ from rans.flight import Setup, fly
 from rans.model.conditions import BodyConditions, Conditions, SensorConditions, SensorsConditions
 from rans.model.conditions_file import load_conditions
 from rans.scenario import EVALUATION_SEED, draws, scenarios
-from validation.batch import Found, Rows, flown, loaded, study
+from validation.batch import Found, Rows, loaded, study
 from validation.markdown import Table
 
 _LQR_EPISODES = 256
@@ -62,6 +64,17 @@ def _at_worst(given: Any) -> Any:
                              if is_dataclass(x) or (isinstance(x, tuple) and set(map(type, x)) == {float})})
 
 
+def flown_by_agent(network: Network, setup: Setup, conditions: Conditions, episodes: int, seed: int,
+                   device: str) -> dict[str, Any]:
+    """What is said of an agent in one world, from the outcomes of whole flights."""
+    world = setup._replace(conditions=conditions.or_none)
+    found = Flights(network, world, device).fly(0, episodes, seed)
+    held = share(np.arange(found.flights) >= found.failed)
+    return {"held": {key: 100.0 * x for key, x in asdict(held).items()},
+            "settling time": found.settling_step() * setup.timing.control_period,
+            "duty at rest": 100.0 * found.sums["duty at rest"].mean}
+
+
 def flown_by_lqr(setup: Setup, conditions: Conditions, seed: int) -> dict[str, Any]:
     """What is said of the LQR, as it is tuned; it is slower to fly."""
     starts = scenarios(setup.task, setup.craft, seed, _LQR_EPISODES)
@@ -91,7 +104,7 @@ class Robustness:
             ConfigError: there is no such agent.
         """
         def told(network: Network, setup: Setup, device: str) -> Rows:
-            return {row: _said(flown(network, setup, found, self.episodes, self.seed, device))
+            return {row: flown_by_agent(network, setup, found, self.episodes, self.seed, device)
                     for row, found in rows().items()}
 
         extra: dict[str, Rows] = {}
