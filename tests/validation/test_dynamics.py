@@ -94,9 +94,9 @@ def test_disturbances_are_as_strong_as_said(craft: Spacecraft, monkeypatch: pyte
 
     class Pushed(Plant):
         def advance(self, states: Any, commands: Any, duration: float, disturbances: Any = None,
-                    nozzles: Any = None, earlier: Any = ()) -> Any:
+                    nozzles: Any = None, earlier: Any = (), failure: Any = None) -> Any:
             given.append(disturbances)
-            return super().advance(states, commands, duration, disturbances, nozzles, earlier)
+            return super().advance(states, commands, duration, disturbances, nozzles, earlier, failure)
 
     monkeypatch.setattr(dynamics, "Plant", Pushed)
     checks: list[Check] = disturbance_checks(craft, 1, 60)
