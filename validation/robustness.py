@@ -7,6 +7,7 @@ the LQR beside them. ``python -m validation.figures`` then writes the table of d
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -21,9 +22,16 @@ from rans.fast.flights import Flights
 from rans.fast.learn.network import Network
 from rans.fast.learn.troubles import TROUBLES
 from rans.fast.verdicts import last_fifth
-from rans.files import read_json
+from rans.files import number, read_json
 from rans.flight import Setup, fly
-from rans.model.conditions import BodyConditions, Conditions, SensorConditions, SensorsConditions
+from rans.model.conditions import (
+    BodyConditions,
+    Conditions,
+    FaultConditions,
+    SensorConditions,
+    SensorsConditions,
+    ThrusterConditions,
+)
 from rans.model.conditions_file import load_conditions
 from rans.scenario import EVALUATION_SEED, draws, scenarios
 from validation.batch import Found, Rows, loaded, study
@@ -39,7 +47,9 @@ _TOLD = {"none": "none", "lab": "`lab`, all at once", "latency": "latency 0 to 2
          "noise": "noise 0 to 3 cm, 3 degrees, 3 cm/s, 3 degrees/s", "noise, worst": "noise, all of it",
          "inertia halved": "inertia x 0.5",
          "spin missed": "30 % of the angular velocities missed", "all missed": "30 % of every reading missed",
-         "outages": "no readings for 1 s every 5 s", "lab-dropouts": "`lab-dropouts`"}
+         "outages": "no readings for 1 s every 5 s", "lab-dropouts": "`lab-dropouts`",
+         "latency 220 ms": "latency 220 ms", "latency 260 ms": "latency 260 ms",
+         "thruster dead": "one thruster dead"}
 """What the document calls its rows."""
 
 
@@ -54,7 +64,15 @@ def rows() -> dict[str, Conditions]:
                "outages": SensorsConditions(outage=1.0, outage_every=5.0)}
     return {"none": Conditions(), "lab": load_conditions("lab"), **TROUBLES, **worst,
             "inertia halved": halved, **{name: Conditions(sensors=x) for name, x in sensors.items()},
-            "lab-dropouts": load_conditions("lab-dropouts")}
+            "lab-dropouts": load_conditions("lab-dropouts"), **_beyond()}
+
+
+def _beyond() -> dict[str, Conditions]:
+    """Conditions that no training of a robust agent had: where they stop."""
+    latencies = {f"latency {ms} ms": ThrusterConditions(latency=ms / 1000.0) for ms in (220, 260)}
+    dead = FaultConditions(count=1.0, kinds=("dead",))
+    return {**{name: Conditions(thrusters=x) for name, x in latencies.items()},
+            "thruster dead": Conditions(faults=dead)}
 
 
 def _at_worst(given: Any) -> Any:
@@ -125,8 +143,9 @@ def in_document(docs: Path) -> Table:
 
 
 def _worst(said: list[dict[str, Any]]) -> tuple[str, str, str]:
+    settles = max(number(one["settling time"]) for one in said)
     return (f"{min(one['held']['value'] for one in said):.2f}",
-            f"{max(one['settling time'] for one in said):.1f}",
+            f"{settles:.1f}" if math.isfinite(settles) else "never",
             f"{max(one['duty at rest'] for one in said):.1f}")
 
 

@@ -37,7 +37,7 @@ class Memory(NamedTuple):
     expected: Columns
     """The next one."""
     gates: Columns
-    """Of each block, in units of the screen's: up to which error its next reading is believed."""
+    """Error up to which each block's next reading is believed, in units of the screen's gate."""
     idle: Field
     """Control periods since a thruster was commanded, at most `PATIENCE`."""
     noisy: Field
@@ -149,7 +149,7 @@ def _turned_as_read(layout: Layout, read: Columns, memory: Memory, period: float
 
 
 def _columns_of(kind: type[Entry], layout: Layout, columns: Columns) -> Columns:
-    """Those of the first block of this kind; none where there is none."""
+    """The columns of the first block of this kind; none where there is no such block."""
     return next((mine for block, mine in layout.split(columns) if issubclass(block.kind, kind)), ())
 
 

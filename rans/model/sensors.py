@@ -18,7 +18,7 @@ class Outage:
     """All sensors stop again and again."""
 
     share: Field
-    """Of the time between the beginnings of two outages, how much one lasts."""
+    """Length of an outage as a share of the time from one beginning to the next."""
     rate: Field
     """Outages per second."""
     phase: Field

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import rans
 from rans.episode import World, step
 from rans.evaluation.measure.metrics import solved
 from rans.fast import screen
@@ -80,7 +81,7 @@ def test_noisy_readings_that_nobody_missed_count_as_they_are(craft: Spacecraft) 
 def test_a_missed_reading_is_what_motion_brings(what: str, craft: Spacecraft) -> None:
     """Three periods in a row, in the middle of thrust."""
     where = slice(None) if what == "all" else columns_of(craft, Spin)
-    truth, held = [read for read, _ in flown(craft, 40)], dict[int, np.ndarray]()
+    held = dict[int, np.ndarray]()
 
     def read() -> Iterator[tuple[np.ndarray, Any]]:
         last = np.zeros(0)
@@ -187,8 +188,6 @@ def test_robust_agents_bear_missed_readings(name: str, flights: int, world: str)
 @pytest.mark.parametrize(("name", "spin"), [("go-to-pose-2d-robust", slice(4, 5)),
                                             ("go-to-pose-3d-robust", slice(9, 12))])
 def test_robust_agents_bear_a_wild_reading(name: str, spin: slice) -> None:
-    import rans
-
     agent = rans.load_agent(name)
     setup: Setup = agent.judged._replace(conditions=None)
     starts = scenarios(setup.task, setup.craft, SEED, 32)

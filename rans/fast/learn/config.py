@@ -152,6 +152,9 @@ class PPOSettings:
             if given and len(given) != count:
                 raise ConfigError(f"filtered_{name} has {len(given)} numbers, of {count} filters: give one "
                                   "of each.")
+        if self.filtered_gate and not self.filters:
+            raise ConfigError(f"filtered_gate is {self.filtered_gate:g}, but there are no filters whose "
+                              "readings it could screen: give filters too, or a gate of 0.")
         if self.filters and self.memory == "recurrent":
             raise ConfigError("filters stand beside a history or nothing, not beside memory 'recurrent', "
                               "which is all that such a network remembers.")
